@@ -34,6 +34,8 @@ if TYPE_CHECKING:
         register,
     )
     from study.fits.bounds import attainable_bound, crlb
+    from study.fits.given import GivenFit
+    from study.fits.planner import plan_fit
     from study.recordings.formats.read import read_recording
     from study.recordings.library import draw_skeleton, find_joint, find_joints
     from study.recordings.recording import Recording
@@ -45,6 +47,7 @@ __all__ = [
     "Estimates",
     "Estimator",
     "Fit",
+    "GivenFit",
     "Incremental",
     "JointFit",
     "MinimumZone",
@@ -60,6 +63,7 @@ __all__ = [
     "fit",
     "mgdk",
     "minimum_zone",
+    "plan_fit",
     "read_recording",
     "register",
 ]
@@ -67,6 +71,8 @@ __all__ = [
 _PLACES = {
     "attainable_bound": "study.fits.bounds",
     "crlb": "study.fits.bounds",
+    "GivenFit": "study.fits.given",
+    "plan_fit": "study.fits.planner",
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",
     **dict.fromkeys(["draw_skeleton", "find_joint", "find_joints"], "study.recordings.library"),

@@ -81,6 +81,9 @@ Estimator = Annotated[str, typer.Option("--estimator", "-e", help="name of an es
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
 _ORDERED = "the rows are in order of time: errors allow for noise that neighbours share"
 Ordered = Annotated[bool, typer.Option("--ordered", help=_ORDERED)]
+KnownRadius = Annotated[float | None, typer.Option("--radius", help="the radius, if it is known")]
+_SCALE = "given, if the noise in columns sigma, or sx, sy, sz, is as large as that; estimated, if only ratios are known"
+NoiseScale = Annotated[str, typer.Option("--scale", help=_SCALE)]
 _COLUMNS = "coordinates by name or number of column [default: x,y,z if there are such names, else all of two or three]"
 Columns = Annotated[str | None, typer.Option("--columns", help=_COLUMNS)]
 _DIMENSION = "number of coordinates, if all of more than three columns are coordinates"
@@ -89,6 +92,13 @@ Cell = Annotated[str, typer.Argument(metavar="CELL", help="name of the cell, or 
 Trial = Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the trial, from 0")]
 PointsOut = Annotated[Path | None, typer.Option("--out", help="file for the points, .csv or .parquet")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="file for a picture of the points and the fits")]
+Sigma = Annotated[float, typer.Option("--noise", help="standard deviation of each coordinate")]
+Nominal = Annotated[float, typer.Option("--radius", help="radius of the sphere, in the unit of the noise")]
+Wanted = Annotated[float | None, typer.Option("--error", help="standard error that is wanted, in that unit")]
+HalfAngle = Annotated[float | None, typer.Option("--angle", help="half-angle of the cap that is measured, in degrees")]
+Count = Annotated[int | None, typer.Option("--points", min=1, help="number of points that are measured")]
+ErrorOf = Annotated[str, typer.Option("--of", help="the error is that of the center, along the cap's axis, or radius")]
+PlanAsJson = Annotated[bool, typer.Option("--json", help="print the plan as a JSON object")]
 _PAIRS = "folders of pairs NAME.ds (a point a line) and NAME.fit (centre and diameter) [default: the package's own]"
 Pairs = Annotated[list[Path] | None, typer.Argument(metavar="FOLDER", help=_PAIRS)]
 _CERTIFIED = "name of an estimator, or minimum_zone [default: mle; without folders also gdke and minimum_zone]"
@@ -198,6 +208,8 @@ def fit(
     files: Points,
     estimator: Estimator = "corrected",
     noise: Noise = None,
+    radius: KnownRadius = None,
+    scale: NoiseScale = "given",
     ordered: Ordered = False,
     columns: Columns = None,
     dimension: Dimension = None,
@@ -207,8 +219,8 @@ def fit(
 ) -> None:
     """Fit a sphere, or a circle, to the points in each file.
 
-    Several files make a table, a line each. A file that cannot be read costs the others nothing; the exit code is then
-    2. It is 3 if a fit is not ok.
+    Columns sigma, or sx, sy and sz, are the noise of each point. Several files make a table, a line each. A file that
+    cannot be read costs the others nothing; the exit code is then 2. It is 3 if a fit is not ok.
     """
     from study.fits import fitting
     from study.fits.fitting import choose, fit_all
@@ -224,7 +236,9 @@ def fit(
     for file in files:
         try:
             table = read_points(file, columns.split(",") if columns else None, dimension)
-            results.append(fitting.FileFits(file, table, fit_all(table.points, chosen, noise, ordered)))
+            each = noise if table.noise is None else table.noise
+            fits = fit_all(table.points, chosen, each, ordered, radius, scale)
+            results.append(fitting.FileFits(file, table, fits))
         except PointFileError as error:
             complaints.append(str(error))
     if not results:
@@ -283,6 +297,33 @@ def certify(
         raise typer.Exit(ExitCode.FAILURE)
 
 
+def plan_fit(
+    noise: Sigma,
+    radius: Nominal,
+    error: Wanted = None,
+    angle: HalfAngle = None,
+    points: Count = None,
+    of: ErrorOf = "center",
+    as_json: PlanAsJson = False,
+) -> None:
+    """Plan a measurement of a sphere: points needed, or the cap needed, or the error of both.
+
+    Of --error, --angle and --points two are given.
+    """
+    from study.fits import planner
+    from study.text import json_text
+
+    try:
+        plan = planner.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
+    except ValueError as fault:
+        raise typer.BadParameter(str(fault)) from None
+    if as_json:
+        typer.echo(json_text(plan._asdict()))
+        return
+    for line in planner.printed(plan, noise, radius, error, of):
+        typer.echo(line)
+
+
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:
     """Draw one trial of a run again.
 
@@ -316,7 +357,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (configs, plan, run, status, posterior, coverage, worker),
     "Results": (summary, claims, readings, figures, report, worst, replay, regret, diff, verify, archive),
-    "Points and estimators": (fit, estimators, check, certify, cost),
+    "Points and estimators": (fit, plan_fit, estimators, check, certify, cost),
     "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
@@ -325,6 +366,7 @@ _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
     certify,
     cost,
     coverage,
+    plan_fit,
     worker,
     *_GROUPS["Recordings"],
 }

@@ -131,9 +131,11 @@ def number(value: float, form: str = ".3g") -> str:
 
 
 def with_error(value: float, error: float) -> str:
-    """A value to the second digit of its error: 12.345 ± 0.067."""
+    """A value to the second digit of its error: 12.345 ± 0.067; alone if it has none, as a radius that is known."""
     if not math.isfinite(value):
         return "-"
+    if error == 0.0:
+        return f"{value:.6g}"
     if not (math.isfinite(error) and error > 0.0):
         return f"{value:.6g} ± ?"
     digits = 1 - int(f"{error:.1e}".partition("e")[2])  # of the rounded error: 0.0996 is 0.10

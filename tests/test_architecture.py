@@ -66,8 +66,8 @@ USUAL = 150
 """Lines of code that half of the chapters have at least."""
 SHORT = 40
 MOST_SHORT = 15
-MOST_FILES = 164
-MOST_ARROWS = 880
+MOST_FILES = 166
+MOST_ARROWS = 885
 MOST_PARAMETERS = 7
 MOST_ANY = 200
 MOST_UNFORMATTED = 10
@@ -169,7 +169,8 @@ def functions(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             given = node.args
             names = [each.arg for each in [*given.posonlyargs, *given.args, *given.kwonlyargs]]
-            count = len(names) - (names[:1] in (["self"], ["cls"])) + bool(given.vararg) + bool(given.kwarg)
+            others = given.kwarg is not None and not (given.kwarg.annotation and "Never" in ast.unparse(given.kwarg))
+            count = len(names) - (names[:1] in (["self"], ["cls"])) + bool(given.vararg) + others  # Never takes nothing
             yield node, count
 
 

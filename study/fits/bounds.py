@@ -454,7 +454,8 @@ def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
         directions: unit vectors (…, n, d) from the centre to the true positions, d ≥ 2; leading axes are a batch.
             Those with a NaN, or masked, are missing.
         noise: standard deviation σ of each coordinate, in the unit in which the bound is wanted, or the covariance Σ
-            (d, d) of a sample, unit squared.
+            (d, d) of a sample, unit squared. Where samples differ: σ of each (n,), of each coordinate of each (n, d),
+            or the covariance of each (n, d, d), with the leading axes of the directions or none.
 
     Returns:
         Bound (…, d+1, d+1), unit squared; infinite where the directions do not determine the centre.
@@ -478,8 +479,13 @@ def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
     *lead, n, d = u.shape
     present = np.logical_not(np.isnan(u).any(axis=-1))
     _assert_unit(u, present)
-    covariance, unit = unit_covariance(noise, d)
     sets = math.prod(lead)
+    if is_per_point(np.shape(noise), n, d):
+        covariance, unit = _unit_covariances(noise, (*lead, n), d)
+        present &= np.isfinite(covariance).all(axis=(-1, -2))
+        covariance = covariance.reshape(sets, n, d, d)
+    else:
+        covariance, unit = unit_covariance(noise, d)
     u, present = np.where(present[..., None], u, 0.0).reshape(sets, n, d), present.reshape(sets, n)
     with np.errstate(divide="ignore", invalid="ignore"):  # a set may have no direction at all
         weights = np.where(present, normal_weights(u, covariance), 0.0)
@@ -502,8 +508,28 @@ def _assert_unit(directions: Floats, present: Bools) -> None:
 
 
 def normal_weights(directions: Floats, covariance: Floats) -> Floats:
-    """Information of each sample along its own direction, 1/(uᵀΣu): (…, n) for directions (…, n, d)."""
-    return np.asarray(1.0 / np.einsum("...i,ij,...j->...", directions, covariance, directions))
+    """Information of each sample along its own direction, 1/(uᵀΣu): (…, n) for directions (…, n, d).
+
+    ``covariance`` is that of all samples (d, d), or of each (…, n, d, d).
+    """
+    return np.asarray(1.0 / np.einsum("...i,...ij,...j->...", directions, covariance, directions))
+
+
+def _unit_covariances(noise: ArrayLike, shape: tuple[int, ...], d: int) -> tuple[Floats, float]:
+    """Covariances (…, n, d, d) of size 1 of samples of a shape (…, n), NaN where one has none, and their unit."""
+    array = real_array(noise, "noise").astype(float)
+    inner = 0 if array.shape[-1:] == shape[-1:] else 1 if array.shape[-2:] == (shape[-1], d) else 2
+    own = array.shape[array.ndim - inner :]
+    try:
+        array = np.broadcast_to(array, (*shape, *own)).reshape(-1, shape[-1], *own)
+    except ValueError:
+        words = f"its leading axes must be those of the directions, {shape[:-1]}"
+        raise ValueError(f"noise has shape {array.shape}: {words}") from None
+    found = point_noise(array)
+    full = found[..., None, None] * np.eye(d) if found.ndim == 2 else found
+    full = np.where(np.einsum("bnii->bn", full)[..., None, None] > 0.0, full, np.nan).reshape(*shape, d, d)
+    unit = float(np.ldexp(1.0, np.frexp(np.nanmax(np.einsum("...ii->...", full)))[1]))
+    return full / unit, unit
 
 
 def unit_covariance(noise: ArrayLike, dimension: int) -> tuple[Floats, float]:
@@ -540,3 +566,33 @@ def noise_covariance(noise: ArrayLike, dimension: int) -> Floats:
     if not np.linalg.eigvalsh(value)[0] > 0.0:
         raise ValueError("noise: a covariance must be positive definite")
     return value
+
+
+def is_per_point(shape: tuple[int, ...], n: int, d: int) -> bool:
+    """True for the shape of a noise of each of n points: σ (…, n), or of coordinates (…, n, d), or Σ (…, n, d, d)."""
+    return shape[-1:] == (n,) or shape[-2:] == (n, d) or shape[-3:] == (n, d, d)
+
+
+def point_noise(noise: Floats) -> Floats:
+    """Variances (b, n) of σ (b, n); or covariances (b, n, d, d) of those of coordinates (b, n, d), or of themselves."""
+    missing: Bools = np.isnan(noise)
+    if noise.ndim < 4:
+        wrong = np.asarray(~missing & ~((noise > 0.0) & (noise < 1e150)))
+        if wrong.any():
+            place = tuple(int(i) for i in np.argwhere(wrong)[0])
+            where = ", ".join(map(str, place[1:]))
+            raise ValueError(
+                f"noise[{where}] = {noise[place]:g}: the standard deviation of a point must be positive and finite; "
+                "a point that is to be left out is NaN"
+            )
+        square = np.where(missing, 0.0, noise) ** 2
+        return square if noise.ndim == 2 else square[..., None] * np.eye(noise.shape[2])
+    whole: Bools = np.asarray(~missing.any(axis=(2, 3)))
+    safe = np.where(whole[..., None, None], noise, np.eye(noise.shape[3]))
+    fine: Bools = np.asarray(np.isfinite(safe).all(axis=(2, 3)))
+    fine &= np.isclose(safe, safe.swapaxes(2, 3), rtol=1e-9, atol=0.0).all(axis=(2, 3))
+    fine[fine] = np.linalg.eigvalsh(safe[fine])[:, 0] > 0.0
+    if not fine.all():
+        where = ", ".join(str(i) for i in np.argwhere(~fine)[0][1:])
+        raise ValueError(f"noise[{where}]: the covariance of a point must be finite, symmetric and positive definite")
+    return np.where(whole[..., None, None], safe, 0.0)

@@ -17,6 +17,7 @@ import numpy as np
 from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import statuses
+from study.fits.given import GivenFit, takes
 from study.fits.point_files import PointTable
 from study.fits.point_text import PointFileError
 from study.fits.registry import load
@@ -109,7 +110,7 @@ def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
         told = f"radius at least {_digits(low, low)}" if low > 0.0 else "the radius may be anything"
         yield f"{title}: {told}; the points do not bound it, nor the centre"
         return
-    parts = [f"radius {_between(low, high)}"]
+    parts = [f"radius {_between(low, high)}"] if high > low else []  # a known radius has none
     parts += [f"{name} {_between(*ends)}" for name, ends in zip(names, fit.interval("center", LEVEL), strict=True)]
     yield f"{title}: {', '.join(parts)}"
 
@@ -168,9 +169,34 @@ def choose(estimator: str, noise: float | None) -> list[str]:
     return [estimator]
 
 
-def fit_all(points: Floats, estimators: list[str], noise: float | None, ordered: bool = False) -> dict[str, Fit]:
-    """Fit points (n, d) by each estimator; their rows may be in the order in which they were measured."""
-    return {name: fit(points, name, noise, ordered=ordered) for name in estimators}
+def fit_all(
+    points: Floats,
+    estimators: list[str],
+    noise: float | Floats | None,
+    ordered: bool = False,
+    radius: float | None = None,
+    scale: str = "given",
+) -> dict[str, Fit]:
+    """Fit points (n, d) by each estimator.
+
+    Args:
+        points: the points.
+        estimators: their names; of several, those that do not take what is known are left out.
+        noise: standard deviation of a coordinate, of all points or of each, if it is known; see `study.fit`.
+        ordered: the rows are in the order in which they were measured.
+        radius: the radius, if it is known.
+        scale: see `study.fit`.
+
+    Raises:
+        PointFileError: if an estimator does not take what is known, with those that do.
+    """
+    known: dict[str, Any] = {"radius": radius, "scale": scale, "ordered": ordered}
+    if len(estimators) > 1 and (radius is not None or isinstance(noise, np.ndarray)):
+        estimators = [name for name in estimators if takes(name, points.shape, noise, radius, scale)]
+    try:
+        return {name: fit(points, name, noise, **known) for name in estimators}
+    except ValueError as error:
+        raise PointFileError(str(error)) from None
 
 
 def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
@@ -272,10 +298,13 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
         first = next(iter(only.fits.values()))
         yield from intervals_in_words(first, only.table.names)
         yield from doubts(first)
+        if isinstance(first, GivenFit):
+            yield from first.remarks()
     else:
         yield from _table(files)
     chosen = [
-        f"coordinates are {', '.join(names)}; columns left out: {', '.join(left)}" for _, names, left in _tables(files)
+        f"coordinates are {', '.join(table.names)}; columns left out: {', '.join(table.left)}"
+        for table in _tables(files)
     ]
     yield from dict.fromkeys(chosen)
     idle = [] if noise is None else [name for name, fit in files[0].fits.items() if not fit.noise_is_known]

@@ -20,7 +20,8 @@ from study.fits.point_clouds import (
 )
 from study.fits.point_text import Columns, PointFileError, Wanted, opened, read_text, unpacked_names
 
-_READERS: dict[str, Callable[[Path, BinaryIO, Wanted], Columns]] = {
+Reader = Callable[[Path, BinaryIO, Wanted], Columns]
+_READERS: dict[str, Reader] = {
     ".npy": read_numpy,
     ".npz": read_numpy,
     ".parquet": read_parquet,
@@ -97,11 +98,13 @@ class PointTable(NamedTuple):
         points: coordinates (n, d); missing ones are NaN.
         names: of their columns.
         left: names of the columns that were left out.
+        noise: standard deviation of each point (n,), or of each coordinate (n, d); None if no columns have it.
     """
 
     points: Floats
     names: list[str]
     left: list[str]
+    noise: Floats | None = None
 
 
 def read_points(path: Path, columns: Sequence[str] | None = None, dimension: int | None = None) -> PointTable:
@@ -127,7 +130,9 @@ def read_points(path: Path, columns: Sequence[str] | None = None, dimension: int
             if kind in _REFUSED:
                 what, way_out = _REFUSED[kind]
                 raise PointFileError(f"{path}: {what}, which is not read here: {way_out}")
-            table = _READERS.get(kind, read_text)(path, file, Wanted(columns, dimension))
+            reader = _READERS.get(kind, read_text)
+            table = reader(path, file, Wanted(columns, dimension))
+            noise, columns_of_noise = _noise(path, file, reader, table)
     except OSError as error:
         raise PointFileError(f"{path}: cannot be read: {error.strerror or error}") from None
     except csv.Error as error:
@@ -142,7 +147,31 @@ def read_points(path: Path, columns: Sequence[str] | None = None, dimension: int
     complete = int(np.isfinite(points).all(axis=1).sum())
     if complete < d + 1:
         raise PointFileError(f"{path}: {complete} points of {d} coordinates; a sphere needs at least {d + 1}")
-    return PointTable(points, names, left)
+    return PointTable(points, names, [name for name in left if name not in columns_of_noise], noise)
+
+
+def _noise(path: Path, file: BinaryIO, reader: Reader, table: Columns) -> tuple[Floats | None, list[str]]:
+    """Standard deviations in a column called sigma, or in those called sx, sy, sz, and the names of these columns.
+
+    Raises:
+        PointFileError: with the row of a point whose standard deviation is not positive.
+    """
+    points, _, left = table
+    of_axes = [f"s{axis}" for axis in "xyz"[: points.shape[1]]] if points.shape[1] <= 3 else []
+    wanted = [["sigma"], of_axes]
+    names = next((names for names in wanted if names and all(left.count(name) == 1 for name in names)), [])
+    if not names:
+        return None, []
+    file.seek(0)
+    noise, _, _ = reader(path, file, Wanted(names))
+    wrong = np.argwhere(~((noise > 0.0) | np.isnan(noise)))
+    if len(wrong):
+        row, column = wrong[0]
+        value = f"{names[column]} = {noise[row, column]:g} at point {row + 1}"
+        raise PointFileError(
+            f"{path}: {value}: a standard deviation must be positive; an empty cell leaves the point out"
+        )
+    return noise[:, 0] if names == ["sigma"] else noise, names
 
 
 def _kind(path: Path, file: BinaryIO) -> str:

@@ -36,10 +36,11 @@ from numpy.typing import ArrayLike
 
 from study.arrays import Floats, real_array
 from study.fits.answer import Fit
-from study.fits.bounds import noise_covariance
+from study.fits.bounds import is_per_point, noise_covariance
 from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk
 from study.fits.corrected import corrected, corrected_01, corrected_02, corrected_12, corrected_covariance, sandwich
 from study.fits.geometric import mle, mle_centroid, mle_mirror
+from study.fits.given import fit_given, given_of
 from study.fits.incremental import igdk
 from study.fits.lls import lls, lls_nr, lls_nr_raw, lls_single
 from study.fits.robust import robust
@@ -174,9 +175,8 @@ _MOST_COPIED = 100_000
 
 _INSTEAD = {
     "sigma": "give noise=, the standard deviation of a coordinate",
-    "weight": "all points count the same; a point is left out as NaN, outliers by the estimator 'robust', and noise= "
-    "takes a covariance (d, d) where coordinates differ",
-    "radius": "the radius is always fitted; compare a known one with fit.interval('radius')",
+    "weight": "give noise=, the standard deviation of each point (n,), and scale='estimated' if only ratios are known; "
+    "a point is left out as NaN, outliers by the estimator 'robust'",
 }
 """The answer to arguments that other libraries have, by the beginning of their names."""
 
@@ -186,6 +186,8 @@ def fit(
     estimator: str = "corrected",
     noise: ArrayLike | None = None,
     *,
+    radius: ArrayLike | None = None,
+    scale: str = "given",
     copy: bool | None = None,
     ordered: bool = False,
     **others: Never,
@@ -198,17 +200,21 @@ def fit(
             y; X_mm, Easting …), else all of two or three.
         estimator: a name in `study.ESTIMATORS`; the default is near the best of them where fits are ok.
         noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
-            it is not known. Only ``ugdk`` cannot do without.
+            it is not known. Only ``ugdk`` cannot do without. Where points differ: σ of each (n,), of each coordinate
+            of each (n, d), or the covariance of each (n, d, d), with the leading axes of the points or none.
+        radius: the radius, where it is known, or one for each set (…): then the centre alone is fitted.
+        scale: "given" if the noise of each point is as large as that; "estimated" if only its ratios are known.
         copy: True to copy the points, from which a `Fit` computes residuals and standard errors when asked. False to
             read the caller's array again, and to refuse if it has changed; that saves time and memory. By default up
             to a hundred thousand coordinates are copied.
         ordered: True if the rows are in the order in which they were measured: where neighbours share their noise,
             errors and intervals then allow for it.
-        others: none; a TypeError says what there is in place of weights, sigma or a known radius.
+        others: none; a TypeError says what there is in place of weights or sigma.
 
     Returns:
-        A `Fit` whose arrays have the leading axes of ``points``. Look at ``fit.ok`` before using the numbers: data
-        that determine no sphere have a status, and raise nothing.
+        A `Fit` whose arrays have the leading axes of ``points``; a `GivenFit` where the radius or the noise of each
+        point was given, which corrected, mle, als, ugdk and gdke take. Look at ``fit.ok`` before using the numbers:
+        data that determine no sphere have a status, and raise nothing.
 
     Raises:
         TypeError: if the points or the noise are not real numbers, or the estimator is no name.
@@ -235,6 +241,9 @@ def fit(
     *lead, n, d = array.shape
     if n < d + 1:
         raise ValueError(f"points have shape {array.shape}: a sphere in {d} dimensions needs at least {d + 1} points")
+    if radius is not None or scale != "given" or (noise is not None and is_per_point(np.shape(noise), n, d)):
+        given = given_of(array.shape, noise, radius, scale)
+        return fit_given(array, estimator, given, ordered)
     if noise is not None:
         noise_covariance(noise, d)
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
@@ -252,7 +261,7 @@ def fit(
 
 def _instead(argument: str) -> str:
     """The remedy for an argument that `fit` does not have."""
-    known = ["points", "estimator", "noise", "copy", "ordered"]
+    known = ["points", "estimator", "noise", "radius", "scale", "copy", "ordered"]
     return next((text for name, text in _INSTEAD.items() if argument.startswith(name)), did_you_mean(argument, known))
 
 

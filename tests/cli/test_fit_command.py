@@ -595,3 +595,47 @@ def test_certify(call_here, tmp_path):
     assert (code, said) == (2, "")
     assert "known are mle, gdke, minimum_zone" in complained
     assert call_here(tmp_path, "certify", "--limit", "0")[0] == 2
+
+
+def test_fit_with_a_known_radius(say, cap):
+    """The centre is that of the library, the radius has no error, and a line says whether the points agree with it."""
+    code, out, _ = say("fit", "cap.csv", "--radius", "2")
+    assert code == 0
+    assert rows_of(out)[1]["corrected"][3] == "2"
+    assert "radius 2 is given; with a free one the points have" in out
+    found = json.loads(say("fit", "cap.csv", "--radius", "2", "--json")[1])[0]
+    np.testing.assert_allclose(found["center"], study.fit(cap, radius=2.0).center, rtol=1e-12)
+    assert "the points do not agree with it" in say("fit", "cap.csv", "--radius", "2.1")[1]
+    code, _, err = say("fit", "cap.csv", "--radius", "2", "-e", "robust")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "takes no known radius; corrected, mle, als, ugdk and gdke do" in err
+
+
+def test_fit_with_noise_for_each_point(say, cap, rng, tmp_path):
+    """A column sigma is used and not left out; --scale estimated takes its ratios alone; a value of 0 is refused."""
+    sigma = rng.uniform(0.019, 0.021, 200)
+    table = np.column_stack([cap, sigma])
+    np.savetxt(tmp_path / "uneven.csv", table, delimiter=",", header="x,y,z,sigma", comments="", fmt="%.17g")
+    code, out, _ = say("fit", "uneven.csv")
+    assert code == 0
+    assert "columns left out" not in out
+    assert "each point has a noise of its own" in out
+    for scale in ("given", "estimated"):
+        found = json.loads(say("fit", "uneven.csv", "--scale", scale, "--json")[1])[0]
+        np.testing.assert_allclose(found["center"], study.fit(cap, noise=sigma, scale=scale).center, rtol=1e-9)
+    code, _, err = say("fit", "cap.csv", "--scale", "estimated")
+    assert (code, err) == (2, "scale = 'estimated' needs a noise for each point: (n,), (n, d) or (n, d, d)\n")
+
+
+def test_plan_fit(say):
+    """The plan is the library's; two of three are needed."""
+    arguments = ("plan-fit", "--noise", "0.1", "--radius", "50")
+    code, out, _ = say(*arguments, "--error", "0.02", "--angle", "60")
+    plan = study.plan_fit(0.1, 50.0, 0.02, angle=60.0)
+    assert code == 0
+    assert f"{plan.points:,} points on a cap of 60°" in out
+    found = json.loads(say(*arguments, "--points", "400", "--angle", "60", "--json")[1])
+    assert found == study.plan_fit(0.1, 50.0, points=400, angle=60.0)._asdict()
+    code, _, err = say(*arguments)
+    assert code == 2
+    assert "a plan needs two of error=, angle= and points=" in " ".join(err.split())

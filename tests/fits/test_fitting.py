@@ -128,7 +128,7 @@ def test_two_digits_of_the_error(value, error):
         (-0.004, 0.12, "0.00 ± 0.12"),
         (math.pi, math.nan, "3.14159 ± ?"),
         (math.pi, math.inf, "3.14159 ± ?"),
-        (math.pi, 0.0, "3.14159 ± ?"),
+        (math.pi, 0.0, "3.14159"),
         (math.nan, 0.1, "-"),
     ],
 )

@@ -47,7 +47,7 @@ def written(folder, text, name="points.txt"):
 def test_delimiters(tmp_path, mark, header, d):
     """Each delimiter, with a header or none: the same numbers, and the columns' names or numbers."""
     header = header and header[:d]
-    points, names, _ = read_points(written(tmp_path, "\n".join(lines(POINTS[:, :d], mark, header)) + "\n"))
+    points, names, *_ = read_points(written(tmp_path, "\n".join(lines(POINTS[:, :d], mark, header)) + "\n"))
     np.testing.assert_array_equal(points, POINTS[:, :d])
     assert names == (header or ["1", "2", "3"][:d])
 
@@ -85,7 +85,7 @@ DECORATIONS = {
 def test_decorations(tmp_path, decorate, end, mark):
     """Comments, blank lines, quotes, blanks, a byte-order mark and Windows' line ends change nothing."""
     text = mark + end.join(decorate(lines(POINTS, ",", NAMES))).encode()
-    points, names, _ = read_points(written(tmp_path, text, "points.csv"))
+    points, names, *_ = read_points(written(tmp_path, text, "points.csv"))
     np.testing.assert_array_equal(points, POINTS)
     assert names == NAMES
 
@@ -107,7 +107,7 @@ def test_a_spreadsheets_first_line(tmp_path, first):
     mark = "\t" if "\t" in first else ";"
     path = tmp_path / "points.csv"
     path.write_text("\n".join([first, *(mark.join(row) for row in (["x", "y"], *(["1", "2,5"],) * 3))]))
-    points, names, _ = read_points(path)
+    points, names, *_ = read_points(path)
     assert names == ["x", "y"]
     np.testing.assert_array_equal(points, [[1.0, 2.5]] * 3)
 
@@ -120,7 +120,7 @@ def test_infinite_and_scientific_numbers(tmp_path):
 
 def test_header_cells(tmp_path):
     """A quoted name may hold the delimiter; a column without a name is called by its number."""
-    _, names, _ = read_points(written(tmp_path, '"x, mm", ,z\n' + "\n".join(lines(POINTS, ","))))
+    _, names, *_ = read_points(written(tmp_path, '"x, mm", ,z\n' + "\n".join(lines(POINTS, ","))))
     assert names == ["x, mm", "2", "z"]
 
 
@@ -129,7 +129,7 @@ def test_columns(tmp_path, columns):
     """Columns are chosen by name or number, in the given order; the others may hold anything."""
     rows = lines(POINTS, ",")
     text = "\n".join(["label,x,y,z", *(f"m {i}_a,{row}" for i, row in enumerate(rows))])
-    points, names, _ = read_points(written(tmp_path, text), columns)
+    points, names, *_ = read_points(written(tmp_path, text), columns)
     np.testing.assert_array_equal(points, POINTS[:, [0, 2]])
     assert names == ["x", "z"]
     swapped, *_ = read_points(tmp_path / "points.txt", columns[::-1])
@@ -142,7 +142,7 @@ def test_npy(tmp_path, kind, order):
     """Arrays of any real type and layout, as float64; columns go by number."""
     array = np.asarray(np.abs(POINTS) % 200, dtype=kind, order=order)
     np.save(tmp_path / "points.npy", array)
-    points, names, _ = read_points(tmp_path / "points.npy")
+    points, names, *_ = read_points(tmp_path / "points.npy")
     np.testing.assert_array_equal(points, array)
     assert (points.dtype, names) == (np.float64, ["1", "2", "3"])
     np.testing.assert_array_equal(read_points(tmp_path / "points.npy", ["3", "1"])[0], array[:, [2, 0]])
@@ -155,7 +155,7 @@ def test_parquet(tmp_path, suffix):
     frame = pd.DataFrame(POINTS, columns=names).assign(label="a", good=True, k=pd.array([1, None] * 6, dtype="Int64"))
     frame.loc[3, "b"] = None
     frame[frame.index != 5].to_parquet(tmp_path / f"p{suffix}")
-    points, found, _ = read_points(tmp_path / f"p{suffix}", dimension=4)
+    points, found, *_ = read_points(tmp_path / f"p{suffix}", dimension=4)
     expected = np.column_stack([POINTS, [1.0, np.nan] * 6])
     expected[3, 1] = np.nan
     np.testing.assert_array_equal(points, np.delete(expected, 5, axis=0))
@@ -487,3 +487,21 @@ def test_metadata_that_cannot_be_read(tmp_path, told):
     table = pa.Table.from_arrays(columns, names=list("xyz")).replace_schema_metadata({b"pandas": told})
     pq.write_table(table, tmp_path / "points.parquet")
     refused(tmp_path / "points.parquet", "pandas metadata cannot be read")
+
+
+def test_noise_of_each_point(tmp_path):
+    """A column sigma, or columns sx, sy, sz, are the noise of each point, and no longer left out; others stay so."""
+    rows = np.column_stack([POINTS, np.arange(1.0, len(POINTS) + 1)[:, None] * [1.0, 2.0, 3.0], POINTS[:, :1]])
+    text = "\n".join(["x,y,z,sx,sy,sz,w", *lines(rows, ",")])
+    table = read_points(written(tmp_path, text))
+    np.testing.assert_array_equal(table.noise, rows[:, 3:6])
+    assert table.left == ["w"]
+    table = read_points(written(tmp_path, text.replace("sy", "sigma")))
+    np.testing.assert_array_equal(table.noise, rows[:, 4])
+    assert table.left == ["sx", "sz", "w"]
+    assert read_points(written(tmp_path, text.replace("sy", "other"))).noise is None
+    rows[3, 4] = -1.0
+    with pytest.raises(
+        PointFileError, match="sy = -1 at point 4: a standard deviation must be positive; an empty cell"
+    ):
+        read_points(written(tmp_path, "\n".join(["x,y,z,sx,sy,sz,w", *lines(rows, ",")])))

@@ -1,0 +1,587 @@
+"""Fits with what is known beforehand: the radius, or the noise of each point.
+
+`study.fit` hands points here when a radius is given, or a noise for each point. Which estimators take which is in
+`WAYS`. Their answer is a `GivenFit`: a `Fit` whose covariances and intervals use what is known.
+
+Closed forms are unbiased linear equations (theory 9.8). With y = x - x̄ about the weighted centroid, weights p of mean 1
+and a noise covariance T of each point, ĉ = x̄ + a solves
+
+    mean p(yyᵀ - T) 2a = mean p(|y|²y - tr(T) y - 2Ty),    r² = |a|² + mean p(|y|² - tr T),
+
+with T = 0 for `gdke`, and the given one for `ugdk`; `als` finds the scale in the points. For a known radius r and
+isotropic noise s/p the equation is mean p(|x - c|² - r² - (d + 2) s/p)(x - c) = 0, hence, with N points,
+
+    (C + θI) a = ½ mean p|y|²y - ½ (d + 2) s mean y,    θ = ½ (mean p|y|² + |a|² - r² - (d + 2) s),
+
+one equation in θ.
+"""
+
+import math
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from study.arrays import Bools, Floats, Ints, real_array
+from study.fits.answer import Fit, FittedPoints, ruled_status
+from study.fits.bounds import is_per_point, point_noise
+from study.fits.goodness import Goodness
+from study.fits.intervals import Intervals
+from study.fits.samples import Estimates, Samples, Status, blank
+from study.fits.weighted import (
+    Spheres,
+    Weighted,
+    center_ends,
+    cost,
+    covariance,
+    profile,
+    radius_ends,
+    solve,
+)
+from study.text import number, with_error
+
+_FULLER = 2.0
+"""Fuller's constant where the radius is fitted: bias is removed in full, and tails are short (theory 9.3)."""
+_FAR = 1e7
+"""Radius in units of the points' spread beyond which a sphere is a plane."""
+_FLAT = 1e-14
+"""Least extent of points over the largest, up to which they lie in a plane."""
+_TURNS = 100
+_NOTICED = 0.01
+"""p value of a known radius below which the points do not agree with it."""
+_SIDES = 3.0
+"""Standard errors by which a known radius must fit better on one side of the points than on the other."""
+_FALSE_ALARMS = 0.01
+"""Share of clean data sets in which a point with a noise of its own is named an outlier."""
+
+
+class Way(NamedTuple):
+    """Things that an estimator takes beforehand: a radius, a noise σ for each point, a covariance for each."""
+
+    radius: bool
+    sigmas: bool
+    covariances: bool
+
+
+_CLOSED = ("gdke", "ugdk", "als")
+WAYS = {
+    "corrected": Way(True, True, True),
+    "mle": Way(True, True, True),
+    "als": Way(True, True, False),
+    "ugdk": Way(True, True, True),
+    "gdke": Way(True, True, True),
+}
+"""Estimators that take what is known beforehand."""
+
+
+class Given(NamedTuple):
+    """Knowledge beforehand of a flat batch: a radius, or the noise of each point.
+
+    Attributes:
+        radius: r of each set (b,), NaN where it is not known.
+        noise: variance of each point (b, n), or its covariance (b, n, d, d); None where all points have the same.
+        relative: only ratios of the noise are known.
+        sigma: σ of all points, for `ugdk`; None if it is not known.
+    """
+
+    radius: Floats
+    noise: Floats | None
+    relative: bool
+    sigma: float | None
+
+    def take(self, places: Ints) -> "Given":
+        """Part of the batch."""
+        return self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])
+
+
+def given_of(shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike | None, scale: str) -> Given:
+    """Check what is given for points of a shape (…, n, d), and bring it to the flat batch.
+
+    Raises:
+        TypeError: if a value is no real number.
+        ValueError: if a shape or value cannot be used; the message says which.
+    """
+    *lead, n, d = shape
+    b = math.prod(lead)
+    if scale not in ("given", "estimated"):
+        raise ValueError(f"scale = {scale!r}: 'given' takes the noise as it is, 'estimated' its ratios alone")
+    known = np.full(b, np.nan)
+    if radius is not None:
+        value = real_array(radius, "radius").astype(float)
+        if value.shape not in ((), tuple(lead)):
+            raise ValueError(f"radius has shape {value.shape}: give one number, or one for each set, {tuple(lead)}")
+        if (wrong := value[~((value > 0.0) & (value < 1e150))]).size:
+            raise ValueError(f"radius = {wrong[0]:g}: a known radius must be positive and finite")
+        known = np.broadcast_to(value, lead).reshape(b).astype(float)
+    array = None if noise is None else real_array(noise, "noise").astype(float)
+    if array is None or not is_per_point(array.shape, n, d):
+        if scale == "estimated":
+            raise ValueError("scale = 'estimated' needs a noise for each point: (n,), (n, d) or (n, d, d)")
+        if array is not None and array.ndim:
+            raise ValueError(
+                f"noise has shape {array.shape}: with a known radius give one σ, or a noise for each point, "
+                f"({n},), ({n}, {d}) or ({n}, {d}, {d})"
+            )
+        return Given(known, None, False, None if array is None else float(array))
+    each = array.ndim - (1 if array.shape[-1:] == (n,) else 2 if array.shape[-2:] == (n, d) else 3)
+    try:
+        array = np.broadcast_to(array, (*lead, *array.shape[each:])).reshape(b, *array.shape[each:])
+    except ValueError:
+        words = f"its leading axes must be those of the points, {tuple(lead)}"
+        raise ValueError(f"noise has shape {array.shape}: {words}") from None
+    return Given(known, point_noise(array), scale == "estimated", None)
+
+
+def check_way(estimator: str, given: Given) -> None:
+    """Raise a ValueError, which names those that can, if an estimator does not take what is known."""
+    needs = {
+        "radius": bool(np.isfinite(given.radius).any()),
+        "sigmas": given.noise is not None and given.noise.ndim == 2,
+        "covariances": given.noise is not None and given.noise.ndim == 4,
+    }
+    words = {"radius": "known radius", "sigmas": "noise for each point", "covariances": "covariance for each point"}
+    wanted = [name for name, needed in needs.items() if needed]
+    able = [name for name, way in WAYS.items() if all(getattr(way, each) for each in wanted)]
+    if needs["radius"] and needs["covariances"]:
+        able = [name for name in able if name in ("corrected", "mle")]
+    if estimator not in able:
+        both = " and a ".join(words[each] for each in wanted)
+        raise ValueError(f"estimator = {estimator!r}: takes no {both}; {_listed(able)} do")
+    if estimator == "ugdk" and given.relative:
+        raise ValueError("estimator = 'ugdk': subtracts the noise, so that its scale must be given; als finds it")
+    if estimator == "ugdk" and given.noise is None and given.sigma is None:
+        raise ValueError("estimator = 'ugdk': subtracts the known noise: pass noise=σ, or use als, which finds it")
+
+
+def takes(estimator: str, shape: tuple[int, ...], *known: Any) -> bool:
+    """True for an estimator that takes what is known: noise, radius and scale as `study.fit` has them."""
+    try:
+        check_way(estimator, given_of(shape, *known))
+    except ValueError:
+        return False
+    return True
+
+
+def _listed(names: Iterable[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def weighted(x: Floats, given: Given, estimator: str) -> Weighted:
+    """The points (b, d, n) with the weights that are given."""
+    noise, known = given.noise, not given.relative
+    if noise is None:
+        sigma = given.sigma if estimator == "ugdk" else None
+        noise, known = np.full((x.shape[0], x.shape[2]), 1.0 if sigma is None else sigma**2), sigma is not None
+    return Weighted.of(x.swapaxes(1, 2), noise, known, given.radius)
+
+
+def estimate(sets: Weighted, estimator: str) -> Estimates:
+    """Fit a batch by an estimator of `WAYS`, in the unit of the points."""
+    b, _, d = sets.points.shape
+    result, some = blank(b, d), np.flatnonzero(sets.usable)
+    result.status[:] = np.where(sets.size < d + 1, Status.TOO_FEW_POINTS, Status.NOT_FINITE)
+    result.status[(sets.size > d) & (sets.unit == 0.0)] = Status.SINGULAR
+    if not len(some):
+        return result
+    part = sets.take(some)
+    with np.errstate(all="ignore"):
+        extent = np.linalg.eigvalsh(np.einsum("bn,bni,bnj->bij", part.weights, part.points, part.points))
+        sphere = _closed(part, estimator if estimator in _CLOSED else "gdke")
+        if estimator not in _CLOSED:
+            sphere = solve(part, sphere, corrected=False)
+        if estimator == "corrected":
+            sphere = solve(part, sphere, corrected=True, fuller=_FULLER)
+        status = np.where(sphere.found, Status.OK, Status.NOT_CONVERGED)
+        status[sphere.radius > _FAR] = Status.AT_BOUND
+        flat = ~(extent[:, 0] > _FLAT * extent[:, -1])
+        status[flat & (~np.isfinite(part.radius) | ~(extent[:, 1] > _FLAT * extent[:, -1]))] = Status.SINGULAR
+        lost = (status == Status.SINGULAR) | (status == Status.NOT_CONVERGED)
+        size = sphere.scale * part.unit**2 * part.mean_variance
+        numbers = [part.origin + sphere.center * part.unit[:, None], sphere.radius * part.unit, size]
+    for whole, values in zip(result, numbers, strict=False):
+        values[lost] = np.nan
+        whole[some] = values
+    result.status[some] = status
+    return result
+
+
+def _closed(sets: Weighted, estimator: str) -> Spheres:
+    """The closed forms: unbiased linear equations, or one equation in θ for a known radius (theory 9.8)."""
+    b, _, d = sets.points.shape
+    y, p, n = sets.points, sets.weights, sets.size
+    scale = np.where(np.isfinite(sets.scale) & (estimator == "ugdk"), sets.scale, 0.0)
+    known = np.isfinite(sets.radius)
+    square = np.einsum("bni,bni->bn", y, y)
+    if estimator == "als":
+        scale[~known] = _least_root(sets.take(np.flatnonzero(~known)))
+    if estimator == "ugdk":  # the centroid takes one degree of freedom
+        scale = np.where(known, scale, scale * (n - 1.0) / n)
+    noise = sets.covariances if sets.covariances is not None else _isotropic(sets)
+    trace, share = np.einsum("bnii->bn", noise), p / n[:, None]
+    matrix = np.einsum("bn,bni,bnj->bij", share, y, y) - scale[:, None, None] * np.einsum("bn,bnij->bij", share, noise)
+    third = np.einsum("bn,bni->bi", share * (square - scale[:, None] * trace), y)
+    third -= 2.0 * scale[:, None] * np.einsum("bn,bnij,bnj->bi", share, noise, y)
+    center = np.full((b, d), np.nan)
+    regular = ~known & np.isfinite(matrix).all(axis=(1, 2)) & (np.abs(np.linalg.slogdet(matrix)[1]) < np.inf)
+    center[regular] = 0.5 * np.linalg.solve(matrix[regular], third[regular][..., None])[..., 0]
+    level = (share * (square - scale[:, None] * trace)).sum(axis=1)
+    radius = np.sqrt(np.einsum("bi,bi->b", center, center) + level)
+    if known.any():
+        part = sets.take(np.flatnonzero(known))
+        center[known], scale[known] = _on_known_radius(part, scale[known], estimator == "als")
+        radius[known] = sets.radius[known]
+    spare = np.maximum(n - d - ~known, 1.0)
+    deviation = cost(sets, np.nan_to_num(center), np.nan_to_num(radius)) / spare
+    settled = np.isfinite(sets.scale) | (estimator == "als")
+    scale = np.where(np.isfinite(sets.scale), sets.scale, np.where(settled, scale, deviation))
+    if estimator == "als":  # a fit of d + 1 parameters leaves so much of the variance
+        scale = np.where(np.isfinite(sets.scale) | known, scale, scale * n / spare)
+    found = np.isfinite(center).all(axis=1) & np.isfinite(radius)
+    return Spheres(center, radius, scale, found)
+
+
+def _isotropic(sets: Weighted) -> Floats:
+    """Covariances I/p of points whose noise is isotropic (b, n, d, d)."""
+    return np.asarray(sets.variances[..., None, None] * np.eye(sets.points.shape[2]))
+
+
+def _least_root(sets: Weighted) -> Floats:
+    """Scale s at which the corrected moment matrix of (|y|², y, 1) is singular (b,): theory (5.1), with weights.
+
+    In weights p the least root of g(s) = M₀₀(s) - |v(s)|²/(Λ - s) - (m₂ - ds)² is between 0 and λ_min, where g falls.
+    """
+    y, n, d = sets.points, sets.size, sets.points.shape[2]
+    share, square = sets.weights / n[:, None], np.einsum("bni,bni->bn", sets.points, sets.points)
+    values, axes = np.linalg.eigh(np.einsum("bn,bni,bnj->bij", share, y, y))
+    cross = np.einsum("bn,bni,bij->bj", share * square, y, axes)
+    mean, plain = np.einsum("bni,bij->bj", y, axes) / n[:, None], square.sum(axis=1) / n
+    second, fourth = (share * square).sum(axis=1), (share * square**2).sum(axis=1)
+    low, high = np.zeros(len(n)), values[:, 0].copy()
+    for _ in range(_TURNS):
+        s = 0.5 * (low + high)
+        excess = fourth - (2 * d + 4) * s * plain + d * (d + 2) * s**2 * sets.mean_variance - (second - d * s) ** 2
+        excess -= ((cross - (d + 2) * s[:, None] * mean) ** 2 / (values - s[:, None])).sum(axis=1)
+        low, high = np.where(excess > 0.0, s, low), np.where(excess > 0.0, high, s)
+    return low
+
+
+def _on_known_radius(sets: Weighted, scale: Floats, find: bool) -> tuple[Floats, Floats]:
+    """Centre (b, d) and scale of the closed form with a known radius; ``find``: the scale is found in the points."""
+    y, p, n, r = sets.points, sets.weights, sets.size, sets.radius
+    d, share = y.shape[2], sets.weights / sets.size[:, None]
+    square = np.einsum("bni,bni->bn", y, y)
+    values, axes = np.linalg.eigh(np.einsum("bn,bni,bnj->bij", share, y, y))
+    third, mean = np.einsum("bn,bni->bi", share * square, y), y.sum(axis=1) / n[:, None]
+    size, wide = (share * square).sum(axis=1), sets.mean_variance
+    center = np.empty((len(n), d))
+    for _ in range(_TURNS if find else 1):
+        right = 0.5 * np.einsum("bji,bj->bi", axes, third - (d + 2) * scale[:, None] * mean)
+        level = 0.5 * (size - r**2 - (d + 2) * scale)
+        theta = _theta(values, right, level)
+        center = np.einsum("bij,bj->bi", axes, right / (values + theta[:, None]))
+        if find:
+            away = y - center[:, None]
+            residual = np.einsum("bni,bni->bn", away, away) - r[:, None] ** 2
+            surplus = (p * residual**2).sum(axis=1) / (n - d)  # E f² = 4 r² τ + d (d + 2) τ², τ = s/p
+            before, half = scale, 2.0 * r**2
+            scale = surplus / (half + np.sqrt(half**2 + d * (d + 2) * wide * surplus))
+            if (np.abs(scale - before) <= 1e-13 * scale).all():
+                break
+    return center, scale
+
+
+def _theta(values: Floats, right: Floats, level: Floats) -> Floats:
+    """The root θ > -λ_min of θ = level + ½ |(Λ + θI)⁻¹ right|², by bisection of its logarithm (b,)."""
+    low, high = np.full(len(level), -80.0), np.full(len(level), 80.0)  # of log (θ + λ_min)
+    least = values[:, 0]
+    for _ in range(120):
+        middle = 0.5 * (low + high)
+        theta = np.exp(middle)
+        offset = right / (values - least[:, None] + theta[:, None])
+        above = level + 0.5 * np.einsum("bi,bi->b", offset, offset) > theta - least
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return np.asarray(np.exp(0.5 * (low + high)) - least)
+
+
+class RadiusTest(NamedTuple):
+    """The radius of the free fit beside the given one: r̂, its standard error, and the p value of the given one."""
+
+    radius: Floats
+    error: Floats
+    p: Floats
+
+
+class GivenFit(Fit):
+    """Spheres that were fitted with a known radius, or with a noise for each point; see `study.fit`.
+
+    It has all that a `Fit` has. Covariances and intervals use what is known. Where each point has a noise of its own,
+    the test of fit, which takes the noise to be of one size, is not made, and outliers are points beyond the largest
+    deviation, in units of their own noise, that clean points have once in a hundred data sets.
+
+    Args:
+        estimates: the estimator's numbers, with the leading axes.
+        samples: the points that were fitted, flat (b, d, n).
+        estimator: name of the estimator.
+        given: what was known, flat.
+        ordered: the rows are in the order in which they were measured.
+
+    Example:
+        >>> import numpy as np, study
+        >>> angles = np.linspace(0, 1, 50)
+        >>> arc = np.column_stack([np.cos(angles), np.sin(angles)])
+        >>> noisy = arc + np.random.default_rng(1).normal(0, 0.01, arc.shape)
+        >>> free, known = study.fit(noisy), study.fit(noisy, radius=1.0)
+        >>> free.standard_errors.round(3), known.standard_errors.round(3)
+        (array([0.03 , 0.017, 0.033]), array([0.002, 0.004, 0.   ]))
+        >>> float(known.radius_test.p.round(2))
+        0.94
+    """
+
+    def __init__(
+        self, estimates: Estimates, samples: Samples, estimator: str, given: Given, ordered: bool = False
+    ) -> None:
+        super().__init__(estimates, samples, estimator, ordered=ordered)
+        self._given = given
+
+    def __getitem__(self, index: Any) -> Self:
+        if not self.shape:
+            raise TypeError("a single fit cannot be indexed; its arrays are fit.center, fit.radius, fit.status, …")
+        places = np.arange(self.radius.size).reshape(self.shape)[index]
+        part = Estimates._make([np.asarray(array[places]) for array in self._estimates.reshape(-1)])
+        flat = np.atleast_1d(places).ravel()
+        samples, given = self._points.samples.take(flat), self._given.take(flat)
+        return type(self)(part, samples, self._estimator, given, self._ordered)
+
+    @cached_property
+    def _points(self) -> FittedPoints:
+        """The points; what they show is judged by the sphere of the free fit."""
+        center = self.center.reshape(-1, self.center.shape[-1])
+        return FittedPoints(self._samples, center, self._without_outliers, self._ordered, None)  # type: ignore[arg-type]
+
+    @cached_property
+    def _sets(self) -> Weighted:
+        return weighted(self._points.samples.x, self._given, self._estimator)
+
+    @cached_property
+    def _spheres(self) -> Spheres:
+        """The answers in the units of the sets."""
+        sets, flat = self._sets, self._estimates.reshape(-1)
+        with np.errstate(all="ignore"):
+            center = (flat.center - sets.origin) / sets.unit[:, None]
+            scale = np.where(np.isfinite(sets.scale), sets.scale, self._scale)
+        return Spheres(center, flat.radius / sets.unit, scale, np.isfinite(flat.radius))
+
+    @cached_property
+    def _scale(self) -> Floats:
+        """The scale s that the noise variances stand for, in the units of the sets."""
+        sets = self._sets
+        return np.asarray(self._estimates.reshape(-1).noise_variance / sets.unit**2 / sets.mean_variance)
+
+    @property
+    def noise_is_known(self) -> bool:
+        """True if the size of the noise was given for each point, or to `ugdk`."""
+        return bool(np.isfinite(self._sets.scale).any())
+
+    @cached_property
+    def own_covariance(self) -> Floats:
+        """Covariance of (ĉ, r̂) for white noise (…, d+1, d+1), unit squared; a known radius has none (theory 9.6)."""
+        found = covariance(self._sets, self._spheres, self._estimator == "corrected")
+        found[~self._spheres.found] = np.nan
+        return (found * (self._sets.unit**2)[:, None, None]).reshape(*self.shape, *found.shape[1:])
+
+    @cached_property
+    def allowance(self) -> Floats:
+        """Factors on standard errors for structure in the residuals (…, d+1); 1 where points have their own noise."""
+        return super().allowance if self._given.noise is None else np.ones((*self.shape, self.center.shape[-1] + 1))
+
+    @cached_property
+    def noise_scale(self) -> Floats:
+        """The noise that the residuals show over the one that was given (…): about 1 if that is right.
+
+        It is the root of Σ p (R - r̂)²/(N - k), k the number of coordinates fitted: the standard error of unit weight.
+        """
+        sets, sphere = self._sets, self._spheres
+        free = ~np.isfinite(sets.radius)
+        with np.errstate(all="ignore"):
+            square = cost(sets, sphere.center, sphere.radius) / (sets.size - sphere.center.shape[1] - free)
+            given = np.where(np.isfinite(sets.scale), sets.scale, np.nan if self._given.noise is None else 1.0)
+            unit = np.where(np.isfinite(sets.scale), 1.0, sets.unit**2 / self._size)
+            return np.asarray(np.sqrt(square * unit / given).reshape(self.shape))
+
+    @cached_property
+    def _size(self) -> Floats:
+        """Noise variance of a point of weight 1, as it was given (b,)."""
+        known = weighted(self._points.samples.x, self._given._replace(relative=False), self._estimator)
+        return np.asarray(known.scale * known.unit**2)
+
+    @cached_property
+    def radius_test(self) -> RadiusTest:
+        """The fit with a free radius, as a test of a known one: its r̂ and error, and the p value of the given r (…).
+
+        The p value is that of the radius's score (theory 10.6). It is small where the radius is wrong, and where the
+        points are no sphere. NaN where no radius was given.
+        """
+        known = self._sets
+        free = known._replace(radius=np.full(len(known.radius), np.nan))
+        with np.errstate(all="ignore"):
+            start = self._spheres
+            found = solve(free, solve(free, start, corrected=False), corrected=True, fuller=_FULLER)
+            score = profile(known, known.radius, start).score
+            error = np.sqrt(covariance(free, found)[:, -1, -1])
+            spare = np.maximum(known.size - start.center.shape[1] - 1, 1.0)
+            exact = np.isfinite(known.scale)
+            p = np.where(
+                exact, 2.0 * scipy.special.ndtr(-np.abs(score)), 2.0 * scipy.special.stdtr(spare, -np.abs(score))
+            )
+            lost = ~np.isfinite(known.radius)
+        numbers = [found.radius * known.unit, error * known.unit, p]
+        return RadiusTest(*(np.where(lost, np.nan, each).reshape(self.shape) for each in numbers))
+
+    def remarks(self) -> Iterator[str]:
+        """Lines about what was given, and whether the points agree; for a single fit."""
+        if np.isfinite(self._given.radius).all():
+            test, given = self.radius_test, f"radius {float(self.radius):.6g} is given"
+            p = "p < 1e-9" if test.p < 1e-9 else f"p = {number(float(test.p), '.2g')}"
+            agrees = ": the points do not agree with it" if test.p < _NOTICED else ""
+            free = with_error(float(test.radius), float(test.error))
+            yield f"{given}; with a free one the points have {free} ({p}){agrees}"
+        if self._given.noise is not None:
+            times = number(float(self.noise_scale), ".3g")
+            scaled = "its scale is found in them" if self._given.relative else "± stands on the noise as it is given"
+            yield f"each point has a noise of its own, and the residuals are {times} times as large; {scaled}"
+
+    @cached_property
+    def outliers(self) -> Bools:
+        """True for each point (…, n) that does not belong to the sphere of the majority; see the class."""
+        if self._given.noise is None:
+            return np.asarray(super().outliers)
+        sets, sphere = self._sets, self._spheres
+        with np.errstate(all="ignore"):
+            away = sets.points - sphere.center[:, None]
+            distance = np.linalg.norm(away, axis=2)
+            weights = sets.weights
+            if sets.covariances is not None:
+                e = away / distance[..., None]
+                weights = 1.0 / np.einsum("bni,bnij,bnj->bn", e, sets.covariances, e)
+            size = np.abs(distance - sphere.radius[:, None]) * np.sqrt(weights / sphere.scale[:, None])
+            limit = scipy.special.stdtrit(np.maximum(sets.size - 4.0, 1.0), 1.0 - 0.5 * _FALSE_ALARMS / sets.size)
+            limit = np.where(np.isfinite(sets.scale), scipy.special.ndtri(1.0 - 0.5 * _FALSE_ALARMS / sets.size), limit)
+            found = sets.present & (size > limit[:, None])
+        return np.asarray(found.reshape(*self.shape, found.shape[1]))
+
+    @cached_property
+    def goodness(self) -> Goodness:
+        """Test of fit (…), on the points alone; NaN where each point has a noise of its own."""
+        if self._given.noise is None:
+            return super().goodness
+        return Goodness(*(np.full(self.shape, np.nan) for _ in Goodness._fields))
+
+    def _intervals(self, level: float) -> Intervals:
+        """Intervals of the flat batch, computed once for each level."""
+        known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
+        if level not in known:
+            ends = given_intervals(self._sets, level)
+            longer = 0.5 * (self.allowance.reshape(len(ends.radius), -1)[:, :-1] - 1.0)
+            with np.errstate(invalid="ignore"):  # open ends
+                length = np.where(longer > 0.0, longer * np.ptp(ends.center, axis=2), 0.0)
+            known[level] = ends._replace(center=ends.center + length[..., None] * [-1.0, 1.0])
+        return known[level]
+
+    @cached_property
+    def _settled(self) -> Ints:
+        """The status by the rule for every estimator, without a test of fit where points have their own noise."""
+        if self._given.noise is None:
+            return np.asarray(super()._settled)
+        status = ruled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
+        return np.where((status == Status.OK) & self.outliers.any(axis=-1), Status.OUTLIERS, status)
+
+
+def given_intervals(sets: Weighted, level: float) -> Intervals:
+    """Confidence intervals of radius and centre with what is known, whatever the estimator (theory 10.6).
+
+    Given the radius, those of the centre are ĉ ± q errors. Where the sphere on the other side of the points is not
+    rejected, as on a cap whose curvature the noise hides, they hold both; where it is not by far, the noise share is
+    NaN.
+
+    Raises:
+        ValueError: if the level is not between 0 and 1.
+    """
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level = {level}: a confidence level lies between 0 and 1, for example 0.95")
+    b, _, d = sets.points.shape
+    result = Intervals(np.empty((b, 2)), np.empty((b, d, 2)), np.full(b, np.nan))
+    result.radius[:], result.center[:] = (0.0, np.inf), (-np.inf, np.inf)
+    known = np.isfinite(sets.radius)
+    with np.errstate(all="ignore"):
+        for some, ends_of in ((known, _with_radius), (~known, _without_radius)):
+            enough = np.flatnonzero(some & sets.usable & (sets.size > d + 1))
+            if len(enough):
+                part = sets.take(enough)
+                spare = part.size - d - 1.0 + some[enough[0]] * known[enough[0]]
+                tail = 0.5 * (1.0 + level)
+                quantile = np.where(
+                    np.isfinite(part.scale), scipy.special.ndtri(tail), scipy.special.stdtrit(spare, tail)
+                )
+                ends = ends_of(part, quantile)
+                result.radius[enough] = ends.radius * part.unit[:, None]
+                result.center[enough] = part.origin[..., None] + ends.center * part.unit[:, None, None]
+                result.noise_share[enough] = ends.noise_share
+    return result
+
+
+def _with_radius(sets: Weighted, quantile: Floats) -> Intervals:
+    """Intervals of the centre for a known radius, in the units of the sets."""
+    least = solve(sets, _closed(sets, "gdke"), corrected=False)
+    at = profile(sets, sets.radius, least)
+    half = quantile[:, None] * at.errors
+    center = np.stack([at.sphere.center - half, at.sphere.center + half], axis=2)
+    other = solve(sets, least._replace(center=-least.center), corrected=False)
+    apart = np.linalg.norm(other.center - least.center, axis=1) > 1e-3 * sets.radius
+    excess = cost(sets, other.center, sets.radius) - cost(sets, least.center, sets.radius)
+    beside = apart & other.found
+    both = beside & (excess <= quantile**2 * at.sphere.scale)
+    doubt = beside & (excess <= _SIDES**2 * at.sphere.scale)
+    second = profile(sets, sets.radius, other)
+    half = quantile[:, None] * second.errors
+    center[both, :, 0] = np.fmin(center[..., 0], second.sphere.center - half)[both]
+    center[both, :, 1] = np.fmax(center[..., 1], second.sphere.center + half)[both]
+    lost = ~at.sphere.found
+    center[lost] = -np.inf, np.inf
+    share = np.sqrt(at.sphere.scale) / sets.radius
+    return Intervals(np.repeat(sets.radius[:, None], 2, axis=1), center, np.where(doubt | lost, np.nan, share))
+
+
+def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
+    """Intervals of radius and centre where the points weigh differently, in the units of the sets."""
+    start = solve(sets, _closed(sets, "gdke"), corrected=False)
+    sphere = solve(sets, start, corrected=True, fuller=_FULLER)
+    fine = sphere.found & (sphere.radius < _FAR)
+    radius, center = np.tile([0.0, np.inf], (len(fine), 1)), np.empty_like(sets.origin[..., None].repeat(2, axis=2))
+    center[:] = -np.inf, np.inf
+    some = np.flatnonzero(fine)
+    part, sphere = sets.take(some), sphere.take(some)
+    radius[some] = radius_ends(part, sphere, quantile[some])
+    center[some] = center_ends(part, sphere, radius[some], quantile[some])
+    share = np.full(len(fine), np.nan)
+    share[some] = np.sqrt(sphere.scale) / sphere.radius
+    return Intervals(radius, center, share)
+
+
+def fit_given(points: Floats, estimator: str, given: Given, ordered: bool = False) -> Fit:
+    """`study.fit` with a known radius or a noise for each point; see there."""
+    *lead, n, d = points.shape
+    check_way(estimator, given)
+    x = np.array(points.reshape(-1, n, d).swapaxes(1, 2), dtype=float, order="C")
+    if given.noise is not None:  # a point without a noise is missing
+        unknown = given.noise <= 0.0 if given.noise.ndim == 2 else np.einsum("bnii->bn", given.noise) <= 0.0
+        x[np.broadcast_to(unknown[:, None], x.shape)] = np.nan
+    infinite = np.isinf(x).any(axis=(1, 2))
+    found = estimate(weighted(np.where(infinite[:, None, None], np.nan, x), given, estimator), estimator)
+    found.status[infinite] = Status.NOT_FINITE
+    fitted = np.isfinite(found.radius) & np.isfinite(given.radius)
+    found.radius[fitted] = given.radius[fitted]
+    return GivenFit(found.reshape(*lead), Samples(x), estimator, given, ordered)

@@ -1,0 +1,513 @@
+"""Spheres whose radius is known, or whose points have a noise of their own: weighted fits in plain NumPy.
+
+Point i has noise of variance s vᵢ on each coordinate: vᵢ is given, the scale s is known, or not. Its weight is p = 1/v.
+With R = |x - c|, e = (x - c)/R and its own means of a noisy radius (theory 9.1) ρ = E R, λ = λ₀₁ and V = Var R, the
+corrected equations (theory 9.6) are
+
+    Σ p (R - λ) e + (α s/(N r)) Σ e = 0,    Σ p (R - ρ) = 0,    Σ p (R - ρ)² / (N - k) = Σ p V / N,
+
+the second only where the radius is unknown, the third where the scale is; k is the number of coordinates of centre and
+radius that are fitted, α Fuller's constant, 0 for a known radius. With ρ = λ = r and V = s/p they are those of weighted
+geometric least squares. Newton's method solves for centre and radius, and the scale follows each step.
+
+Where a point has a covariance s Σᵢ, it weighs by its variance along the normal, p = 1/(eᵀΣe), and the means are those
+of second order (theory 9.7): with P = I - eeᵀ and q = eᵀΣPΣe
+
+    ρ - r = λ - r = s [tr PΣ / 2r - 2 p q / r],    and p s PΣe/r is taken from the term (R - λ) p e.
+
+The score of a hypothetical radius (theory 10.6) is the one of `study.fits.score` with these weights.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from study.arrays import Bools, Floats, Ints
+from study.fits.jit import compiled
+from study.fits.radial import radial_means
+
+_STEPS = 50
+_TOLERANCE = 1e-12
+"""A step below this share of the radius ends the iteration."""
+_SURE = 1e-9
+"""A step below this share of a standard error ends it, too: rounding leaves no shorter ones on flat caps."""
+_STEADY = 1e-11
+"""Relative change of the scale that ends it."""
+_LONGEST = 0.5
+"""Longest step, in radii."""
+_HALVINGS = 30
+_LEAST = 1e-32
+"""Scale that counts as none, in units of the points' spread squared."""
+
+
+class Weighted(NamedTuple):
+    """A batch of point sets with weights, relative to their weighted centroids and in units of their spread.
+
+    Attributes:
+        points: y (b, n, d), 0 where a point is missing.
+        weights: p = 1/v (b, n), of mean 1 over the points of a set; 0 where a point is missing.
+        covariances: Σ of each point (b, n, d, d), with the trace d/p; None where the noise is isotropic.
+        scale: s (b,) where it is known, else NaN.
+        radius: r (b,) where it is known, else NaN.
+        origin: the centroids (b, d).
+        unit: the spreads (b,).
+    """
+
+    points: Floats
+    weights: Floats
+    covariances: Floats | None
+    scale: Floats
+    radius: Floats
+    origin: Floats
+    unit: Floats
+
+    @classmethod
+    def of(cls, points: Floats, noise: Floats, known: bool, radius: Floats) -> "Weighted":
+        """Bring points (b, n, d), NaN where they are missing, to that form.
+
+        Args:
+            points: the points.
+            noise: variance of each point (b, n), or its covariance (b, n, d, d).
+            known: the noise is as large as that; else only ratios count.
+            radius: r of each set (b,), NaN where it is not known.
+        """
+        d = points.shape[2]
+        with np.errstate(all="ignore"):
+            v = noise if noise.ndim == 2 else np.einsum("bnii->bn", noise) / d
+            present = np.isfinite(points).all(axis=2) & (v > 0.0)
+            least = np.where(present, v, np.inf).min(axis=1, keepdims=True)
+            weights = np.where(present, least / v, 0.0)
+            mean = weights.sum(axis=1, keepdims=True) / present.sum(axis=1, keepdims=True)
+            size = (least / mean)[:, 0]
+            x = np.where(present[..., None], points, 0.0)
+            first = x[np.arange(len(x)), present.argmax(axis=1)][:, None]
+            y = np.where(present[..., None], x - first, 0.0)
+            share = weights / weights.sum(axis=1, keepdims=True)
+            middle = np.einsum("bn,bni->bi", share, y)
+            y = np.where(present[..., None], y - middle[:, None], 0.0)
+            unit = np.sqrt(np.einsum("bn,bni,bni->b", share, y, y))
+            covariances = None
+            if noise.ndim == 4:
+                covariances = np.where(present[..., None, None], noise, np.eye(d)) / size[:, None, None, None]
+            scale = size / unit**2 if known else np.full(len(x), np.nan)
+            origin = first[:, 0] + middle
+            return cls(y / unit[:, None, None], weights / mean, covariances, scale, radius / unit, origin, unit)
+
+    @property
+    def present(self) -> Bools:
+        """False for missing points (b, n)."""
+        return np.asarray(self.weights > 0.0)
+
+    @property
+    def size(self) -> Floats:
+        """Number of points N of each set (b,)."""
+        return np.asarray(self.present.sum(axis=1), dtype=float)
+
+    @property
+    def usable(self) -> Bools:
+        """True for sets that can be computed with (b,): d + 1 points, and an extent that float64 holds."""
+        with np.errstate(all="ignore"):
+            known = (self.radius < 1e150) | np.isnan(self.radius)
+            finite = np.isfinite(self.unit) & (self.unit > 0.0) & np.isfinite(self.origin).all(axis=1)
+        return np.asarray(finite & known & (self.size > self.points.shape[2]))
+
+    @property
+    def variances(self) -> Floats:
+        """1/p of each point (b, n), 0 where it is missing."""
+        return np.divide(1.0, self.weights, where=self.present, out=np.zeros_like(self.weights))
+
+    @property
+    def mean_variance(self) -> Floats:
+        """Mean of 1/p over the points of each set (b,)."""
+        with np.errstate(all="ignore"):
+            return np.asarray(self.variances.sum(axis=1) / self.size)
+
+    def take(self, places: Bools | Ints) -> "Weighted":
+        """Some sets of the batch."""
+        return Weighted(*(part if part is None else part[places] for part in self))  # type: ignore[arg-type]
+
+
+class Spheres(NamedTuple):
+    """Spheres of a batch, in its units: centre (b, d), radius (b,), scale s (b,), and True where they are answers."""
+
+    center: Floats
+    radius: Floats
+    scale: Floats
+    found: Bools
+
+    def take(self, places: Bools | Ints) -> "Spheres":
+        """Some spheres of the batch."""
+        return Spheres(self.center[places], self.radius[places], self.scale[places], self.found[places])
+
+
+class _Means(NamedTuple):
+    """Means of a noisy radius at each point (b, n), or (b, 1) where all are alike; see `RadialMeans`."""
+
+    lengthening: Floats
+    shortening: Floats
+    variance: Floats
+    excess01: Floats
+    mean_by_s: Floats
+    variance_by_s: Floats
+    excess01_by_r: Floats
+    excess01_by_s: Floats
+
+    @classmethod
+    def without_bias(cls, variance: Floats) -> "_Means":
+        """Means of a radius that noise does not lengthen."""
+        zero = np.zeros_like(variance)
+        return cls(zero, zero, variance, zero, zero, np.ones_like(variance), zero, zero)
+
+
+@compiled
+def _radial(radius: Floats, variance: Floats, dimension: int, result: Floats) -> None:
+    """Means of a noisy radius (8, b, n) for radii (b,) and variances (b, n), in the order of `_Means`."""
+    for t in range(variance.shape[0]):
+        for k in range(variance.shape[1]):
+            means = radial_means(radius[t], variance[t, k], dimension)
+            result[0, t, k], result[1, t, k], result[2, t, k] = means.lengthening, means.shortening, means.variance
+            result[3, t, k], result[4, t, k], result[5, t, k] = means.excess01, means.mean_by_s, means.variance_by_s
+            result[6, t, k], result[7, t, k] = means.excess01_by_r, means.excess01_by_s
+
+
+class _At(NamedTuple):
+    """Points about trial spheres.
+
+    Attributes:
+        distance: R (b, n).
+        direction: e (b, n, d), 0 where a point is missing.
+        weights: p (b, n).
+        means: means of a noisy radius.
+        aside: mean of (R - λ) e across e (b, n, d); None where it is nil.
+    """
+
+    distance: Floats
+    direction: Floats
+    weights: Floats
+    means: _Means
+    aside: Floats | None = None
+
+
+def _about(sets: Weighted, center: Floats, radius: Floats, scale: Floats, corrected: bool) -> _At:
+    """Distances and directions of the points from trial spheres, and the means of each."""
+    away = sets.points - center[:, None]
+    distance = np.sqrt(np.einsum("bni,bni->bn", away, away) + 1e-300)
+    e = np.where(sets.present[..., None], away / distance[..., None], 0.0)
+    if sets.covariances is not None:
+        return _about_covariances(sets, distance, e, radius, scale, corrected)
+    p = sets.weights
+    equal = not (p != np.where(sets.present, 1.0, 0.0)).any()
+    variance = scale[:, None] if equal else scale[:, None] * sets.variances
+    if not corrected:
+        return _At(distance, e, p, _Means.without_bias(variance))
+    numbers = np.empty((len(_Means._fields), *variance.shape))
+    _radial(radius, variance, center.shape[1], numbers)
+    return _At(distance, e, p, _Means(*numbers))
+
+
+def _about_covariances(
+    sets: Weighted, distance: Floats, e: Floats, radius: Floats, scale: Floats, corrected: bool
+) -> _At:
+    """The same where each point has a covariance, to second order in the noise (theory 9.7)."""
+    noise = np.zeros(0) if sets.covariances is None else sets.covariances
+    turned = np.einsum("bnij,bnj->bni", noise, e)
+    normal = np.where(sets.present, np.einsum("bni,bni->bn", e, turned), 1.0)
+    p, s, r = np.where(sets.present, 1.0 / normal, 0.0), scale[:, None], radius[:, None]
+    means = _Means.without_bias(np.where(sets.present, s * normal, 0.0))
+    if not corrected:
+        return _At(distance, e, p, means)
+    square = np.einsum("bni,bni->bn", turned, turned) - normal**2
+    by_s = ((np.einsum("bnii->bn", noise) - normal) / 2.0 - 2.0 * p * square) / r
+    longer = np.where(sets.present, s * by_s, 0.0)
+    means = means._replace(lengthening=longer, excess01=longer, mean_by_s=by_s, excess01_by_s=by_s)
+    aside = (s / r)[..., None] * (turned - normal[..., None] * e)
+    return _At(distance, e, p, means, np.where(sets.present[..., None], aside, 0.0))
+
+
+def scale_of(sets: Weighted, at: _At, radius: Floats, scale: Floats, fitted: Ints) -> Floats:
+    """The scale s by which Σ p (R - ρ)² has its mean; the known one where it is known (theory 9.6)."""
+    square = (at.weights * (at.distance - radius[:, None] - at.means.lengthening) ** 2).sum(axis=1)
+    expected = (at.weights * at.means.variance).sum(axis=1)
+    spare = np.maximum(sets.size - fitted, 1.0)
+    ratio = np.where(expected > 0.0, square / spare / np.where(expected > 0.0, expected / sets.size, 1.0), 1.0)
+    return np.where(np.isfinite(sets.scale), sets.scale, np.maximum(scale * ratio, _LEAST))
+
+
+def _system(sets: Weighted, at: _At, radius: Floats, bend: Floats) -> tuple[Floats, Floats]:
+    """The equations for centre and radius (b, d + 1), and less their derivatives (b, d + 1, d + 1), theory 9.6.
+
+    ``bend`` is α s/(N r).
+    """
+    p, e = at.weights, at.direction
+    b, _, d = e.shape
+    curvature = radius[:, None] + at.means.excess01
+    with np.errstate(all="ignore"):
+        over = np.where(sets.present, 1.0 / at.distance, 0.0)
+        fuller = bend[:, None] * over
+    values, slopes = np.empty((b, d + 1)), np.empty((b, d + 1, d + 1))
+    pull = p * (at.distance - curvature)
+    values[:, :d] = np.einsum("bn,bni->bi", pull + bend[:, None], e)
+    if at.aside is not None:
+        values[:, :d] -= np.einsum("bn,bni->bi", p, at.aside)
+    values[:, d] = (p * (at.distance - radius[:, None] - at.means.lengthening)).sum(axis=1)
+    along = p * curvature * over - fuller
+    slopes[:, :d, :d] = np.einsum("bn,bni,bnj->bij", along, e, e, optimize=True)
+    slopes[:, :d, :d] += (p - along).sum(axis=1)[:, None, None] * np.eye(d)
+    slopes[:, :d, d] = np.einsum("bn,bni->bi", p * (1.0 + at.means.excess01_by_r), e)
+    slopes[:, d, :d] = np.einsum("bn,bni->bi", p, e)
+    slopes[:, d, d] = (p * (1.0 + at.means.shortening)).sum(axis=1)
+    return values, slopes
+
+
+def _inverse(matrices: Floats) -> Floats:
+    """Inverses of matrices (b, m, m); NaN where they are singular."""
+    result = np.full(matrices.shape, np.nan)
+    with np.errstate(all="ignore"):
+        fine = np.isfinite(matrices).all(axis=(1, 2)) & (np.linalg.slogdet(matrices)[0] != 0.0)
+    result[fine] = np.linalg.inv(matrices[fine])
+    return result
+
+
+def solve(sets: Weighted, start: Spheres, corrected: bool = True, fuller: Floats | float = 0.0) -> Spheres:
+    """Solve the equations for centre, scale and, where it is unknown, radius, by Newton's method.
+
+    Args:
+        sets: the points.
+        start: spheres to start from; the scale need not be known.
+        corrected: the corrected equations; else those of the minimum of Σ p (R - r)², to which steps go downhill.
+        fuller: α for each set, where the radius is unknown.
+    """
+    free: Bools = np.isnan(sets.radius)
+    d, n = start.center.shape[1], sets.size
+    center, radius = start.center.copy(), np.where(free, start.radius, sets.radius)
+    scale = np.where(np.isfinite(sets.scale), sets.scale, np.where(np.isfinite(start.scale), start.scale, 0.0))
+    found: Bools = np.zeros(len(center), dtype=np.bool_)
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            at = _about(sets, center, radius, scale, corrected)
+            before, scale = scale, scale_of(sets, at, radius, np.maximum(scale, _LEAST), d + free)
+            values, slopes = _system(sets, at, radius, np.where(free, fuller * scale / (n * radius), 0.0))
+            slopes[~free, :d, d] = slopes[~free, d, :d] = 0.0
+            slopes[~free, d, d], values[~free, d] = 1.0, 0.0
+            step = _step(values, slopes, corrected)
+            length = np.linalg.norm(step, axis=1)
+            share = np.minimum(1.0, _LONGEST * radius / np.maximum(length, 1e-300))
+            if not corrected and sets.covariances is None:
+                share = _downhill(sets, center, radius, step, share)
+            moving = ~found & np.isfinite(length)
+            center[moving] += (share[:, None] * step)[moving, :d]
+            radius[moving] += (share * step[:, d])[moving]
+            error = np.abs(np.einsum("bi,bi->b", step, values))
+            short = (length <= _TOLERANCE * radius) | (error <= _SURE**2 * scale)
+            found |= short & (np.abs(scale - before) <= _STEADY * scale + _LEAST)
+            if (found | ~np.isfinite(length)).all():
+                break
+    return Spheres(center, radius, scale, found & (radius > 0.0))
+
+
+def _step(values: Floats, slopes: Floats, corrected: bool) -> Floats:
+    """Newton's step (b, m); downhill, by absolute eigenvalues, where the equations are those of a minimum."""
+    fine: Bools = np.asarray(np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(values).all(axis=1))
+    safe = np.where(fine[:, None, None], slopes, np.eye(slopes.shape[1]))
+    if corrected:
+        inverse = _inverse(safe)
+    else:
+        eigenvalues, vectors = np.linalg.eigh(safe)
+        least = 1e-15 * np.abs(eigenvalues).max(axis=1, keepdims=True)
+        inverse = np.einsum("bik,bk,bjk->bij", vectors, 1.0 / np.maximum(np.abs(eigenvalues), least), vectors)
+    return np.where(fine[:, None], np.einsum("bij,bj->bi", inverse, values), np.nan)
+
+
+def cost(sets: Weighted, center: Floats, radius: Floats) -> Floats:
+    """Σ p (R - r)² (b,)."""
+    away = sets.points - center[:, None]
+    distance = np.sqrt(np.einsum("bni,bni->bn", away, away))
+    return np.asarray((sets.weights * (distance - radius[:, None]) ** 2).sum(axis=1))
+
+
+def _downhill(sets: Weighted, center: Floats, radius: Floats, step: Floats, share: Floats) -> Floats:
+    """Halve shares of steps until the cost does not rise, but for rounding."""
+    d, best = center.shape[1], cost(sets, center, radius)
+    limit = best * (1.0 + 1e-9) + 1e-30
+    for _ in range(_HALVINGS):
+        worse = cost(sets, center + share[:, None] * step[:, :d], radius + share * step[:, d]) > limit
+        if not worse.any():
+            break
+        share = np.where(worse, 0.5 * share, share)
+    return share
+
+
+def covariance(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Floats:
+    """Covariance of (ĉ, r̂) (b, d+1, d+1) in the units of the sets (theory 9.6).
+
+    That of the corrected equations is J⁻¹ Σ p² V (e, 1)(e, 1)ᵀ J⁻ᵀ; else it is the Cramér-Rao bound with the estimates
+    plugged in. A known radius has no error. NaN where there is no sphere.
+    """
+    d, free = spheres.center.shape[1], np.isnan(sets.radius)
+    result = np.zeros((len(free), d + 1, d + 1))
+    with np.errstate(all="ignore"):
+        at = _about(sets, spheres.center, spheres.radius, spheres.scale, corrected)
+        _, slopes = _system(sets, at, spheres.radius, np.zeros(len(free)))
+        normal = np.concatenate([at.direction, np.where(sets.present, 1.0, 0.0)[..., None]], axis=2)
+        spread = at.weights**2 * at.means.variance
+        middle = np.einsum("bn,bni,bnj->bij", spread, normal, normal, optimize=True)
+        information = middle / np.maximum(spheres.scale, 1e-300)[:, None, None]  # Σ p (e, 1)(e, 1)ᵀ, as pV = s
+    for some, m in ((np.flatnonzero(free), d + 1), (np.flatnonzero(~free), d)):
+        inverse = _inverse((slopes if corrected else information)[some, :m, :m])
+        result[some, :m, :m] = inverse @ middle[some, :m, :m] @ inverse.swapaxes(1, 2)
+    return result
+
+
+_NOISY = 0.2
+"""Noise, in radii, from which on errors of the centre are also taken from the equations' own squares."""
+
+
+def _by_squares(sets: Weighted, at: _At, sphere: Spheres, inverse: Floats) -> Floats:
+    """Variances of the centre's coordinates given the radius (b, d), by the sum of squares φ (theory 10.3)."""
+    p, e, means, d = at.weights, at.direction, at.means, at.direction.shape[2]
+    residual = at.distance - sphere.radius[:, None]
+    terms = (p * (residual - means.excess01))[..., None] * e
+    if at.aside is not None:
+        terms -= p[..., None] * at.aside
+    by_scale = np.einsum("bn,bni->bi", np.where(sets.present, means.excess01_by_s, 0.0), e)
+    by_scale /= np.where(sets.present, means.variance_by_s, 0.0).sum(axis=1, keepdims=True)
+    surplus = p * ((residual - means.lengthening) ** 2 - means.variance)
+    unknown = ~np.isfinite(sets.scale)[:, None]
+    terms = np.where(
+        sets.present[..., None], terms - np.where(unknown, by_scale, 0.0)[:, None] * surplus[..., None], 0.0
+    )
+    turned = np.einsum("bij,bnj->bni", inverse, terms)
+    return np.asarray((turned**2).sum(axis=1) * (sets.size / (sets.size - d - 1.0))[:, None])
+
+
+class RadiusProfile(NamedTuple):
+    """Centres given the radius, and what their points say of that radius.
+
+    Attributes:
+        sphere: the sphere of each set.
+        score: T of the radius (b,), with the sign of S - β.
+        shift: b, the derivative of the centre by the radius, less one factor of -1 (b, d).
+        errors: standard errors of the centre's coordinates given the radius (b, d).
+    """
+
+    sphere: Spheres
+    score: Floats
+    shift: Floats
+    errors: Floats
+
+
+def profile(sets: Weighted, radius: Floats, start: Spheres) -> RadiusProfile:
+    """Centre and scale for a hypothetical radius (b,), and its studentised score (theory 10.6)."""
+    sphere = solve(sets._replace(radius=radius), start)
+    d, n = start.center.shape[1], sets.size
+    with np.errstate(all="ignore"):
+        at = _about(sets, sphere.center, radius, sphere.scale, True)
+        values, slopes = _system(sets, at, radius, np.zeros(len(n)))
+        p, e, means = at.weights, at.direction, at.means
+        inverse = _inverse(slopes[:, :d, :d])
+        spread = p**2 * means.variance
+        model = inverse @ np.einsum("bn,bni,bnj->bij", spread, e, e, optimize=True) @ inverse.swapaxes(1, 2)
+        shift = np.einsum("bij,bj->bi", inverse, slopes[:, d, :d])
+        along = np.einsum("bi,bni->bn", shift, e)
+        w = np.where(sets.present, 1.0 - along, 0.0)
+        across = np.einsum("bii->b", model)[:, None] - np.einsum("bni,bij,bnj->bn", e, model, e, optimize=True)
+        longer = across / at.distance
+        mean = (p * longer).sum(axis=1, keepdims=True) / p.sum(axis=1, keepdims=True)
+        bias = 0.5 * (p * (w * (longer - mean) + w**2 * mean)).sum(axis=1)
+        by_scale = np.where(sets.present, means.mean_by_s - means.excess01_by_s * along, 0.0).sum(axis=1)
+        unknown = ~np.isfinite(sets.scale)
+        bias += np.where(unknown, by_scale * sphere.scale / (n - d), 0.0)
+        square = (p * (at.distance - radius[:, None] - means.lengthening) ** 2).sum(axis=1)
+        weight = (p * w**2).sum(axis=1)
+        rest = (square - values[:, d] ** 2 / weight) / (n - d - 1.0)
+        variance = np.where(unknown, weight * np.maximum(rest, 1e-12 * sphere.scale), (spread * w**2).sum(axis=1))
+        score = (values[:, d] - bias) / np.sqrt(np.maximum(variance, 1e-280))
+        errors = np.einsum("bii->bi", model)
+        noisy = np.sqrt(sphere.scale * sets.mean_variance) >= _NOISY * radius
+        if noisy.any():
+            errors = np.where(noisy[:, None], np.maximum(errors, _by_squares(sets, at, sphere, inverse)), errors)
+        errors = np.sqrt(errors)
+    return RadiusProfile(sphere, np.where(sphere.found, score, np.nan), shift, errors)
+
+
+_FLAT = 1e-5
+"""Curvature, in units of the points' spread, at which the search for an end takes the sphere for a plane."""
+_SHARPEST = 1e4
+_EVALUATIONS = 60
+_RETRIES = 4
+"""Steps to where there is no profile, after which an end is open."""
+_CLOSE = 1e-4
+"""Difference of T from its quantile, in quantiles, at which the search for an end stops."""
+_IDENTIFIED = 0.2
+"""Largest standard error of the centre given the radius, in radii: beyond, an end is open."""
+_BETWEEN = 24
+"""Radii within an interval at which the ends of the centre are taken."""
+
+
+def radius_ends(sets: Weighted, sphere: Spheres, quantile: Floats) -> Floats:
+    """Ends (b, 2) of the set of radii with |T| ≤ q, found in the curvature 1/r; 0 and infinite where they are open."""
+    with np.errstate(all="ignore"):
+        step = quantile * np.sqrt(covariance(sets, sphere)[:, -1, -1]) / sphere.radius**2
+        ends = [1.0 / _curvature(sets, sphere, wanted, step.copy()) for wanted in (quantile, -quantile)]
+    return np.stack(ends, axis=1)
+
+
+def _curvature(sets: Weighted, sphere: Spheres, wanted: Floats, step: Floats) -> Floats:
+    """Curvatures at which T takes a value (b,): infinite, or 0, where it does not reach it.
+
+    From the estimate steps grow until one passes the value; then a bracket closes. A step to where there is no profile,
+    or no centre, is made shorter, a few times.
+    """
+    sign, start = np.sign(wanted), sphere.take(np.arange(len(wanted)))
+    inner, tries = 1.0 / sphere.radius, np.zeros(len(wanted))
+    inner_t = profile(sets, sphere.radius, sphere).score
+    outer, outer_t = np.full((2, len(wanted)), np.nan)
+    result, active = np.where(sign > 0.0, np.inf, 0.0), np.isfinite(inner_t) & np.isfinite(step)
+    for turn in range(_EVALUATIONS):
+        some = np.flatnonzero(active)
+        if not len(some):
+            break
+        share = (wanted[some] - inner_t[some]) / (outer_t[some] - inner_t[some])
+        share = np.clip(share, 0.05, 0.95) if turn % 4 < 3 else np.full(len(some), 0.5)
+        ahead = np.maximum(inner[some] + sign[some] * step[some], 0.5 * inner[some])
+        bounded = np.isfinite(outer[some])
+        k = np.where(bounded, inner[some] + share * (outer[some] - inner[some]), ahead)
+        at = profile(sets.take(some), 1.0 / k, _moved(start.take(some), 1.0 / k))
+        fine = np.isfinite(at.score) & (np.linalg.norm(at.errors, axis=1) <= _IDENTIFIED / k)
+        beyond = fine & ((at.score - wanted[some]) * sign[some] >= 0.0)
+        within, reached = fine & ~beyond, fine & (np.abs(at.score - wanted[some]) <= _CLOSE * np.abs(wanted[some]))
+        outer[some[beyond]], outer_t[some[beyond]] = k[beyond], at.score[beyond]
+        inner[some[within]], inner_t[some[within]] = k[within], at.score[within]
+        for part, values in zip(start, at.sphere, strict=True):
+            part[some[within]] = values[within]
+        step[some] *= np.where(within, 2.0, np.where(fine, 1.0, 0.25))
+        tries[some] += ~fine
+        result[some[reached]] = k[reached]
+        active[some] = ~(reached | (tries[some] > _RETRIES) | (k < _FLAT) | (k > _SHARPEST))
+    return np.where(active & np.isfinite(outer), outer, result)
+
+
+def _moved(sphere: Spheres, radius: Floats) -> Spheres:
+    """Spheres of other radii through about the same points: the centre moves along the line from the centroid."""
+    distance = np.linalg.norm(sphere.center, axis=1)
+    with np.errstate(all="ignore"):
+        share = np.maximum(distance + radius - sphere.radius, 0.1 * distance) / np.maximum(distance, 1e-300)
+    return Spheres(sphere.center * share[:, None], radius, sphere.scale, sphere.found)
+
+
+def center_ends(sets: Weighted, sphere: Spheres, ends: Floats, quantile: Floats) -> Floats:
+    """Ends of each coordinate of the centre (b, d, 2): the union over radii within their ends (theory 10.3)."""
+    b, d = sphere.center.shape
+    result = np.stack([np.full((b, d), np.inf), np.full((b, d), -np.inf)], axis=2)
+    start = sphere
+    with np.errstate(all="ignore"):
+        high, low = 1.0 / ends[:, 0], 1.0 / ends[:, 1]
+        for share in np.linspace(0.0, 1.0, _BETWEEN + 1):
+            radius = 1.0 / (low + share * (high - low))
+            at = profile(sets, radius, _moved(start, radius))
+            half = at.errors * np.sqrt(np.maximum(quantile**2 - at.score**2, 0.0))[:, None]
+            result[..., 0] = np.fmin(result[..., 0], at.sphere.center - half)
+            result[..., 1] = np.fmax(result[..., 1], at.sphere.center + half)
+    bounded = (ends[:, 0] > 0.0) & (ends[:, 1] < np.inf)
+    result[~bounded] = -np.inf, np.inf
+    return result

@@ -1,0 +1,394 @@
+"""Known radius and noise for each point: independent solvers, reductions to plain fits, coverage, and the messages."""
+
+import numpy as np
+import pytest
+from scipy.linalg import eig
+from scipy.optimize import root
+from scipy.special import erf
+
+import study
+from study import Status
+from study.fits.cap import sample_cap
+
+CLOSED = ["als", "ugdk", "gdke"]
+
+
+def means(r, s):
+    """E R, λ₀₁ and Var R in three dimensions, in closed form."""
+    sigma = np.sqrt(s)
+    e, g = erf(r / sigma / np.sqrt(2)), np.sqrt(2 / np.pi) * np.exp(-r * r / (2 * s))
+    mean = (r + s / r) * e + sigma * g
+    return mean, r / ((1 - s / r**2) * e + sigma / r * g), r * r + 3 * s - mean**2
+
+
+def polar(points, center):
+    """Distances and directions of points (n, d) from a centre."""
+    away = points - center
+    distance = np.linalg.norm(away, axis=1)
+    return distance, away / distance[:, None]
+
+
+def spread_noise(rng, sets, n, noise):
+    """Standard deviations (sets, n) over a decade about a noise."""
+    return noise * 10 ** rng.uniform(-0.5, 0.5, (sets, n))
+
+
+def uneven(rng, sets, n, angle, noise, radius=2.0, center=0.0, d=3):
+    """Points (sets, n, d) on caps, each with a noise of its own, and those standard deviations (sets, n)."""
+    u = sample_cap(rng, sets * n, np.radians(angle), d).reshape(sets, n, d)
+    sigma = spread_noise(rng, sets, n, noise)
+    return center + radius * u + sigma[..., None] * rng.standard_normal(u.shape), sigma
+
+
+def minimum(points, weights, start, radius=None):
+    """The sphere that minimises Σ w(R - r)²: the root of its derivatives, by a general solver."""
+    d = points.shape[1]
+
+    def slopes(q):
+        distance, e = polar(points, q[:d])
+        residual = weights * (distance - (radius or q[d]))
+        pull = (residual[:, None] * e).sum(axis=0)
+        return (pull if radius else np.append(pull, residual.sum())) / weights.sum()
+
+    found = root(slopes, start if radius else np.append(start, 2.0), tol=1e-15)
+    assert np.abs(found.fun).max() < 1e-14
+    return found.x
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize(("angle", "noise"), [(10.0, 0.005), (60.0, 0.05), (150.0, 0.2)])
+def test_geometric_fit_with_a_known_radius(rng, on_cap, angle, noise, d):
+    """`mle` is the minimum that SciPy finds with the radius fixed, to 1e-9."""
+    points = on_cap(rng, 40, angle, d, noise, radius=2.0, center=1.0, sets=5)[0]
+    fit = study.fit(points, "mle", radius=2.0)
+    for t in range(5):
+        found = minimum(points[t], np.ones(40), fit.center[t] + 1e-3, 2.0)
+        np.testing.assert_allclose(fit.center[t], found, rtol=0, atol=1e-9)
+        spread = np.sum((polar(points[t], found)[0] - 2.0) ** 2) / (40 - d)
+        assert fit.noise_variance[t] == pytest.approx(spread, rel=1e-8)
+    assert np.all(fit.radius == 2.0)
+    assert np.all(fit.standard_errors[:, d] == 0.0)
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize(("angle", "noise"), [(20.0, 0.01), (60.0, 0.03), (150.0, 0.1)])
+def test_geometric_fit_with_noise_for_each_point(rng, angle, noise, known):
+    """`mle` is the weighted minimum that SciPy finds, whatever is known of the scale and the radius, to 1e-9."""
+    points, sigma = uneven(rng, 5, 40, angle, noise)
+    radius = 2.0 if known else None
+    fit = study.fit(points, "mle", sigma, radius=radius)
+    ratios = study.fit(points, "mle", 1e3 * sigma, radius=radius, scale="estimated")
+    np.testing.assert_allclose(ratios.center, fit.center, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ratios.noise_scale * 1e3, fit.noise_scale, rtol=1e-9)
+    for t in range(5):
+        found = minimum(points[t], sigma[t] ** -2, fit.center[t] + 1e-3, radius)
+        np.testing.assert_allclose(fit.center[t], found[:3], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(fit.radius[t], found[3] if radius is None else 2.0, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("angle", "noise"), [(20.0, 0.02), (60.0, 0.2), (180.0, 0.4)])
+def test_corrected_equations_with_a_known_radius(rng, on_cap, angle, noise):
+    """The answer is the root of theory (10.1) at the known radius that a general solver finds, to 1e-9."""
+    points = on_cap(rng, 60, angle, noise=noise, radius=2.0, sets=4)[0]
+
+    def equations(q, sample):
+        mean, level, variance = means(2.0, q[3])
+        distance, e = polar(sample, q[:3])
+        square = np.sum((distance - mean) ** 2) / (len(sample) - 3) - variance
+        return np.append(((distance - level)[:, None] * e).mean(axis=0), square)
+
+    fit = study.fit(points, radius=2.0)
+    for t in range(4):
+        found = root(equations, [*fit.center[t] + 1e-3, noise**2], points[t], tol=1e-14)
+        np.testing.assert_allclose(fit.center[t], found.x[:3], rtol=0, atol=1e-9)
+        assert fit.noise_variance[t] == pytest.approx(found.x[3], rel=1e-7)
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize(("angle", "noise"), [(30.0, 0.02), (60.0, 0.06), (180.0, 0.2)])
+def test_corrected_equations_with_noise_for_each_point(rng, angle, noise, known):
+    """Each point has its λ; the answer is the root of theory (9.6) that a general solver finds, to 1e-9."""
+    points, sigma = uneven(rng, 4, 60, angle, noise)
+
+    def equations(q, sample, deviation):
+        r = 2.0 if known else q[3]
+        mean, level, _ = means(r, deviation**2)
+        distance, e = polar(sample, q[:3])
+        fuller = 0.0 if known else 2.0 / (len(sample) * r)
+        pull = (((distance - level) / deviation**2 + fuller)[:, None] * e).sum(axis=0)
+        return pull if known else np.append(pull, np.sum((distance - mean) / deviation**2))
+
+    fit = study.fit(points, noise=sigma, radius=2.0 if known else None)
+    for t in range(4):
+        start = fit.center[t] + 1e-3 if known else [*fit.center[t] + 1e-3, 2.0]
+        found = root(equations, start, (points[t], sigma[t]), tol=1e-14)
+        np.testing.assert_allclose(fit.center[t], found.x[:3], rtol=0, atol=1e-9)
+        assert fit.radius[t] == pytest.approx(2.0 if known else found.x[3], abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["mle", *CLOSED])
+@pytest.mark.parametrize("d", [2, 3, 4])
+def test_equal_noise_is_the_plain_fit(rng, on_cap, name, d):
+    """Where all points have the same noise the answer is the plain estimator's to 1e-9, and its errors to 1 %."""
+    points = on_cap(rng, 50, 70.0, d, noise=0.02, radius=2.0, center=3.0, sets=20)[0]
+    plain = study.fit(points, name, 0.02 if name == "ugdk" else None)
+    fit = study.fit(points, name, np.full(50, 0.02), scale="given" if name == "ugdk" else "estimated")
+    for field in ("center", "radius"):
+        np.testing.assert_allclose(getattr(fit, field), getattr(plain, field), rtol=0, atol=1e-9)
+    if name != "gdke":  # which has its noise from algebraic residuals, here from distances
+        np.testing.assert_allclose(fit.noise_variance, plain.noise_variance, rtol=1e-6)
+        errors = [np.sqrt(np.diagonal(each.own_covariance, axis1=1, axis2=2)) for each in (fit, plain)]
+        np.testing.assert_allclose(*errors, rtol=0.01)
+
+
+def test_equal_noise_is_the_plain_interval(rng, on_cap):
+    """Where all points have the same noise the intervals are those of the plain fit.
+
+    Both searches end within 1e-4 of a quantile; the plain one interpolates the centre between radii.
+    """
+    points = on_cap(rng, 40, 50.0, noise=0.02, radius=2.0, center=3.0, sets=20)[0]
+    plain, fit = study.fit(points), study.fit(points, noise=np.full(40, 9.0), scale="estimated")
+    for of, share in (("radius", 1e-3), ("center", 1e-2)):
+        one, two = plain.interval(of), fit.interval(of)
+        np.testing.assert_allclose(one, two, rtol=0, atol=share * np.ptp(one, axis=-1).max())
+
+
+@pytest.mark.parametrize("angle", [20.0, 90.0, 180.0])
+def test_gdke_with_a_known_radius(rng, on_cap, angle):
+    """It minimises Σ(|x - c|² - r²)² on the side of the sphere, by SciPy; `ugdk` and `als` solve unbiased equations."""
+    points = on_cap(rng, 40, angle, noise=0.03, radius=2.0, center=1.0, sets=5)[0]
+    gdke, ugdk = study.fit(points, "gdke", radius=2.0), study.fit(points, "ugdk", 0.03, radius=2.0)
+    als = study.fit(points, "als", radius=2.0)
+    for t, sample in enumerate(points):
+        found = root(
+            lambda q, x=sample: ((np.sum((x - q) ** 2, axis=1) - 4.0)[:, None] * (x - q)).mean(axis=0),
+            gdke.center[t] + 1e-3,
+            tol=1e-15,
+        )
+        np.testing.assert_allclose(gdke.center[t], found.x, rtol=0, atol=1e-9)
+        for fit, s in ((ugdk, 0.03**2), (als, als.noise_variance[t])):
+            away = sample - fit.center[t]
+            square = np.sum(away**2, axis=1)
+            np.testing.assert_allclose(((square - 4.0 - 5 * s)[:, None] * away).mean(axis=0), 0.0, atol=1e-12)
+        square = np.sum((sample - als.center[t]) ** 2, axis=1) - 4.0
+        s = als.noise_variance[t]  # E f² = 4r²s + d(d + 2)s² over n - d degrees of freedom
+        assert np.sum(square**2) / 37 == pytest.approx(16 * s + 15 * s * s, rel=1e-9)
+
+
+def test_ugdk_with_a_covariance_for_each_point(rng):
+    """It solves the unbiased normal equations of |x|² = 2c·x + k, written out in raw coordinates."""
+    points, sigma = uneven(rng, 5, 40, 90.0, 0.05, center=1.0)
+    noise = np.einsum("bn,bnij->bnij", sigma**2, np.eye(3) + 0.3 * np.ones((5, 40, 3, 3)))
+    fit = study.fit(points, "ugdk", noise)
+    for t in range(5):
+        x, cov = points[t], noise[t]
+        w = 1 / np.trace(cov, axis1=1, axis2=2)
+        y = x - w @ x / w.sum()
+        trace, square = np.trace(cov, axis1=1, axis2=2), np.sum(y**2, axis=1)
+        matrix, right = np.zeros((4, 4)), np.zeros(4)
+        matrix[:3, :3] = np.einsum("n,nij->ij", w, y[:, :, None] * y[:, None] - cov)
+        matrix[3, 3] = w.sum()
+        right[:3] = w @ (square[:, None] * y - trace[:, None] * y - 2 * np.einsum("nij,nj->ni", cov, y))
+        right[3] = w @ (square - trace)
+        solution = np.linalg.solve(matrix, right)
+        # the centroid of n points takes one of n degrees of freedom, which is of the order of the error's square
+        np.testing.assert_allclose(fit.center[t], x.T @ w / w.sum() + solution[:3] / 2, rtol=0, atol=5e-3)
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1])
+def test_als_with_noise_for_each_point(rng, noise):
+    """The scale is the least root of the corrected moments' quadratic eigenproblem, by LAPACK (theory 5.1, 9.8)."""
+    points, sigma = uneven(rng, 5, 60, 90.0, noise, center=1.0)
+    fit = study.fit(points, "als", sigma, scale="estimated")
+    for t in range(5):
+        v = sigma[t] ** 2
+        w = 1 / v
+        y = points[t] - w @ points[t] / w.sum()
+        z = np.column_stack([np.sum(y**2, axis=1), y, np.ones(60)])
+        linear, quadratic = np.zeros((5, 5)), np.zeros((5, 5))
+        linear[0, 0], linear[0, 4], linear[4, 0] = 10 * z[:, 0].sum(), 180.0, 180.0
+        linear[0, 1:4] = linear[1:4, 0] = 5 * y.sum(axis=0)
+        linear[1:4, 1:4] = 60 * np.eye(3)
+        quadratic[0, 0] = 15 * v.sum()
+        zero, one = np.zeros((5, 5)), np.eye(5)
+        left = np.block([[zero, one], [-(w[:, None] * z).T @ z, linear]])
+        values, vectors = eig(left, np.block([[one, zero], [zero, quadratic]]))
+        real = np.isfinite(values) & (np.abs(values.imag) < 1e-8) & (values.real > 0)
+        place = np.flatnonzero(real)[np.argmin(values[real].real)]
+        a, b, _ = np.split(vectors[:5, place].real / vectors[0, place].real, [1, 4])
+        np.testing.assert_allclose(fit.center[t], w @ points[t] / w.sum() - b / (2 * a), rtol=0, atol=1e-9)
+
+
+def test_far_from_the_origin_and_in_every_unit(rng, on_cap):
+    """Shifts and units change the answer by rounding alone."""
+    points, sigma = uneven(rng, 1, 40, 60.0, 0.02)
+    x, s = points[0], sigma[0]
+    for arguments in ({"radius": 2.0}, {"noise": s}):
+        fit = study.fit(x, **arguments)
+        for unit, shift in ((1e-60, 0.0), (1e60, 0.0), (1.0, 1e6)):
+            other = study.fit(unit * x + shift, **{name: unit * value for name, value in arguments.items()})
+            np.testing.assert_allclose((other.center - shift) / unit, fit.center, rtol=0, atol=1e-8)
+            np.testing.assert_allclose(other.interval("center") / unit - shift, fit.interval("center"), atol=1e-6)
+
+
+def covered(ends, truth):
+    """True where an interval holds the truth."""
+    return (ends[..., 0] <= truth) & (truth <= ends[..., 1])
+
+
+@pytest.mark.parametrize(("angle", "noise", "n"), [(10, 0.003, 60), (60, 0.05, 20), (180, 0.3, 30)])
+def test_intervals_with_a_known_radius_cover(rng, on_cap, angle, noise, n):
+    """Each coordinate is in its interval in .92-.98 of 600 sets: 3.4 standard errors, 9 such in 6·10⁻³ of seeds."""
+    points = on_cap(rng, n, angle, noise=2 * noise, radius=2.0, sets=600)[0]
+    share = covered(study.fit(points, radius=2.0).interval("center"), 0.0).mean(axis=0)
+    assert np.all((share > 0.92) & (share < 0.98))
+
+
+@pytest.mark.parametrize("scale", ["given", "estimated"])
+@pytest.mark.parametrize(("angle", "noise", "n"), [(20, 0.01, 40), (120, 0.1, 20)])
+def test_intervals_with_noise_for_each_point_cover(rng, angle, noise, n, scale):
+    """Radius and centre are in their intervals in .91-.99 of 400 sets: 3.7 standard errors, 16 in 4·10⁻³ of seeds."""
+    points, sigma = uneven(rng, 400, n, angle, noise)
+    fit = study.fit(points, noise=sigma, scale=scale)
+    shares = [covered(fit.interval("radius"), 2.0).mean(), *covered(fit.interval("center"), 0.0).mean(axis=0)]
+    assert min(shares) > 0.91
+    assert max(shares) < 0.99
+    assert fit.ok.mean() > 0.95
+
+
+def test_a_wrong_radius_is_noticed(rng, on_cap):
+    """The right radius has p < .01 in 1 % of 1000 sets (4.5 standard errors: 2.4 %); one wrong by 6 errors in 99 %."""
+    points = on_cap(rng, 60, 60.0, noise=0.01, radius=2.0, sets=1000)[0]
+    test = study.fit(points, radius=2.0).radius_test
+    assert np.mean(test.p < 0.01) < 0.024
+    np.testing.assert_allclose(test.radius, study.fit(points).radius, rtol=0, atol=1e-3)
+    for wrong in (2.0 + 6 * test.error, 2.0 - 6 * test.error):
+        assert np.mean(study.fit(points, radius=wrong).radius_test.p < 0.01) > 0.99
+
+
+def test_small_caps_lose_their_weak_direction(rng, on_cap):
+    """On a cap of 15° the error along the axis falls by the factor of the bounds, here 30, and is what is stated.
+
+    A standard deviation of 400 has an error of 3.5 %: 4.5 of these.
+    """
+    points, u = on_cap(rng, 50, 15.0, noise=0.002, sets=400)
+    fit = study.fit(points, radius=1.0)
+    scatter, stated = fit.center.std(axis=0), np.median(fit.standard_errors, axis=0)[:3]
+    np.testing.assert_allclose(scatter, stated, rtol=0.16)
+    bound = 0.002**2 * np.linalg.inv(np.einsum("bni,bnj->bij", u, u))
+    np.testing.assert_allclose(stated, np.sqrt(np.median(np.diagonal(bound, axis1=1, axis2=2), axis=0)), rtol=0.05)
+    assert study.fit(points).center.std(axis=0)[0] > 20 * scatter[0]
+
+
+def test_a_cap_that_noise_hides_has_two_sides(rng, on_cap):
+    """Where the noise hides on which side the sphere is, the interval holds both and few fits are ok."""
+    points = on_cap(rng, 20, 10.0, noise=0.02, sets=200)[0]
+    fit = study.fit(points, radius=1.0)
+    assert fit.ok.mean() < 0.4
+    assert np.mean(fit.status == Status.WEAKLY_IDENTIFIED) > 0.5
+    axial = fit.interval("x")
+    wide = np.ptp(axial, axis=1) > 1.9
+    assert wide.mean() > 0.4
+    assert covered(axial, 0.0).mean() > 0.85
+
+
+def test_covariances_leave_no_bias(rng):
+    """Noise three times as large along the axis: `corrected` has no bias, `mle` one of more than 4 of its errors.
+
+    40 sets of 20,000 points on half spheres: the mean of 40 has an error of .16, of which 4.5 are allowed.
+    """
+    u = sample_cap(rng, 40 * 20_000, np.pi / 2, 3).reshape(40, 20_000, 3)
+    deviation = np.array([0.06, 0.02, 0.02])
+    points = u + deviation * rng.standard_normal(u.shape)
+    noise = np.broadcast_to(deviation, points.shape[1:])
+    fit, plain = study.fit(points, noise=noise), study.fit(points, "mle", noise)
+    assert np.all(np.abs(fit.center.mean(axis=0) / fit.standard_errors[:, :3].mean(axis=0)) < 0.72)
+    assert abs(fit.radius.mean() - 1) / fit.standard_errors[:, 3].mean() < 0.72
+    assert plain.center.mean(axis=0)[0] / plain.standard_errors[:, 0].mean() > 4
+
+
+@pytest.mark.parametrize("angle", [30.0, 120.0])
+def test_covariances_cover(rng, angle):
+    """With covariances at random each interval covers in .91-.99 of 400 sets (3.7 standard errors)."""
+    u = sample_cap(rng, 400 * 30, np.radians(angle), 3).reshape(400, 30, 3)
+    deviation = 0.01 * 10 ** rng.uniform(-0.5, 0.5, u.shape)
+    fit = study.fit(u + deviation * rng.standard_normal(u.shape), noise=deviation)
+    shares = [covered(fit.interval("radius"), 1.0).mean(), *covered(fit.interval("center"), 0.0).mean(axis=0)]
+    assert min(shares) > 0.91
+    assert max(shares) < 0.99
+
+
+def test_noise_that_is_too_small_shows(rng):
+    """Residuals three times as large as the given noise show in `noise_scale`, and outliers by their own noise."""
+    points, sigma = uneven(rng, 1, 60, 90.0, 0.02)
+    x, s = points[0], sigma[0]
+    assert study.fit(x, noise=s / 3).noise_scale == pytest.approx(3.0, rel=0.3)
+    assert not study.fit(x, noise=s).outliers.any()
+    far = x.copy()
+    far[np.argmin(s)] *= 1 + 4 * s.min()
+    assert list(np.flatnonzero(study.fit(far, noise=s).outliers)) == [np.argmin(s)]
+    assert np.isnan(study.fit(x, noise=s).goodness.shape)
+
+
+def test_missing_points_and_parts_of_a_batch(rng):
+    """Points that lack a coordinate or a noise are left out; parts of a batch have the numbers of the whole."""
+    points, sigma = uneven(rng, 3, 40, 60.0, 0.02)
+    points[1, :5], sigma[2, 7] = np.nan, np.nan
+    fit = study.fit(points, noise=sigma, radius=[2.0, 2.0, 1.9])
+    assert list(fit.count) == [40, 35, 39]
+    one = study.fit(points[1, 5:], noise=sigma[1, 5:], radius=2.0)
+    np.testing.assert_allclose(fit.center[1], one.center, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(fit[1].covariance, one.covariance, rtol=1e-9)
+    np.testing.assert_allclose(fit[1:].interval("center")[0], one.interval("center"), rtol=0, atol=1e-9)
+    assert fit[2].radius == 1.9
+    assert "radius 1.9, sigma" in repr(fit[2])
+    points[0, 0, 0] = np.inf
+    assert study.fit(points, radius=2.0).own_status[0] == Status.NOT_FINITE
+
+
+def test_sets_without_a_sphere_have_a_status(rng):
+    """Points of a plane, of a line, all alike or too few raise nothing."""
+    flat = rng.standard_normal((40, 3)) * [1, 1, 0]
+    line = np.outer(np.arange(40.0), [1, 1, 1])
+    for x, with_radius, with_noise in (
+        (flat, Status.WEAKLY_IDENTIFIED, Status.SINGULAR),
+        (line, Status.SINGULAR, Status.SINGULAR),
+        (np.ones((40, 3)), Status.SINGULAR, Status.SINGULAR),
+    ):
+        assert study.fit(x, radius=5.0).status == with_radius
+        assert study.fit(x, noise=np.ones(40)).status == with_noise
+    few = np.full((40, 3), np.nan)
+    few[:3] = np.eye(3)
+    assert study.fit(few, radius=5.0).status == Status.TOO_FEW_POINTS
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (
+            {"estimator": "robust", "radius": 2.0},
+            "'robust': takes no known radius; corrected, mle, als, ugdk and gdke do",
+        ),
+        ({"estimator": "als", "noise": np.ones((9, 3))}, "'als': takes no covariance for each point; corrected, mle"),
+        ({"estimator": "ugdk", "radius": 2.0}, "'ugdk': subtracts the known noise: pass noise=σ, or use als"),
+        (
+            {"estimator": "ugdk", "noise": np.ones(9), "scale": "estimated"},
+            "'ugdk': .* scale must be given; als finds it",
+        ),
+        ({"radius": -1.0}, "radius = -1: a known radius must be positive and finite"),
+        ({"radius": [1.0, 2.0]}, r"radius has shape \(2,\): give one number, or one for each set, \(\)"),
+        ({"noise": -np.ones(9)}, r"noise\[0\] = -1: the standard deviation of a point must be positive and finite"),
+        (
+            {"noise": np.full((9, 3, 3), 1.0)},
+            r"noise\[0\]: the covariance of a point must be finite, symmetric and pos",
+        ),
+        ({"noise": np.ones((4, 9))}, r"noise has shape \(4, 9\): its leading axes must be those of the points, \(\)"),
+        ({"radius": 2.0, "noise": np.eye(3)}, r"noise has shape \(3, 3\): with a known radius give one σ, or a noise"),
+        ({"scale": "estimated"}, r"scale = 'estimated' needs a noise for each point: \(n,\), \(n, d\) or \(n, d, d\)"),
+        ({"scale": "relative", "noise": np.ones(9)}, "scale = 'relative': 'given' takes the noise as it is"),
+    ],
+)
+def test_bad_input(rng, arguments, words):
+    """A message names the value and the remedy."""
+    with pytest.raises(ValueError, match=words):
+        study.fit(rng.standard_normal((9, 3)), **arguments)
