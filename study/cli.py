@@ -235,7 +235,7 @@ def fit(
     if plot is not None and len(files) > 1:
         raise typer.BadParameter("--plot: give one file")
     if spheres is not None:
-        if noise is not None or plot is not None or as_csv:
+        if noise is not None or radius is not None or plot is not None or as_csv or ordered:
             raise typer.BadParameter("--spheres goes with --estimator, --columns, --dimension and --json alone")
         _fit_spheres(files, spheres, estimator, columns, dimension, as_json)
         return
