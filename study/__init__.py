@@ -4,6 +4,7 @@
     fit = study.fit(points, "ugdk", noise=0.05)     # points (…, n, d): fit.center, fit.radius, fit.ok
     joint = study.mgdk([marker_a, marker_b])        # points (n, d) of each marker: one common centre
     bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)
+    spheres = study.fit_spheres(points, 5)          # several in one cloud (n, d): spheres.center (k, d), spheres.labels
     zone = study.minimum_zone(points)               # two concentric spheres that enclose all points most closely
     best = study.attainable_bound(45, noise=0.3)    # (d+1, d+1), for one sample on the unit sphere
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from study.fits.bounds import attainable_bound, crlb
     from study.fits.given import GivenFit
     from study.fits.planner import plan_fit
+    from study.fits.spheres import CloudSpheres, fit_spheres
     from study.recordings.formats.read import read_recording
     from study.recordings.library import draw_skeleton, find_joint, find_joints
     from study.recordings.recording import Recording
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 __version__ = "1.0.0"
 __all__ = [
     "ESTIMATORS",
+    "CloudSpheres",
     "Estimates",
     "Estimator",
     "Fit",
@@ -61,6 +64,7 @@ __all__ = [
     "find_joint",
     "find_joints",
     "fit",
+    "fit_spheres",
     "mgdk",
     "minimum_zone",
     "plan_fit",
@@ -73,6 +77,7 @@ _PLACES = {
     "crlb": "study.fits.bounds",
     "GivenFit": "study.fits.given",
     "plan_fit": "study.fits.planner",
+    **dict.fromkeys(["CloudSpheres", "fit_spheres"], "study.fits.spheres"),
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",
     **dict.fromkeys(["draw_skeleton", "find_joint", "find_joints"], "study.recordings.library"),

@@ -88,6 +88,8 @@ _COLUMNS = "coordinates by name or number of column [default: x,y,z if there are
 Columns = Annotated[str | None, typer.Option("--columns", help=_COLUMNS)]
 _DIMENSION = "number of coordinates, if all of more than three columns are coordinates"
 Dimension = Annotated[int | None, typer.Option("--dimension", min=2, help=_DIMENSION)]
+_SPHERES = "number of spheres to look for in each file, each with its points; with -e, --columns, --dimension, --json"
+SphereCount = Annotated[int | None, typer.Option("--spheres", min=1, help=_SPHERES)]
 Cell = Annotated[str, typer.Argument(metavar="CELL", help="name of the cell, or its beginning; or CELL/TRIAL")]
 Trial = Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the trial, from 0")]
 PointsOut = Annotated[Path | None, typer.Option("--out", help="file for the points, .csv or .parquet")]
@@ -210,6 +212,7 @@ def fit(
     noise: Noise = None,
     radius: KnownRadius = None,
     scale: NoiseScale = "given",
+    spheres: SphereCount = None,
     ordered: Ordered = False,
     columns: Columns = None,
     dimension: Dimension = None,
@@ -231,6 +234,11 @@ def fit(
         raise typer.BadParameter("give --json or --csv, not both")
     if plot is not None and len(files) > 1:
         raise typer.BadParameter("--plot: give one file")
+    if spheres is not None:
+        if noise is not None or radius is not None or plot is not None or as_csv or ordered:
+            raise typer.BadParameter("--spheres goes with --estimator, --columns, --dimension and --json alone")
+        _fit_spheres(files, spheres, estimator, columns, dimension, as_json)
+        return
     chosen = choose(estimator, noise)
     results, complaints = [], []
     for file in files:
@@ -257,6 +265,35 @@ def fit(
     if complaints:
         raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
     if not all(each.ok() for each in results):
+        raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
+
+
+def _fit_spheres(
+    files: list[Path], count: int, estimator: str, columns: str | None, dimension: int | None, as_json: bool
+) -> None:
+    """Find spheres in each file, and print them."""
+    from study.fits.point_files import read_points
+    from study.fits.point_text import PointFileError
+    from study.fits.spheres import as_rows, fit_spheres, printed
+    from study.text import json_text
+
+    complaints, objects, complete = list[str](), list[dict[str, object]](), True
+    for file in files:
+        try:
+            table = read_points(file, columns.split(",") if columns else None, dimension)
+            spheres = fit_spheres(table.points, count, estimator=estimator)
+        except (PointFileError, ValueError) as error:
+            complaints.append(str(error))
+            continue
+        complete = complete and int(spheres.ok.sum()) == count
+        objects += [{"file": str(file)} | row for row in as_rows(spheres)]
+        for line in () if as_json else printed(spheres, table.names, count):
+            typer.echo(line if len(files) == 1 else f"{file}: {line}")
+    if as_json:
+        typer.echo(json_text(objects))
+    if complaints:
+        raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
+    if not complete:
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
 
