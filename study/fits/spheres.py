@@ -54,6 +54,8 @@ _NEAR = 6.0
 """Distance from a sphere, in standard deviations of its noise, up to which points may be outliers of its fit."""
 _EMPTY = 0.1
 """Share of a sphere's points that may be others by chance, by the points at 3 to 9 standard deviations from it."""
+_SMALL, _SMALL_SHARE = 100, 0.01
+"""A sphere with fewer points than both, the latter a share of the cloud, may stand on lines of a scan by chance."""
 _ROUNDING = 64 * 2.0**-52
 """Noise below this share of the largest coordinate is rounding."""
 
@@ -65,7 +67,8 @@ class CloudSpheres:
     Attributes:
         fits: a fit of shape () for each sphere, of its own points.
         labels: number of the sphere that each point belongs to (n,), from 0; -1 for a point of none.
-        alone: False (k,) for a sphere near which there are so many other points that it may be part of another shape.
+        alone: False (k,) for a sphere near which there are so many other points that it may be part of another shape,
+            and for one of fewer than 100 points that are less than a hundredth of the cloud.
 
     Example:
         Two balls of radius 25 on a table, which is no sphere:
@@ -309,7 +312,8 @@ def _settle(x: Floats, places: Ints, guess: tuple[Floats, float], estimator: str
     members = near[~robust.outliers]
     distance = np.abs(np.linalg.norm(x[places] - sphere[:d], axis=1) - sphere[d])
     inside, further = (distance <= 3.0 * sigma).sum(), (distance <= 9.0 * sigma).sum()
-    return near, _Candidate(fit(x[members], estimator), members, 0.5 * (further - inside) <= _EMPTY * inside)
+    alone = 0.5 * (further - inside) <= _EMPTY * inside and len(members) >= min(_SMALL, _SMALL_SHARE * len(x))
+    return near, _Candidate(fit(x[members], estimator), members, alone)
 
 
 def printed(spheres: CloudSpheres, names: list[str], wanted: int) -> Iterator[str]:

@@ -1,5 +1,7 @@
 """Several spheres in one cloud: their truth, clutter, fewer than asked for, and shapes that are none."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -159,3 +161,17 @@ def test_points_that_are_one():
         assert len(spheres) == 0
         assert spheres.left == 20
         assert spheres.to_frame().empty
+
+
+@pytest.mark.parametrize("number", [105, 106])
+def test_a_scan_and_its_stand(number):
+    """On a raw laser scan the ball is the one of 50 mm; nothing of its stand, and no few points of lines, is ok."""
+    name = f"shared/data/nist/SPH{number}.xyz"
+    path = next((folder / name for folder in Path(__file__).parents if (folder / name).is_file()), None)
+    if path is None:
+        pytest.skip(f"{name} is not there: a laser scan that is not in the repository")
+    spheres = study.fit_spheres(np.loadtxt(path)[:, :3], 2)
+    ball = int(np.abs(spheres.radius - 0.05).argmin())
+    assert abs(spheres.radius[ball] - 0.05) < 0.0002
+    assert spheres.count[ball] > 4000
+    assert not np.delete(spheres.ok, ball).any()
