@@ -343,7 +343,7 @@ def plan_fit(
     of: ErrorOf = "center",
     as_json: PlanAsJson = False,
 ) -> None:
-    """Plan a measurement of a sphere: points needed, or the cap needed, or the error of both.
+    """Plan a measurement: points, cap or error.
 
     Of --error, --angle and --points two are given.
     """

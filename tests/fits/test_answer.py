@@ -220,10 +220,9 @@ def test_statuses_in_words(points):
     [
         ("sigma", "give noise="),
         ("sigmas", "give noise="),
-        ("weights", "all points count the same"),
-        ("radius", "the radius is always fitted"),
+        ("weights", "give noise=, the standard deviation of each point"),
         ("estimators", "did you mean 'estimator'"),
-        ("ransac", "known are points, estimator, noise, copy"),
+        ("ransac", "known are points, estimator, noise, radius, scale, copy, ordered"),
     ],
 )
 def test_arguments_of_other_libraries(points, argument, words):

@@ -64,7 +64,7 @@ def test_recurrences_do_not_depend_on_other_sets(rng, on_cap):
     points[1, :20, 2], points[2, 3, 1] = 0.25, np.inf
     together = study.fit(points, "igdk")
     np.testing.assert_array_equal(together.center[0], alone.center)
-    np.testing.assert_array_equal(together.status, [Status.OK, Status.OK, Status.NOT_FINITE])
+    np.testing.assert_array_equal(together.own_status, [Status.OK, Status.OK, Status.NOT_FINITE])
 
 
 @pytest.mark.parametrize("still", [8, 30, 200])
@@ -76,7 +76,7 @@ def test_recurrences_after_a_singular_start(rng, on_cap, still):
     other[:still, 2] = 0.25
     for sample in (points, other):
         one, two = study.fit(sample, "igdk"), study.fit(sample, "gdke")
-        assert one.status == two.status == Status.OK
+        assert one.own_status == two.own_status == Status.OK
         np.testing.assert_allclose(one.center, two.center, rtol=0, atol=1e-9)
 
 

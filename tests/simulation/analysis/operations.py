@@ -70,7 +70,8 @@ def one_pass(x):
     """A pass of the geometric fit."""
     d, n = x.shape[1:]
     block, scratch = jit.SampleBlock(x, 0, 0, n), jit.Scratch(None, zeros(d), zeros(d, d))
-    geometric._pass(block, objects(d), objects(d), 1.0, objects(2 + 2 * d + d * d), scratch)
+    sums = geometric.SphereSums(objects(2), objects(3, d), objects(2, d, d))
+    geometric.sum_about(block, objects(d), objects(d), 1.0, False, sums, scratch)
 
 
 def stream(x):
