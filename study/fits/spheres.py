@@ -324,16 +324,16 @@ def printed(spheres: CloudSpheres, names: list[str], wanted: int) -> Iterator[st
         names: of the coordinates.
         wanted: the number that was asked for.
     """
-    rows, meanings = [], {}
+    rows, texts = [], {}
     for number, (one, status) in enumerate(zip(spheres, spheres.status, strict=True), 1):
         errors = one.standard_errors
         ball = [with_error(*pair) for pair in zip(one.center, errors, strict=False)]
         ball.append(with_error(float(one.radius), float(errors[-1]) if len(errors) > len(ball) else 0.0))
         word = Status(int(status)).name.lower().replace("_", " ")
         rows.append([str(number), *ball, text_number(float(one.sigma)), str(spheres.count[number - 1]), word])
-        meanings[word] = Status(int(status)).text
+        texts[word] = Status(int(status)).text
     yield from columns(rows, ["sphere", *names, "radius", "noise", "points", "status"])
-    yield from (f"{word}: {meaning}" for word, meaning in meanings.items() if word != "ok")
+    yield from (text if text.startswith(word) else f"{word}: {text}" for word, text in texts.items() if word != "ok")
     if len(spheres) < wanted:
         yield f"{len(spheres)} of {wanted} spheres were found"
     yield f"{spheres.left} of {len(spheres.labels)} points belong to no sphere"
