@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from study.fits import Samples, cap
+from study.fits.random import lanes
 from study.fits.robust import outliers
-from study.fits.streams import lanes
 
 SEED = 17
 ANGLES, NOISES = (20.0, 60.0, 180.0), (0.01, 0.05, 0.1, 0.2)

@@ -19,8 +19,8 @@ from study import Status
 from study.fits import Samples, cap
 from study.fits.goodness import BLOCKS, Goodness, goodness
 from study.fits.intervals import intervals
+from study.fits.random import lanes
 from study.fits.registry import fit_samples
-from study.fits.streams import lanes
 from study.simulation.coverage import read_design
 
 ROOT = Path(__file__).parents[1]

@@ -228,7 +228,7 @@ def fit(
     from study.fits import fitting
     from study.fits.fitting import choose, fit_all
     from study.fits.point_files import read_points
-    from study.fits.point_text import PointFileError
+    from study.fits.point_formats import PointFileError
 
     if as_json and as_csv:
         raise typer.BadParameter("give --json or --csv, not both")
@@ -273,7 +273,7 @@ def _fit_spheres(
 ) -> None:
     """Find spheres in each file, and print them."""
     from study.fits.point_files import read_points
-    from study.fits.point_text import PointFileError
+    from study.fits.point_formats import PointFileError
     from study.fits.spheres import as_rows, fit_spheres, printed
     from study.text import json_text
 
@@ -347,17 +347,17 @@ def plan_fit(
 
     Of --error, --angle and --points two are given.
     """
-    from study.fits import planner
+    from study.fits import bounds
     from study.text import json_text
 
     try:
-        plan = planner.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
+        plan = bounds.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
     except ValueError as fault:
         raise typer.BadParameter(str(fault)) from None
     if as_json:
         typer.echo(json_text(plan._asdict()))
         return
-    for line in planner.printed(plan, noise, radius, error, of):
+    for line in bounds.plan_in_words(plan, noise, radius, error, of):
         typer.echo(line)
 
 
@@ -452,7 +452,7 @@ def main(command: Callable[..., object] = app) -> None:
         raise
     except Exception as error:
         from study.files import InputError, RunError
-        from study.fits.point_text import PointFileError
+        from study.fits.point_formats import PointFileError
         from study.fits.registry import PluginError
         from study.simulation.experiment.sampling import ReplayError
         from study.toml import ConfigError

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import study
 from study.fits import Status
 from study.fits.fitting import choose, doubts, fit_all, fit_rows, interval_numbers, intervals_in_words, printed
-from study.fits.point_text import PointFileError
+from study.fits.point_formats import PointFileError
 from study.simulation.analysis import regret
 
 BIASED = {"lls", "lls_nr", "lls_nr_raw", "lls_single", "gdke", "igdk"}
