@@ -17,8 +17,7 @@ from study import style
 from study.files import RunError
 from study.fits.registry import ESTIMATORS
 from study.simulation.analysis.summary import worst_of_run
-from study.simulation.claims import CLAIMS
-from study.simulation.claims.claim import Verdict
+from study.simulation.claims import CLAIMS, Verdict
 from study.simulation.claims.readings import Readings
 from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.fig_efficiency import EfficiencyFrame
