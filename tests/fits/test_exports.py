@@ -22,6 +22,7 @@ _AWAY = _RNG.normal(size=(40, 3))
 POINTS = np.round([120.0, -40.0, 15.0] + (25.0 * _AWAY) / np.linalg.norm(_AWAY, axis=1)[:, None], 4)
 INTENSITY = _RNG.integers(1, 255, 40)
 COLOUR = _RNG.integers(0, 255, (40, 3))
+LISTS = POINTS.tolist(), COLOUR.tolist(), INTENSITY.tolist()
 NORMALS = _AWAY / np.linalg.norm(_AWAY, axis=1)[:, None]
 
 
@@ -35,27 +36,22 @@ def text(head, *columns, mark=",", end="\n", fmt="%.4f"):
 def ply(kind):
     """A PLY of points with colours and faces, as Turk's description has it; ``<`` or ``>`` for binary, else text."""
     order = {"<": "binary_little_endian", ">": "binary_big_endian"}.get(kind, "ascii")
-    properties = [f"property {t} {n}" for n, t in zip("xyz", ["double"] * 3, strict=True)]
-    properties += [f"property uchar {n}" for n in ("red", "green", "blue")] + ["property float intensity"]
+    properties = [f"property double {n}" for n in "xyz"] + [f"property uchar {n}" for n in ("red", "green", "blue")]
     head = ["ply", f"format {order} 1.0", "comment made by a test", "element vertex 40", *properties]
-    head += ["element face 1", "property list uchar int vertex_indices", "end_header", ""]
+    head += ["property float intensity", "element face 1", "property list uchar int vertex_indices", "end_header", ""]
     start = "\n".join(head).encode()
     if order == "ascii":
-        rows = [
-            " ".join([*(repr(float(v)) for v in p), *map(str, c), str(i)])
-            for p, c, i in zip(POINTS, COLOUR, INTENSITY, strict=True)
-        ]
+        rows = [" ".join([*map(repr, p), *map(str, c), str(i)]) for p, c, i in zip(*LISTS, strict=True)]
         return start + "\n".join([*rows, "3 0 1 2", ""]).encode()
-    rows = [struct.pack(f"{kind}3d3Bf", *p, *c, i) for p, c, i in zip(POINTS, COLOUR, INTENSITY, strict=True)]
+    rows = [struct.pack(f"{kind}3d3Bf", *p, *c, i) for p, c, i in zip(*LISTS, strict=True)]
     return start + b"".join(rows) + struct.pack(f"{kind}B3i", 3, 0, 1, 2)
 
 
 def pcd(kind):
     """A PCD 0.7 file with intensity, as the Point Cloud Library describes it."""
-    head = (
-        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\n"
-    )
-    head += f"COUNT 1 1 1 1\nWIDTH 40\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 40\nDATA {kind}\n"
+    head = "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\n"
+    head += "TYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 40\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 40\n"
+    head += f"DATA {kind}\n"
     if kind == "ascii":
         return text(head, POINTS, INTENSITY, mark=" ")
     return head.encode() + np.column_stack([POINTS, INTENSITY]).astype("<f4").tobytes()
@@ -65,11 +61,8 @@ def stl(kind):
     """Facets of consecutive vertices; each vertex stands in three of them."""
     facets = [[POINTS[i], POINTS[(i + 1) % 40], POINTS[(i + 2) % 40]] for i in range(40)]
     if kind == "binary":
-        return (
-            b"\0" * 80
-            + struct.pack("<I", 40)
-            + b"".join(struct.pack("<12fH", 0, 0, 1, *np.ravel(f), 0) for f in facets)
-        )
+        packed = (struct.pack("<12fH", 0, 0, 1, *np.ravel(facet), 0) for facet in facets)
+        return b"\0" * 80 + struct.pack("<I", 40) + b"".join(packed)
     rows = ["solid ball"]
     for facet in facets:
         rows += ["facet normal 0 0 1", "  outer loop", *("    vertex {:.4f} {:.4f} {:.4f}".format(*v) for v in facet)]
@@ -81,38 +74,11 @@ def las():
     """A LAS 1.2 file of point format 0, as the ASPRS describes it, in integers of a tenth of a millimetre."""
     low, high = POINTS.min(axis=0), POINTS.max(axis=0)
     bounds = [end for pair in zip(high, low, strict=True) for end in pair]
-    head = struct.pack(
-        "<4sHHIHH8sBB32s32sHHHIIBHI5I",
-        b"LASF",
-        0,
-        0,
-        0,
-        0,
-        0,
-        b"",
-        1,
-        2,
-        b"",
-        b"",
-        1,
-        2026,
-        227,
-        227,
-        0,
-        0,
-        20,
-        40,
-        40,
-        0,
-        0,
-        0,
-        0,
-    )
+    numbers = [0, 0, 0, 0, 0, b"", 1, 2, b"", b"", 1, 2026, 227, 227, 0, 0, 20, 40, 40, 0, 0, 0, 0]
+    head = struct.pack("<4sHHIHH8sBB32s32sHHHIIBHI5I", b"LASF", *numbers)
     head += struct.pack("<12d", 1e-4, 1e-4, 1e-4, 0, 0, 0, *bounds)
-    whole = np.round(POINTS * 1e4).astype(int)
-    return head + b"".join(
-        struct.pack("<3iHBBbBH", *p, i, 9, 0, 0, 0, 0) for p, i in zip(whole, INTENSITY, strict=True)
-    )
+    whole = zip(np.round(POINTS * 1e4).astype(int), INTENSITY, strict=True)
+    return head + b"".join(struct.pack("<3iHBBbBH", *p, i, 9, 0, 0, 0, 0) for p, i in whole)
 
 
 def xlsx(rows):
