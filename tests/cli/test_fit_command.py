@@ -253,12 +253,6 @@ def test_standard_input(call, cap, tmp_path):
     assert "  200      ok" in said
 
 
-def test_estimators(tmp_path, well):
-    """`study estimators` has a line for each registered one."""
-    said = well(tmp_path, "estimators")
-    assert [line.split()[0] for line in said.splitlines()[1:]] == list(study.ESTIMATORS)
-
-
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_output_to_a_pipe(call, command, cap, tmp_path, encoding):
     """Greek letters do not stop the output where the reader is no terminal and the encoding has none.
