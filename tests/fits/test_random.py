@@ -306,14 +306,14 @@ def makers(tree):
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_generators_are_made_in_one_place(path):
-    """No file but streams.py makes a generator, seeds one, or draws from a global one.
+    """No file but random.py of the fits makes a generator, seeds one, or draws from a global one.
 
     The check of an estimator of one's own, below the study, has data sets with fixed seeds that are stored nowhere.
     """
     if path in (PACKAGE / "fits" / "check.py", PACKAGE / "fits" / "registry.py"):
         return
     found = list(makers(ast.parse(path.read_text(encoding="utf-8"))))
-    if path == PACKAGE / "fits" / "streams.py":
+    if path == PACKAGE / "fits" / "random.py":
         assert found
     else:
         assert not found, f"{path}: lines {found}"
