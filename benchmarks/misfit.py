@@ -192,7 +192,8 @@ def power(sets):
                 x = np.stack([draw(rng, n, s) for _ in range(sets)])
                 fit = study.fit(x, ordered="path" in name)
                 white = intervals(fit.samples)
-                more = {"ok_before": float(white.identified.mean()), **statuses(fit.status)}
+                kept = white.identified & (fit.goodness.p >= 0.01)
+                more = {"ok": float(white.identified.mean()), "ok_not_rejected": float(kept.mean())}
                 if kind == "noise":
                     more["covers"] = float(covered(white.radius, 1.0).mean())
                     more["covers_allowed"] = float(covered(fit.interval("radius"), 1.0).mean())
