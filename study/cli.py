@@ -298,11 +298,7 @@ def _fit_spheres(
 
 
 def certify(
-    folders: Pairs = None,
-    estimator: Certified = None,
-    limit: Limit = 1e-9,
-    out: PairsOut = None,
-    table: Errors = None,
+    folders: Pairs = None, estimator: Certified = None, limit: Limit = 1e-9, out: PairsOut = None, table: Errors = None
 ) -> None:
     """Compare fits with certified spheres.
 

@@ -251,8 +251,7 @@ def worst(
 
 
 def regret(
-    folder: Folder,
-    csv: Annotated[Path | None, typer.Option("--csv", help="file to write the table to")] = None,
+    folder: Folder, csv: Annotated[Path | None, typer.Option("--csv", help="file to write the table to")] = None
 ) -> None:
     """Compare each estimator with the best in every cell.
 

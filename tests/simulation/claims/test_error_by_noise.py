@@ -112,11 +112,7 @@ def test_ugdk_by_luck_is_no_verdict(find, paper):
 
 @pytest.mark.parametrize(
     ("quiet", "middle", "verdict"),
-    [
-        (1.0, 1.0, Verdict.REPRODUCED),
-        (1.0, 20.0, Verdict.PARTLY),
-        (20.0, 20.0, Verdict.NOT_REPRODUCED),
-    ],
+    [(1.0, 1.0, Verdict.REPRODUCED), (1.0, 20.0, Verdict.PARTLY), (20.0, 20.0, Verdict.NOT_REPRODUCED)],
 )
 def test_gdke_on_par(find, grid, quiet, middle, verdict):
     """GDKE's error over MLE's decides, at the smallest noise and at the worst."""

@@ -38,11 +38,7 @@ def starts(error_rows):
 
 @pytest.mark.parametrize(
     ("outliers", "better", "verdict"),
-    [
-        (30, 0.5, Verdict.REPRODUCED),
-        (30, 1.0, Verdict.PARTLY),
-        (0, 1.0, Verdict.NOT_REPRODUCED),
-    ],
+    [(30, 0.5, Verdict.REPRODUCED), (30, 1.0, Verdict.PARTLY), (0, 1.0, Verdict.NOT_REPRODUCED)],
 )
 def test_mle(find, starts, outliers, better, verdict):
     """Outliers that a better minimum cures, outliers that it does not, and none."""
