@@ -441,12 +441,7 @@ def test_json(call, whole_body):
     code, said, complained = call("joint", whole_body, *NECK, "--json")
     assert (code, complained) == (0, "")
     values = json.loads(said)
-    assert (values["recording"], values["ok"], values["kind"], values["frames"] > 400) == (
-        "body",
-        True,
-        "ball",
-        True,
-    )
+    assert (values["recording"], values["ok"], values["kind"], values["frames"] > 400) == ("body", True, "ball", True)
 
 
 def test_a_joint_that_is_not_ok(call, whole_body):
