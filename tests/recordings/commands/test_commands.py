@@ -151,7 +151,7 @@ def test_trials_of_one_session(call, body, tmp_path):
         f"results/recordings/body-same/{name}" for name in ("joints.parquet", "calibration.json")
     ]
     assert any(
-        line.startswith("neck ") and line.endswith(("  body, same", "  same, body")) for line in said.splitlines()
+        line.startswith("waist ") and line.endswith(("  body, same", "  same, body")) for line in said.splitlines()
     )
     table = pd.read_parquet(tmp_path / "results" / "recordings" / "body-same" / "joints.parquet")
     assert list(table.groupby("recording").size()) == [14, 14]
