@@ -156,7 +156,7 @@ def moved(place: JointPlace, changes: Mapping[str, AxesChange]) -> JointPlace:
 
 
 def allowance(place: JointPlace) -> Floats:
-    """What skin may hide in a trial that hardly moved a joint: a covariance (3, 3), m², in the axes of the joint's own.
+    """Covariance (3, 3), m², of what skin may hide in a trial that hardly moved a joint, in the axes of its own one.
 
     The rotation is that of both segments' poses, or else that of the markers of one about the joint.
     """

@@ -17,13 +17,7 @@ from study.recordings.joints.find import exchange, find_joints
 from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset
 from study.recordings.markersets.match import match
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.session import (
-    calibrate_session,
-    pool_places,
-    refit_shapes,
-    session_lines,
-    session_table,
-)
+from study.recordings.session import calibrate_session, pool_places, refit_shapes, session_lines, session_table
 from study.recordings.skeleton.calibrate import check_subject
 from study.recordings.skeleton.draw import draw_skeleton
 
