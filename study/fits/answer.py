@@ -18,8 +18,8 @@ from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Goodness, goodness
 from study.fits.intervals import Intervals, intervals
-from study.fits.robust import outliers, repeated
-from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, semi_axes, unless_missing
+from study.fits.robust import outliers
+from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, repeated, semi_axes, unless_missing
 from study.fits.structure import Structure, structure, widened
 
 if TYPE_CHECKING:

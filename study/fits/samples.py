@@ -9,6 +9,8 @@ Status of a fit: a number that tables store, with the text that a user reads.
 Fits of sets that need preparation: with missing samples, or so large or small that their powers leave float64.
 
 Covariances of fits: the Cramér-Rao bound with the estimates plugged in, or an estimator's own rule; ellipsoids.
+
+Copies: points that repeat another one, which count once.
 """
 
 from collections.abc import Callable, Iterator
@@ -75,6 +77,13 @@ def blank(batch: int, dimension: int) -> Estimates:
     return Estimates(numbers[: batch * dimension].reshape(batch, dimension), *rest, *whole)
 
 
+def remove(fit: Estimates, lost: Bools) -> Estimates:
+    """Take the numbers of lost fits (b,) out; their status stays."""
+    for numbers in (fit.center, fit.radius, fit.noise_variance, fit.condition):
+        numbers[lost] = np.nan
+    return fit
+
+
 @dataclass(frozen=True)
 class Samples:
     """A batch of point sets.
@@ -111,17 +120,19 @@ class Samples:
 
     def only(self, index: int) -> "Samples":
         """One set of the batch."""
-        one = slice(index, index + 1)
-        noise = self._noise_of(one)
-        if self.shape[2] or "regression" not in self.__dict__:
-            return self._part(self.x[one], noise, np.array([index]))
-        return Samples.of_regression(self.regression.only(index), noise)
+        return self.take(np.array([index]))
 
     def take(self, places: Ints) -> "Samples":
-        """Some sets of the batch, by their places (k,)."""
-        if len(places) == 1:
-            return self.only(int(places[0]))
-        return self._part(self.x[places], self._noise_of(places), places)
+        """Sets of the batch, by their places (k,); if the points are lent, with the moments that they had."""
+        noise = self._noise_of(places)
+        if not self.shape[2] and "regression" in self.__dict__:
+            return Samples.of_regression(self.regression.take(places), noise)
+        one = len(places) == 1  # of which the array need not be copied
+        part = Samples(self.x[int(places[0]) :][:1] if one else self.x[places], noise, self.lent)
+        if self.lent:
+            numbers, vectors, second = self.moments
+            part.__dict__["moments"] = Moments(numbers[:, places], vectors[:, places], second[places])
+        return part
 
     def unchanged(self) -> "Samples":
         """These samples.
@@ -135,15 +146,7 @@ class Samples:
             )
         return self
 
-    def _part(self, source: Floats, noise: float | Floats | None, places: Ints) -> "Samples":
-        """Some sets; if they are lent, with the moments that they had."""
-        part = Samples(source, noise, self.lent)
-        if self.lent:
-            numbers, vectors, second = self.moments
-            part.__dict__["moments"] = Moments(numbers[:, places], vectors[:, places], second[places])
-        return part
-
-    def _noise_of(self, places: slice | Ints) -> float | Floats | None:
+    def _noise_of(self, places: Ints) -> float | Floats | None:
         """The noise of some sets."""
         return self.noise[places] if isinstance(self.noise, np.ndarray) and self.noise.ndim == 1 else self.noise
 
@@ -161,6 +164,18 @@ class Samples:
             else:
                 complete = [np.ascontiguousarray(self.x[t][:, present[t]]) for t in sets]
                 yield sets, Samples(np.stack(complete), self._noise_of(sets))
+
+    def alike(self) -> Iterator[tuple[Ints, "Samples", int]]:
+        """Sets with equally many samples and of one size: their places (k,), the samples in a unit, its power of two.
+
+        Sets of ordinary size keep their unit, and so their bits.
+        """
+        for sets, present in self.by_count():
+            powers = binary_size(present.x) if present.shape[2] else np.zeros(len(sets), dtype=np.int64)
+            for power in np.unique(powers):
+                places = np.flatnonzero(powers == power)
+                part = present if len(places) == len(sets) else present.take(places)
+                yield sets[places], scaled(part, -int(power)), int(power)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -308,27 +323,21 @@ def is_ordinary(fourth: Floats) -> bool:
 
 
 def careful_fit(estimator: Estimator, samples: Samples) -> Estimates:
-    """Fit each set without its missing samples, in a unit of its own size where it is very large or small.
-
-    The unit is a power of two, so that points of ordinary size keep their bits. Sets with equally many samples and of
-    one unit are fitted together.
-    """
+    """Fit each set without its missing samples, in a unit of its own size where it is very large or small."""
     b, d, _ = samples.shape
     result = blank(b, d)
-    for sets, present in samples.by_count():
-        if present.shape[2] < d + 1:
+    for sets, part, power in samples.alike():
+        if part.shape[2] < d + 1:
             result.status[sets] = Status.TOO_FEW_POINTS
-            continue
-        powers = binary_size(present.x)
-        for power in np.unique(powers):
-            some = np.flatnonzero(powers == power)
-            if abs(power) > FARTHEST:
-                result.status[sets[some]] = Status.NOT_FINITE
-                continue
-            part = present if len(some) == len(sets) else present.take(some)
-            found = estimator(part if power == 0 else scaled(part, -int(power)))
-            for whole, values in zip(result, found if power == 0 else _rescaled(found, int(power)), strict=True):
-                whole[sets[some]] = values
+        elif abs(power) > FARTHEST:
+            result.status[sets] = Status.NOT_FINITE
+        else:
+            answer = estimator(part)
+            with np.errstate(all="ignore"):
+                lengths = np.ldexp(answer.center, power), np.ldexp(answer.radius, power)
+                variance = np.ldexp(answer.noise_variance, 2 * power)
+            for whole, values in zip(result, (*lengths, variance, *answer[3:]), strict=True):
+                whole[sets] = values
     return result
 
 
@@ -342,6 +351,8 @@ def binary_size(x: Floats) -> Ints:
 
 def scaled(samples: Samples, power: int) -> Samples:
     """The samples times 2^power, with their noise."""
+    if power == 0:
+        return samples
     with np.errstate(all="ignore"):
         return Samples(np.ldexp(samples.x, power), scaled_noise(samples.noise, power))
 
@@ -357,16 +368,6 @@ def scaled_noise(noise: float | Floats | None, power: int) -> float | Floats | N
         largest = float(np.sqrt(np.max(noise)))
         factor = min(np.ldexp(1.0, power), _LARGEST_NOISE / largest)
         return np.asarray(noise * factor * factor)
-
-
-def _rescaled(found: Estimates, power: int) -> Estimates:
-    """The estimates times 2^power."""
-    with np.errstate(all="ignore"):
-        return found._replace(
-            center=np.ldexp(found.center, power),
-            radius=np.ldexp(found.radius, power),
-            noise_variance=np.ldexp(found.noise_variance, 2 * power),
-        )
 
 
 def plug_in_bound(directions: Floats, present: Bools, noise: float | Floats | None, variance: Floats) -> Floats:
@@ -391,12 +392,12 @@ def unless_missing(
 ) -> Floats:
     """Covariances (b, d+1, d+1) by an estimator's own rule, without the missing samples; NaN at fewer than d + 1."""
     b, d, _ = samples.shape
-    found = np.full((b, d + 1, d + 1), np.nan)
+    result = np.full((b, d + 1, d + 1), np.nan)
     with np.errstate(all="ignore"):
         for sets, present in samples.by_count():
             if present.shape[2] > d:
-                found[sets] = covariance_of(present, Estimates._make([array[sets] for array in estimates]))
-    return found
+                result[sets] = covariance_of(present, Estimates._make([array[sets] for array in estimates]))
+    return result
 
 
 def semi_axes(covariance: Floats, level: float, spare: Ints | None) -> Floats:
@@ -416,3 +417,98 @@ def semi_axes(covariance: Floats, level: float, spare: Ints | None) -> Floats:
     with np.errstate(all="ignore"):
         lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
         return np.asarray(vectors * lengths[:, None, :])
+
+
+_ALIKE = 1e-8
+"""Difference of coordinates, in units of the extent of the points' middle half, up to which points are one and the
+same: no instrument resolves so little, and a change of unit, a rotation or a conversion of a file moves copies by about
+1e-9 or less. In single precision neighbouring numbers of the points' size are 6e-8 apart."""
+_MOST_ALIKE = 100
+"""Points along a line among which copies that are not exact are searched."""
+_TOGETHER = 1 << 15
+"""Points whose copies are searched at a time, which stay in a processor's cache."""
+_BINS = 1 << 22
+"""Bins along that line, of which those with close points are looked at."""
+
+
+def repeated(x: Floats) -> Bools:
+    """True for each point of the sets (b, d, n) that repeats an earlier one: (b, n). Missing samples repeat none.
+
+    Points of a continuous law never do: copies mean that a file holds the same measurement several times, or rounds,
+    and then the standard errors, which take the points to be independent, may be too small. Points that differ by no
+    more than a conversion or a rotation of the file would leave are copies, too; see `_ALIKE`.
+    """
+    b, d, n = x.shape
+    result = np.zeros((b, n), dtype=np.bool_)
+    size = max(_TOGETHER // n, 1)
+    for begun in range(0, b, size):
+        along = _along(x[begun : begun + size])
+        in_order = np.sort(along, axis=1)  # where no two are alike, which is the rule, nothing else need be done
+        first, extent = _middle_half(in_order)
+        reach = _ALIKE * extent
+        with np.errstate(invalid="ignore"):
+            close = in_order[:, 1:] - in_order[:, :-1] <= d * reach[:, None]
+        for t in np.flatnonzero(close.any(axis=1)):
+            rows = _near_another(along[t], in_order[t], close[t], first[t], extent[t])
+            result[begun + t, rows] = _repeats(x[begun + t][:, rows], along[t, rows], float(reach[t]))
+    return result
+
+
+def _near_another(along: Floats, in_order: Floats, close: Bools, first: float, extent: float) -> Ints:
+    """Points of a set at positions (n,) that may be near another: those in the bins of positions that are ``close``.
+
+    Sorting the points with their positions takes longer than a fit of a million points does.
+    """
+
+    def bins(positions: Floats) -> Ints:
+        with np.errstate(all="ignore"):
+            places = (positions - (first - 1.5 * extent)) * (_BINS / (4.0 * extent))
+        return np.asarray(np.fmin(np.fmax(places, 0.0), _BINS - 1.0).astype(np.intp))
+
+    taken = np.zeros(_BINS, dtype=np.bool_)
+    taken[bins(in_order[:-1][close])] = taken[bins(in_order[1:][close])] = True
+    return np.flatnonzero(taken[bins(along)])
+
+
+def reach_of_copies(x: Floats) -> float:
+    """Difference of coordinates of the points of one set (d, n) up to which they are copies."""
+    return float(_ALIKE * _middle_half(np.sort(_along(x[None]), axis=1))[1][0])
+
+
+def _along(x: Floats) -> Floats:
+    """Position of each point (b, n) along a direction in which no two coordinates of a grid are alike."""
+    return np.asarray(sum((1.0 / np.sqrt(2.0 + i)) * x[:, i] for i in range(x.shape[1])))  # alike for like points
+
+
+def _middle_half(in_order: Floats) -> tuple[Floats, Floats]:
+    """Begin and extent of the middle half (b,) of numbers in ascending order (b, n), NaN last; 0 if not finite."""
+    n, rows = np.logical_not(np.isnan(in_order)).sum(axis=1), np.arange(len(in_order))
+    with np.errstate(invalid="ignore"):
+        first = in_order[rows, n // 4]
+        extent = in_order[rows, 3 * n // 4] - first
+    finite = np.isfinite(extent)
+    return np.where(finite, first, 0.0), np.where(finite, extent, 0.0)
+
+
+def _repeats(x: Floats, along: Floats, reach: float) -> Bools:
+    """True for the points of one set (d, n) that repeat an earlier one."""
+    result = np.zeros(x.shape[1], dtype=np.bool_)
+    if not any(map(len, _near_copies(x, along, np.argsort(along), reach))):
+        return result
+    order = np.lexsort(x)  # stable: of equal ones the first stands first
+    result[order[1:]] = (x[:, order[1:]] == x[:, order[:-1]]).all(axis=0)
+    order = order[~result[order]]
+    for copies in _near_copies(x, along, order[np.argsort(along[order], kind="stable")], reach):
+        result[copies] = True
+    return result
+
+
+def _near_copies(x: Floats, along: Floats, order: Ints, reach: float) -> Iterator[Ints]:
+    """The later ones of pairs of points (d, n) that differ by no more than ``reach``, pair by pair in the order."""
+    for lag in range(1, min(_MOST_ALIKE, len(order))):
+        one, two = order[:-lag], order[lag:]
+        near = along[two] - along[one] <= len(x) * reach
+        if not near.any():
+            break
+        one, two = one[near], two[near]
+        yield np.maximum(one, two)[(np.abs(x[:, two] - x[:, one]) <= reach).all(axis=0)]

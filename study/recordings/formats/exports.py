@@ -17,12 +17,7 @@ from collections import Counter
 
 import numpy as np
 
-from study.recordings.formats.text import (
-    as_points,
-    missing_frames_note,
-    read_rows,
-    with_all_frames,
-)
+from study.recordings.formats.text import as_points, missing_frames_note, read_rows, with_all_frames
 from study.recordings.recording import FileContents, RecordingError
 
 MOTIVE_KEY = "Format Version"

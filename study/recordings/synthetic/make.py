@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.streams import stream
+from study.fits.random import stream
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
 from study.recordings.synthetic.body import JOINTS, MARKER_SETS, PARTS, BodyPart, body, nearest_pairs, unit

@@ -139,10 +139,7 @@ def test_more_frames_than_the_header_can_count(tmp_path):
         (b"\x02\x50", "cut short: its header is not complete"),
         (b"\x02\x50" + bytes(510), "cut short: its header is not complete"),
         (b"\x02\x50" + bytes(5000), "a damaged or incomplete C3D file, which no reader can read; get a whole copy"),
-        (
-            b"\x02\x50" + b"\xff" * 5000,
-            "its header promises 65535 frames of 65535 points .* 85.9 GB, but",
-        ),
+        (b"\x02\x50" + b"\xff" * 5000, "its header promises 65535 frames of 65535 points .* 85.9 GB, but"),
     ],
 )
 def test_what_is_not_a_c3d_file(tmp_path, data, words):
