@@ -15,8 +15,19 @@ from study.recordings.markersets.match import choose
 from study.recordings.recording import RecordingError
 from study.recordings.rigid import nearest_rotation
 from study.recordings.synthetic import make
-from study.recordings.synthetic.body import JOINTS, MARKERS, PARTS, body, nearest_pairs, unit
-from study.recordings.synthetic.make import SKIN, Recipe, draw_motion, synthesize, write_truth
+from study.recordings.synthetic.make import (
+    JOINTS,
+    MARKERS,
+    PARTS,
+    SKIN,
+    Recipe,
+    body,
+    draw_motion,
+    nearest_pairs,
+    synthesize,
+    unit,
+    write_truth,
+)
 
 
 def test_noise():
