@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.streams import stream
+from study.fits.random import stream
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
 

@@ -144,7 +144,7 @@ def test_bones_of_unequal_length(figure_calibration, figure):
     hip = figure_calibration["left_hip"].in_child
     found = warned(moved(figure_calibration, "left_knee", hip + 1.2 * (knee - hip)), figure[0])
     assert {"left_hip", "left_knee", "right_hip", "right_knee"} <= set(found)
-    assert "its bone left_hip - left_knee is 51" in found["left_knee"][0]
+    assert "the bone left_hip - left_knee is 51" in found["left_knee"][0]
     assert "left_elbow" not in found
 
 
