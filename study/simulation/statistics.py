@@ -300,9 +300,7 @@ MEASURES = _quantiles() | {
         "share beyond 10 bounds, ok fits", "share of the ok fits with an error beyond 10 times the bound", _far_ok
     ),
     "far_all": Performance(
-        "share beyond 10 bounds or not ok",
-        "share of all fits that are beyond 10 times the bound or not ok",
-        _far_all,
+        "share beyond 10 bounds or not ok", "share of all fits that are beyond 10 times the bound or not ok", _far_all
     ),
     "axis_median": Performance(
         "median error along the axis over the bound", f"{_AXIS}, {_OF_ALL}", partial(_quantile, "axis", 0.5)
@@ -357,12 +355,7 @@ def row(group: str, estimator: str, fits: Columns) -> Row:
         A value for each column of the summary table.
     """
     status = fits["status"]
-    result: Row = {
-        "group": group,
-        "estimator": estimator,
-        "decade": fits["decade"][0],
-        "planned": len(status),
-    }
+    result: Row = {"group": group, "estimator": estimator, "decade": fits["decade"][0], "planned": len(status)}
     for condition in STORED:
         if condition.name in fits:
             values = fits[condition.name]

@@ -8,7 +8,6 @@ import pytest
 from study.simulation.experiment.config import parse
 from study.simulation.posterior.run import chain_tasks, compute, printed
 from study.simulation.runs.parts import Parts
-from study.simulation.runs.reuse import finished
 from study.simulation.runs.run_folder import Run
 
 NAMES = ["answers", "draws", "posterior"]
@@ -172,7 +171,7 @@ def test_a_run_that_did_not_finish(call_here, asked, done, tmp_path):
     assert stored(out) == stored(done[0] / "out")
     assert [path.name for path in (out / "parts").iterdir()] == ["0123456789abcdef0123.parquet"]
     assert set(Run.open(out).manifest()["tables"]) == {"posterior", "answers", "draws"}
-    assert not finished(Run.open(out))
+    assert not Run.open(out).finished()
 
 
 def test_posteriors_that_cannot_be_written(call_here, asked, tmp_path):

@@ -17,8 +17,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from study.arrays import Ints
-from study.simulation.experiment.compute import Columns
 from study.simulation.experiment.config import Precision, Study
 from study.simulation.experiment.designs import Batch, Cell, Group
 from study.simulation.experiment.sampling import groups, trials_of, units_of
@@ -68,12 +66,16 @@ def measure_cells(
     """
     names = precision.estimators or layout.study.estimators
     for batch in _batches(places, len(layout.study.estimators)):
-        cells = [cell for _, group in batch for cell in group]
-        trials = [pieces[-1].last for pieces, group in batch for _ in group]
-        rows = _split(_read(layout, parts, batch), [cell.name for cell in cells], names)
-        for cell, count, result in zip(cells, trials, rows, strict=True):
-            measures = {name: measured(precision.measure, columns) for name, columns in zip(names, result, strict=True)}
-            yield cell, _worst(precision, count, measures)
+        table = _read(layout, parts, batch).to_pandas()
+        rows = table.groupby(["cell", "estimator"], observed=True, sort=False).indices
+        columns = {name: table[name].to_numpy() for name in COLUMNS}
+        for pieces, cells in batch:
+            for cell in cells:
+                measures = {}
+                for name in names:
+                    of_name = {key: values[rows[cell.name, name]] for key, values in columns.items()}
+                    measures[name] = measured(precision.measure, of_name)
+                yield cell, _worst(precision, pieces[-1].last, measures)
 
 
 def _read(layout: Layout, parts: Parts, batch: CellBatch) -> pa.Table:
@@ -124,33 +126,6 @@ def _batches(places: Sequence[list[Batch]], estimators: int) -> Iterator[CellBat
                 batch, held = [], 0
     if batch:
         yield batch
-
-
-def _split(table: pa.Table, cells: list[str], estimators: Sequence[str]) -> Iterator[list[Columns]]:
-    """Split rows by cell and estimator, each in the order of its trials."""
-    cell, estimator = _codes(table, "cell", cells), _codes(table, "estimator", estimators)
-    use = np.flatnonzero((cell >= 0) & (estimator >= 0))
-    code = cell[use] * len(estimators) + estimator[use]
-    use = use[np.argsort(code, kind="stable")]
-    ends = np.cumsum(np.bincount(code, minlength=len(cells) * len(estimators)))
-    columns = {name: table[name].to_numpy()[use] for name in COLUMNS}
-    begin = 0
-    for place in range(len(cells)):
-        result = []
-        for end in ends[place * len(estimators) : (place + 1) * len(estimators)]:
-            result.append({name: values[begin:end] for name, values in columns.items()})
-            begin = int(end)
-        yield result
-
-
-def _codes(table: pa.Table, column: str, words: Sequence[str]) -> Ints:
-    """Place of each row's word among others; -1 for a word that is not among them."""
-    known = {word: place for place, word in enumerate(words)}
-    result = [
-        np.array([known.get(word, -1) for word in chunk.dictionary.to_pylist()], dtype=np.int64)[chunk.indices]
-        for chunk in table[column].chunks
-    ]
-    return np.concatenate(result) if result else np.empty(0, dtype=np.int64)
 
 
 TARGET, CAP, BUDGET = "target", "cap", "budget"

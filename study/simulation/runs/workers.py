@@ -469,11 +469,7 @@ class Dispatch(Generic[S, T]):
         self._broken = False
 
     def compute(
-        self,
-        items: Iterable[T],
-        weigh: Callable[[T], float],
-        ended: Ended[T],
-        over: Callable[[], bool] = lambda: False,
+        self, items: Iterable[T], weigh: Callable[[T], float], ended: Ended[T], over: Callable[[], bool] = lambda: False
     ) -> None:
         """Compute items and store their results.
 

@@ -460,8 +460,7 @@ def test_noise_that_float64_cannot_hold(kind, noise, radius, words):
 
 
 @pytest.mark.parametrize(
-    ("text", "place"),
-    [("design = 3", "design"), ("[[design]]\ntrials = 3", "design"), ("[[precision]]", "precision")],
+    ("text", "place"), [("design = 3", "design"), ("[[design]]\ntrials = 3", "design"), ("[[precision]]", "precision")]
 )
 def test_what_is_no_table(text, place):
     """A number or a list in place of a table is told in the words of TOML."""

@@ -258,11 +258,7 @@ def test_anisotropic_noise(make_study, noise):
             "noise_shape: is the covariance of normal",
         ),
         ({}, {"directions": "even"}, "design.directions = 'even': 'even' not allowed: every value must be area, polar"),
-        (
-            {"dimension": 4},
-            {"directions": "spaced"},
-            "design.directions: spaced and path are directions of circles",
-        ),
+        ({"dimension": 4}, {"directions": "spaced"}, "design.directions: spaced and path are directions of circles"),
         (
             {"route": "moments", "estimators": ["gdke"]},
             {"stated_variance": 0.5},

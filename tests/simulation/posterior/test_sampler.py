@@ -365,8 +365,7 @@ def assert_shares(found, points, grid):
 
 
 @pytest.mark.parametrize(
-    ("seed", "noise", "width"),
-    [(12, 0.1, 2.0), (12, 0.2, 1.5), (16, 0.1, 2.0), (21, 0.1, 2.0), (21, 0.2, 1.5)],
+    ("seed", "noise", "width"), [(12, 0.1, 2.0), (12, 0.2, 1.5), (16, 0.1, 2.0), (21, 0.1, 2.0), (21, 0.2, 1.5)]
 )
 def test_both_sides_of_a_flat_cap(on_cap, seed, noise, width):
     """A cap of 20°, .06 high: from the best sphere alone and without moves across, chains settled at one mode.

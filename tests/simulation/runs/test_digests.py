@@ -22,7 +22,6 @@ from study.simulation.experiment.config import parse
 from study.simulation.experiment.sampling import units
 from study.simulation.runs import run_folder, runner
 from study.simulation.runs.parts import DAMAGED, FORMAT
-from study.simulation.runs.reuse import set_damaged_aside
 from study.simulation.runs.run_folder import ManifestDamagedError, ManifestMissingError, ManifestNewerError, Run
 from study.simulation.runs.status import printed, status
 from study.simulation.runs.workers import Workers
@@ -103,7 +102,7 @@ def test_a_scaled_summary_is_made_again(run):
     alter(run, "summary", scaled)
     assert not run.valid("summary")
     told = []
-    set_damaged_aside(run, told.append)
+    run.set_damaged_aside(told.append)
     assert "summary.parquet: damaged; set aside in parts/damaged, and made again" in told[0]
     assert (run.folder / "parts" / DAMAGED / "summary.parquet").exists()
     summarise(run)
@@ -116,7 +115,7 @@ def test_a_missing_table_is_made_again(run):
     run.path("summary").unlink()
     assert any(line.endswith("timings, summary (missing)") for line in printed(status(run.folder)))
     told = []
-    set_damaged_aside(run, told.append)
+    run.set_damaged_aside(told.append)
     assert told == [f"{run.path('summary')}: missing, and made again"]
     assert not (run.folder / "parts").exists()
 
@@ -260,7 +259,7 @@ def test_a_manifest_without_its_digest(run):
         with pytest.raises(ManifestDamagedError, match=r"manifest\.json: damaged: no field 'digest'[^\n]*`study run"):
             run.table(name)
     told = []
-    set_damaged_aside(run, told.append)
+    run.set_damaged_aside(told.append)
     assert len(told) == 1
     assert "manifest.json: damaged: no field 'digest'" in told[0]
 

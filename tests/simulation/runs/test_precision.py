@@ -390,10 +390,11 @@ def test_status_of_a_run_that_finishes_meanwhile(go, monkeypatch):
     run, load, loaded = stopped_after(go, 40), Parts.load, []
 
     def load_and_finish(parts, set_aside=True):
-        load(parts, set_aside)
+        names = load(parts, set_aside)
         loaded.append(parts)
         if len(loaded) == 1:
             go()
+        return names
 
     monkeypatch.setattr(Parts, "load", load_and_finish)
     found = status(run.folder)
