@@ -121,7 +121,7 @@ def tables(study: Study, result: Result) -> dict[str, Columns]:
     elif result.blocks:
         table["summary"] = statistics.of_errors(Errors.joined(result.blocks))
         samples = result.blocks[0].cells[0].samples
-        result.clock("summary", samples, sum(block.radius.size for block in result.blocks))
+        result.clock("summary", samples, sum(block.fits.radius.size for block in result.blocks))
     return table | {"timings": result.timings}
 
 
