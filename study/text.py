@@ -1,8 +1,10 @@
 """Text for people and for other programs: aligned tables, JSON, near names, numbers, cells safe for a spreadsheet."""
 
 import difflib
+import inspect
 import json
 import math
+import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -88,6 +90,11 @@ def _plain(value: object) -> object:
     if isinstance(value, list | tuple):
         return [_plain(entry) for entry in value]
     return str(value) if isinstance(value, Path) else value
+
+
+def paragraphs(thing: object) -> list[str]:
+    """The paragraphs of a docstring, each in one line."""
+    return [re.sub(r"[ \n]+", " ", part) for part in re.split(r"\n\s*\n", inspect.getdoc(thing) or "")]
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:

@@ -1,6 +1,6 @@
 """The claims of the paper, in its order and then those of its abstract, each judged by stored tables.
 
-To add a claim, write a `Claim` in the file of its subject: the tables it reads, its measure, and its rule.
+To add a claim, write a subclass of `Claim` in the file of its subject: the tables it reads, its measure, and its rule.
 """
 
 from collections.abc import Iterable, Iterator
@@ -9,16 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from study.files import writing
-from study.simulation.claims import (
-    bias,
-    bound,
-    costs,
-    error_by_noise,
-    outliers,
-    recordings,
-    several_markers,
-    ugdk,
-)
+from study.simulation.claims import bias, bound, costs, error_by_noise, outliers, recordings, several_markers, ugdk
 from study.simulation.claims.claim import Claim, Evidence, Verdict, evaluate, frame
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
@@ -82,13 +73,8 @@ def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, object]:
 def printed(claims: pd.DataFrame) -> Iterator[str]:
     """The claims for a terminal: a line per claim, one per number below it, and the count of each verdict."""
     heads = [
-        [
-            str(row.number),
-            f"{'§' * str(row.section)[0].isdigit()}{row.section}",
-            str(row.verdict).upper(),
-            str(row.statement),
-        ]
-        for row in claims.itertuples()
+        [str(number), f"{'§' * str(section)[0].isdigit()}{section}", str(verdict).upper(), str(statement)]
+        for number, section, verdict, statement in claims[["number", "section", "verdict", "statement"]].to_numpy()
     ]
     for head, finding in zip(columns(heads, align="><"), claims["finding"], strict=True):
         yield head

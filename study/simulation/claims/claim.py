@@ -32,26 +32,14 @@ from study.simulation.experiment.conditions import STORED
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import FAR, UNKNOWN, Measure, mean, power_law, quantile, share
+from study.text import paragraphs
 from study.toml import Frozen
 
 Average = Callable[[Floats, int], Measure]
 """Average of values, of which there must be at least so many, with its Monte-Carlo error."""
 
-NAMED = frozenset(
-    (
-        "gdke",
-        "ugdk",
-        "ugdk_cov",
-        "als",
-        "mle",
-        "mle_centroid",
-        "mle_mirror",
-        "lls",
-        "lls_nr",
-        "lls_nr_raw",
-        "lls_single",
-    )
-)
+_OF_MLE, _OF_LLS = ("mle", "mle_centroid", "mle_mirror"), ("lls", "lls_nr", "lls_nr_raw", "lls_single")
+NAMED = frozenset(("gdke", "ugdk", "ugdk_cov", "als", *_OF_MLE, *_OF_LLS))
 """Estimators that claims name. Rows of the others are not read: they are half of the largest table."""
 _ALWAYS = ("cell", "trial", *(condition.name for condition in STORED), "estimator", "status")
 """Columns of an error table that every claim may use."""
@@ -227,7 +215,7 @@ def _read_cost(path: Path) -> pd.DataFrame:
         ValueError,
         KeyError,
         TypeError,
-    ):  # the last two if the text about the columns is garbled
+    ):  # the last two: garbled text about the columns
         raise RunError(f"{path}: not a cost table: damaged, or not parquet; {remedy}") from None
     odd = [name for name in _COSTS if name not in table or not types.is_numeric_dtype(table[name])]
     if "estimator" not in table or odd:
@@ -243,6 +231,11 @@ class Verdict(StrEnum):
     PARTLY = "partly"
     NOT_REPRODUCED = "not reproduced"
     NOT_EVALUATED = "not evaluated"
+
+    @classmethod
+    def graded(cls, whole: bool, partly: bool) -> "Verdict":
+        """Reproduced as a whole, or else partly, or else not."""
+        return cls.REPRODUCED if whole else cls.PARTLY if partly else cls.NOT_REPRODUCED
 
 
 class Number(NamedTuple):
@@ -283,46 +276,65 @@ class Number(NamedTuple):
         return f"{self.words}: {self.value:.4g} ± {self.error:.2g}"
 
 
-def only_known(numbers: Iterable[Number]) -> list[Number]:
+def only_known(*numbers: Number) -> list[Number]:
     """The numbers that are not NaN: for those that explain a verdict and do not enter it."""
     return [number for number in numbers if not math.isnan(number.value)]
 
 
-@dataclass(frozen=True)
 class Claim:
     """One statement of the paper and the rule by which it is judged.
+
+    The docstring of a subclass is the paper's statement, in our words, and below it the remark: the source of the
+    paper's number, the explanation of ours. The docstring of its ``judge`` is the criterion: the rule in words.
 
     Attributes:
         name: a word or two for it, in lower case with hyphens.
         section: section of the paper.
-        statement: the paper's statement, in our words.
         quantity: the quantity that is measured.
-        criterion: the rule from the numbers to the verdict, in words; it says what ``judge`` does.
         answer: the page's sentence of answer, with a number in each place, "{0:times}" or "{last:share}", formatted as
             a ratio (times), a share or an exponent (power). Only the numbers depend on the tables.
         reads: tables, as "config/table"; "cost" for the cost table, "case-study" for those of recordings.
-        measure: function from the tables to numbers, the headline first.
-        judge: function from these numbers, in that order, to a verdict. It sees nothing else.
         figure: name of the figure that shows it, or "".
-        remark: background for a reader: the source of the paper's number, the explanation of ours.
-        heads: for a claim at the top of the page, its finding in a few words, by verdict; "{otherwise}" stands for how
-            it fares under other readings of the paper.
+        heads: for a claim at the top of the page, its finding in a few words: if it is reproduced, partly, and not.
+            "{otherwise}" stands for how it fares under other readings of the paper.
         story: the numbers behind that finding, formatted as those of ``answer``.
     """
 
     name: str
     section: str
-    statement: str
     quantity: str
-    criterion: str
     answer: str
     reads: tuple[str, ...]
-    measure: Callable[[Evidence], list[Number]]
-    judge: Callable[[list[Number]], Verdict]
     figure: str = ""
-    remark: str = ""
-    heads: Mapping[Verdict, str] = field(default_factory=dict)
+    heads: tuple[str, ...] = ()
     story: str = ""
+
+    def measure(self, evidence: Evidence) -> list[Number]:
+        """Turn the tables into numbers, the headline first."""
+        raise NotImplementedError
+
+    def judge(self, numbers: list[Number]) -> Verdict:
+        """Turn these numbers, in that order, into a verdict; it sees nothing else."""
+        raise NotImplementedError
+
+    @property
+    def statement(self) -> str:
+        """The paper's statement, in our words."""
+        return paragraphs(self)[0]
+
+    @property
+    def remark(self) -> str:
+        """Background for a reader."""
+        return " ".join(paragraphs(self)[1:])
+
+    @property
+    def criterion(self) -> str:
+        """The rule from the numbers to the verdict, in words."""
+        return paragraphs(self.judge)[0]
+
+    def head(self, verdict: str) -> str:
+        """The finding at the top of the page; "" if the claim has none for this verdict."""
+        return dict(zip(Verdict, self.heads, strict=False)).get(Verdict(verdict), "") if verdict in set(Verdict) else ""
 
 
 class Finding(NamedTuple):
@@ -341,19 +353,19 @@ def evaluate(claims: Iterable[Claim], evidence: Evidence) -> list[Finding]:
         A finding per claim. A claim is not evaluated if a table is missing, or holds too few trials or conditions for
         one of the claim's numbers; the finding gives the reason.
     """
-    return [_evaluate(claim, evidence) for claim in claims]
-
-
-def _evaluate(claim: Claim, evidence: Evidence) -> Finding:
-    try:
-        numbers = claim.measure(evidence)
-    except TableMissing as missing:
-        return Finding(claim, Verdict.NOT_EVALUATED, [], str(missing))
-    unknown = [number.words for number in numbers if math.isnan(number.value)]
-    if unknown:
-        reason = f"too few trials or conditions in the tables for: {'; '.join(unknown)}"
-        return Finding(claim, Verdict.NOT_EVALUATED, numbers, reason)
-    return Finding(claim, claim.judge(numbers), numbers)
+    findings = []
+    for claim in claims:
+        try:
+            numbers = claim.measure(evidence)
+        except TableMissing as missing:
+            findings.append(Finding(claim, Verdict.NOT_EVALUATED, [], str(missing)))
+            continue
+        if unknown := [number.words for number in numbers if math.isnan(number.value)]:
+            reason = f"too few trials or conditions in the tables for: {'; '.join(unknown)}"
+            findings.append(Finding(claim, Verdict.NOT_EVALUATED, numbers, reason))
+        else:
+            findings.append(Finding(claim, claim.judge(numbers), numbers))
+    return findings
 
 
 def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
@@ -408,9 +420,7 @@ def on_par(most: Number, least_noise: Number) -> Verdict:
         most: the greatest ratio; the claim is reproduced if it is at most 1.1, three standard errors allowed.
         least_noise: the ratio at the smallest noise; the claim is partly reproduced if it is 1.
     """
-    if most.value - 3.0 * most.error <= 1.1:
-        return Verdict.REPRODUCED
-    return Verdict.PARTLY if is_one(least_noise) else Verdict.NOT_REPRODUCED
+    return Verdict.graded(most.value - 3.0 * most.error <= 1.1, is_one(least_noise))
 
 
 def rows_of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
@@ -439,7 +449,7 @@ def has_estimators(errors: pd.DataFrame, *estimators: str) -> bool:
 def cells(errors: pd.DataFrame, estimator: str) -> Iterator[tuple[float, float, pd.DataFrame]]:
     """Angle, σ/r and rows of an estimator in each condition of a grid, in the order of angle and σ/r."""
     rows = rows_of(errors, estimator)
-    angle, noise = rows["angle"].to_numpy(), relative_noise(rows).to_numpy()
+    angle, noise = rows["angle"].to_numpy(), relative_noise(rows)
     changes = (angle[1:] != angle[:-1]) | (noise[1:] != noise[:-1])
     places = [0, *np.flatnonzero(changes) + 1, len(rows)] if len(rows) else []
     blocks: dict[tuple[float, float], list[pd.DataFrame]] = {}
@@ -449,17 +459,18 @@ def cells(errors: pd.DataFrame, estimator: str) -> Iterator[tuple[float, float, 
         yield at, level, parts[0] if len(parts) == 1 else pd.concat(parts)
 
 
-def relative_noise(errors: pd.DataFrame) -> "pd.Series[float]":
+def relative_noise(errors: pd.DataFrame) -> Floats:
     """Relative noise σ/r of each row."""
-    return errors["noise"] / errors["radius"]
+    return np.asarray(errors["noise"] / errors["radius"], dtype=float)
 
 
-def error_over(errors: pd.DataFrame, unit: str) -> "pd.Series[float]":
+def error_over(errors: pd.DataFrame, unit: str) -> Floats:
     """Error of each row over a column, ``radius`` or ``bound``; infinite if there is no number, or no finite bound."""
-    return (errors["error"] / errors[unit]).where(np.isfinite(errors[unit]), math.inf).fillna(math.inf)
+    ratio = errors["error"] / errors[unit]
+    return np.asarray(ratio.where(np.isfinite(errors[unit]), math.inf).fillna(math.inf), dtype=float)
 
 
-def by_estimator(errors: pd.DataFrame, values: "pd.Series[float]") -> pd.DataFrame:
+def by_estimator(errors: pd.DataFrame, values: "Floats | pd.Series[float]") -> pd.DataFrame:
     """Values as a table: a row per data set, in the order of the errors, and a column per estimator."""
     table = errors.assign(value=values).pivot(index=["cell", "trial"], columns="estimator", values="value")
     table.columns = [str(name) for name in table.columns]
@@ -530,13 +541,17 @@ class CellMeasure(NamedTuple):
         """The condition in words."""
         return f"φ = {self.angle:g}°, σ = {self.relative_noise:.2g} r"
 
+    def number(self, words: str) -> Number:
+        """The measure with its name."""
+        return Number.of(words, self.measure, self.trials)
+
 
 def greatest(results: Iterable[CellMeasure]) -> CellMeasure:
     """The condition with the greatest measure."""
     return max(results, key=lambda at: at.measure.value)
 
 
-def furthest_from_one(results: list[CellMeasure]) -> CellMeasure:
-    """Of the conditions at the smallest noise, the one whose measure is furthest from 1."""
-    least = min(at.relative_noise for at in results)
-    return max((at for at in results if at.relative_noise == least), key=lambda at: abs(at.measure.value - 1.0))
+def furthest_from_one(words: str, results: Iterable[CellMeasure]) -> Number:
+    """Of the conditions at the smallest noise, the measure that is furthest from 1."""
+    most = min(results, key=lambda at: (at.relative_noise, -abs(at.measure.value - 1.0)))
+    return most.number(f"{words}, σ = {most.relative_noise:.2g} r, at the angle where it is furthest from 1")

@@ -16,41 +16,44 @@ from pandas.api import types
 
 from study.arrays import Floats
 from study.files import InputError
-from study.simulation.claims.claim import (
-    Claim,
-    Evidence,
-    Number,
-    Verdict,
-    error_over,
-    exponent,
-    only_known,
-    rows_of,
-    within,
-)
+from study.simulation.claims import claim as shared
+from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
 from study.simulation.runs import schemas
 from study.simulation.statistics import Measure, mean, share
 
 
-def _measure_power(evidence: Evidence) -> list[Number]:
-    errors = evidence.errors("power-law", "error")
-    return [
-        _exponent(evidence, errors, "ugdk"),
-        *only_known(_exponent(evidence, errors, name) for name in ("mle", "gdke")),
-    ]
-
-
 def _exponent(evidence: Evidence, errors: pd.DataFrame, estimator: str) -> Number:
-    part = rows_of(errors, estimator)
+    part = shared.rows_of(errors, estimator)
     at = part["samples"].to_numpy(dtype=float)
     words = f"exponent of N in {estimator.upper()}'s {evidence.rules.average} error, {evidence.fits}"
-    return exponent(words, at, np.asarray(error_over(part, "radius")), at, evidence.average)
+    return shared.exponent(words, at, shared.error_over(part, "radius"), at, evidence.average)
 
 
-def _judge_power(numbers: list[Number]) -> Verdict:
-    ugdk = numbers[0]
-    if within(ugdk, -0.5, 0.05):
-        return Verdict.REPRODUCED
-    return Verdict.PARTLY if ugdk.value + 2.0 * ugdk.error < -0.25 else Verdict.NOT_REPRODUCED
+class ErrorAsPowerOfN(Claim):
+    """The error falls with the number of samples by a power law close to 1/√N.
+
+    The paper takes it from the spread of fits to motion capture; here the truth is known. GDKE's error levels off
+    at its bias, which a spread over repetitions cannot show.
+    """
+
+    name, section, figure = "power-law", "9.1", "fig7_power_law"
+    reads = ("power-law/errors",)
+    quantity = "exponent of N in the median error"
+    answer = "the median error of UGDK falls as N to the power {0:power}, GDKE's as N to the power {2:power}."
+
+    def measure(self, evidence: Evidence) -> list[Number]:
+        errors = evidence.errors("power-law", "error")
+        return [
+            _exponent(evidence, errors, "ugdk"),
+            *shared.only_known(*(_exponent(evidence, errors, name) for name in ("mle", "gdke"))),
+        ]
+
+    def judge(self, numbers: list[Number]) -> Verdict:
+        """Reproduced if UGDK's exponent and two standard errors on either side are within .05 of -½; partly if
+        it is below -.25 by two standard errors; not reproduced otherwise. All fits count as computed.
+        """
+        ugdk = numbers[0]
+        return Verdict.graded(shared.within(ugdk, -0.5, 0.05), ugdk.value + 2.0 * ugdk.error < -0.25)
 
 
 _MANY = 200
@@ -60,30 +63,6 @@ _FEWEST_HINGES = 3
 """Least number of hinges: a body has few."""
 _FEWEST = 5
 """Least number of joints: all of four are on one side by chance with probability 2⁻⁴ > .05."""
-
-
-def _measure_recordings(evidence: Evidence) -> list[Number]:
-    spreads = evidence.spreads()
-    spreads = spreads.assign(sure=spreads["spread"].where(~spreads["doubted"], np.inf))
-    many = spreads["samples"] > _MANY
-    above, upto = _below(spreads[many], "spread"), _below(spreads[~many], "spread")
-    joints, recordings = (above.index.unique(level).size for level in ("joint", "recording"))
-    of = f"{joints} joints of {recordings} recording{'s' * (recordings != 1)}"
-    gain = _per_joint(above - upto)
-    return [
-        _share(f"share of {of} with a spread below 1 cm, above {_MANY} samples", above),
-        _over_joints(f"that share minus the share up to {_MANY} samples, joint by joint", mean(gain), len(gain)),
-        _share("that share with joints that are in doubt counted as farther", _below(spreads[many], "sure")),
-        *only_known(
-            [
-                _share(
-                    "that share with the error of the whole recording's fit in place of the spread",
-                    _below(spreads[many], "error"),
-                ),
-                _share("that share with every axis of hinges, as in the paper", _below(spreads[many], "with_axes")),
-            ]
-        ),
-    ]
 
 
 def _below(spreads: pd.DataFrame, column: str) -> "pd.Series[float]":
@@ -110,84 +89,81 @@ def _over_joints(words: str, measure: Measure, joints: int) -> Number:
     return Number.of(words, measure, joints) if enough else Number.unknown(f"{words} (needs {_FEWEST} joints)")
 
 
-def _measure_hinges(evidence: Evidence) -> list[Number]:
-    """Shares of spreads of a centimetre or more, above 200 samples with every axis fitted: of hinges, and of others."""
-    spreads = evidence.spreads()
-    numbers, many = [], spreads[spreads["samples"] > _MANY]
-    for words, part in (("hinges", many[many["hinge"]]), ("other joints", many[~many["hinge"]])):
-        joints = _per_joint(1.0 - _below(part, "with_axes"))
-        words = f"share of spreads of 1 cm or more, above {_MANY} samples, every axis fitted: {len(joints)} {words}"
-        numbers.append(Number.share(words, joints, _FEWEST_HINGES))
-    return numbers
+class RecordingsWithin1Cm(Claim):
+    """On recordings, most joints are within one centimetre above about 200 samples.
+
+    A spread within one recording is not a distance to the truth: skin that moves with a joint does not show in it,
+    so a joint counts for the verdict where its own error raises no doubt. Frames near in time are correlated, so
+    that the fit to the whole recording errs too. The paper accounts for neither. The standard errors do not account
+    for errors that the joints of one body share, nor for joints that had no sphere.
+    """
+
+    name, section = "recordings-within-1-cm", "9.1"
+    reads = ("case-study",)
+    quantity = "median distance of a joint's centre, fitted to random frames, from the centre by the whole recording"
+    answer = "above 200 samples {0:share} of the spreads are below 1 cm."
+
+    def measure(self, evidence: Evidence) -> list[Number]:
+        spreads = evidence.spreads()
+        spreads = spreads.assign(sure=spreads["spread"].where(~spreads["doubted"], np.inf))
+        many = spreads["samples"] > _MANY
+        above, upto = _below(spreads[many], "spread"), _below(spreads[~many], "spread")
+        joints, recordings = (above.index.unique(level).size for level in ("joint", "recording"))
+        of = f"{joints} joints of {recordings} recording{'s' * (recordings != 1)}"
+        gain, own_error = _per_joint(above - upto), "that share with the error of the whole recording's fit"
+        return [
+            _share(f"share of {of} with a spread below 1 cm, above {_MANY} samples", above),
+            _over_joints(f"that share minus the share up to {_MANY} samples, joint by joint", mean(gain), len(gain)),
+            _share("that share with joints that are in doubt counted as farther", _below(spreads[many], "sure")),
+            *shared.only_known(
+                _share(f"{own_error} in place of the spread", _below(spreads[many], "error")),
+                _share("that share with every axis of hinges, as in the paper", _below(spreads[many], "with_axes")),
+            ),
+        ]
+
+    def judge(self, numbers: list[Number]) -> Verdict:
+        """Reproduced if, by two standard errors over joints, more than half of the spreads above 200 samples
+        are below 1 cm and of joints that are not in doubt, and a larger share than up to 200 samples; not
+        reproduced if at most half are below 1 cm; partly otherwise.
+        """
+        above, gain, undoubted = numbers[:3]
+        most = all(number.value - 2.0 * number.error > 0.5 for number in (above, undoubted))
+        return Verdict.graded(most and gain.value - 2.0 * gain.error > 0.0, above.value > 0.5)
 
 
-def _judge_recordings(numbers: list[Number]) -> Verdict:
-    above, gain, undoubted = numbers[:3]
-    if above.value <= 0.5:
-        return Verdict.NOT_REPRODUCED
-    most = (number.value - 2.0 * number.error > 0.5 for number in (above, undoubted))
-    sure = all(most) and gain.value - 2.0 * gain.error > 0.0
-    return Verdict.REPRODUCED if sure else Verdict.PARTLY
+class TwoAnswers(Claim):
+    """At ankles and elbows repeated fits to one recording gave two answers, because of the orientation of the
+    parent segment.
 
+    A marker on a hinge moves on a circle. Two spheres, mirror images in the circle's plane, fit it equally, and
+    every centre on the axis fits nearly as well: so random frames give one answer or the other.
+    """
 
-def _judge_hinges(numbers: list[Number]) -> Verdict:
-    hinges, others = numbers[:2]
-    more = hinges.value - others.value
-    if more - 2.0 * math.hypot(hinges.error, others.error) > 0.0:
-        return Verdict.REPRODUCED
-    return Verdict.PARTLY if more > 0.0 else Verdict.NOT_REPRODUCED
+    name, section = "two-answers", "9.1"
+    reads = ("case-study",)
+    quantity = (
+        "share of spreads of a centimetre or more above 200 samples, of hinges and of other joints, every axis "
+        "fitted as in the paper"
+    )
+    answer = "{0:share} of the spreads of hinges are a centimetre or more, and {1:share} of those of other joints."
 
+    def measure(self, evidence: Evidence) -> list[Number]:
+        spreads = evidence.spreads()
+        numbers, many = [], spreads[spreads["samples"] > _MANY]
+        for words, part in (("hinges", many[many["hinge"]]), ("other joints", many[~many["hinge"]])):
+            joints = _per_joint(1.0 - _below(part, "with_axes"))
+            words = f"share of spreads of 1 cm or more, above {_MANY} samples, every axis fitted: {len(joints)} {words}"
+            numbers.append(Number.share(words, joints, _FEWEST_HINGES))
+        return numbers
 
-CLAIMS: tuple[Claim, ...] = (
-    Claim(
-        name="power-law",
-        section="9.1",
-        statement="The error falls with the number of samples by a power law close to 1/√N.",
-        quantity="exponent of N in the median error",
-        criterion="Reproduced if UGDK's exponent and two standard errors on either side are within .05 of -½; partly "
-        "if it is below -.25 by two standard errors; not reproduced otherwise. All fits count as computed.",
-        answer="the median error of UGDK falls as N to the power {0:power}, GDKE's as N to the power {2:power}.",
-        reads=("power-law/errors",),
-        measure=_measure_power,
-        judge=_judge_power,
-        figure="fig7_power_law",
-        remark="The paper takes it from the spread of fits to motion capture; here the truth is known. GDKE's error "
-        "levels off at its bias, which a spread over repetitions cannot show.",
-    ),
-    Claim(
-        name="recordings-within-1-cm",
-        section="9.1",
-        statement="On recordings, most joints are within one centimetre above about 200 samples.",
-        quantity="median distance of a joint's centre, fitted to random frames, from the centre by the whole recording",
-        criterion="Reproduced if, by two standard errors over joints, more than half of the spreads above 200 samples "
-        "are below 1 cm and of joints that are not in doubt, and a larger share than up to 200 samples; not reproduced "
-        "if at most half are below 1 cm; partly otherwise.",
-        answer="above 200 samples {0:share} of the spreads are below 1 cm.",
-        reads=("case-study",),
-        measure=_measure_recordings,
-        judge=_judge_recordings,
-        remark="A spread within one recording is not a distance to the truth: skin that moves with a joint does not "
-        "show in it, so a joint counts for the verdict where its own error raises no doubt. Frames near in time are "
-        "correlated, so that the fit to the whole recording errs too. The paper accounts for neither. The standard "
-        "errors do not account for errors that the joints of one body share, nor for joints that had no sphere.",
-    ),
-    Claim(
-        name="two-answers",
-        section="9.1",
-        statement="At ankles and elbows repeated fits to one recording gave two answers, because of the orientation of "
-        "the parent segment.",
-        quantity="share of spreads of a centimetre or more above 200 samples, of hinges and of other joints, every "
-        "axis fitted as in the paper",
-        criterion="Reproduced if the share is larger for hinges than for other joints by two standard errors over "
-        "joints; partly if it is larger; not reproduced otherwise.",
-        answer="{0:share} of the spreads of hinges are a centimetre or more, and {1:share} of those of other joints.",
-        reads=("case-study",),
-        measure=_measure_hinges,
-        judge=_judge_hinges,
-        remark="A marker on a hinge moves on a circle. Two spheres, mirror images in the circle's plane, fit it "
-        "equally, and every centre on the axis fits nearly as well: so random frames give one answer or the other.",
-    ),
-)
+    def judge(self, numbers: list[Number]) -> Verdict:
+        """Reproduced if the share is larger for hinges than for other joints by two standard errors over
+        joints; partly if it is larger; not reproduced otherwise.
+        """
+        hinges, others = numbers[:2]
+        more = hinges.value - others.value
+        return Verdict.graded(more - 2.0 * math.hypot(hinges.error, others.error) > 0.0, more > 0.0)
+
 
 _SCATTER = "case-study-scatter.parquet"
 _ORIGIN = ("recording", "digest")
@@ -261,3 +237,6 @@ def _read(folder: Path) -> pd.DataFrame:
     columns["doubted"] = across["doubted"].astype(bool) if "doubted" in across else pd.Series(True, across.index)
     table = pd.DataFrame(columns).reset_index()
     return table.assign(recording=scatter["digest"].iloc[0], hinge=table["joint"].isin(hinges))
+
+
+CLAIMS: tuple[Claim, ...] = (ErrorAsPowerOfN(), RecordingsWithin1Cm(), TwoAnswers())

@@ -81,9 +81,9 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in cells["angle"].unique()}
     shown = _shown(tables.estimators)
     errors = tables.some_errors(["cell", "estimator", "error", "bound"], shown)
-    ratios = error_over(errors, "bound")
+    ratios = errors.assign(ratio=error_over(errors, "bound")).groupby(["cell", "estimator"], observed=True, sort=False)
     rows = []
-    for (cell, estimator), part in ratios.groupby([errors["cell"], errors["estimator"]], observed=True, sort=False):
+    for (cell, estimator), part in ratios["ratio"]:
         if cell in place:
             median = quantile(np.asarray(part, dtype=float), 0.5)
             rows.append((*place[cell], str(estimator), median.value, median.error, len(part)))

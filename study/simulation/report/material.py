@@ -3,9 +3,7 @@
 Every number in a sentence is one of the tables'; none is written here.
 """
 
-import inspect
 import math
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -19,8 +17,7 @@ from study import style
 from study.files import RunError
 from study.fits.registry import ESTIMATORS
 from study.simulation.analysis.summary import worst_of_run
-from study.simulation.claims import CLAIMS
-from study.simulation.claims.claim import Verdict
+from study.simulation.claims import CLAIMS, Verdict
 from study.simulation.claims.readings import Readings
 from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.fig_efficiency import EfficiencyFrame
@@ -28,6 +25,7 @@ from study.simulation.figures.figure import failure, log_axes, look
 from study.simulation.report import html, words
 from study.simulation.report.words import count
 from study.simulation.runs.run_folder import Finished, Run
+from study.text import paragraphs
 
 _BEGINNINGS = {Verdict.REPRODUCED: "Yes", Verdict.PARTLY: "In part", Verdict.NOT_REPRODUCED: "No"}
 _CLAIMS = {claim.name: claim for claim in CLAIMS}
@@ -100,7 +98,7 @@ def findings(
             int(row["number"]),
         )
         for name, claim in _CLAIMS.items()
-        if (row := rows.get(name)) and (head := claim.heads.get(row["verdict"]))
+        if (row := rows.get(name)) and (head := claim.head(row["verdict"]))
     ]
     return [*told[:1], *_instead(efficiency), *_reached(efficiency), *told[1:]]
 
@@ -214,9 +212,8 @@ def picture(name: str, drawing: Drawing) -> Markup:
 
 def described(figure: FigureModule) -> tuple[str, str]:
     """First paragraph of a figure's docstring and its advice on what to look at, "" if none; code in backticks."""
-    paragraphs = [" ".join(part.split()) for part in re.split(r"\n\s*\n", inspect.getdoc(figure) or "")]
-    paragraphs = [part.replace("``", "`") for part in paragraphs]
-    return paragraphs[0], next((part for part in paragraphs[1:] if part.startswith("Look at")), "")
+    title, *rest = [part.replace("``", "`") for part in paragraphs(figure)]
+    return title, next((part for part in rest if part.startswith("Look at")), "")
 
 
 @dataclass(frozen=True)

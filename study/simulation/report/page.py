@@ -13,15 +13,14 @@ import pandas as pd
 from markupsafe import Markup
 
 from study.files import RunError, regular, write
-from study.simulation.claims.claim import Verdict
+from study.simulation.claims import Verdict
 from study.simulation.claims.readings import Readings
 from study.simulation.figures import Gallery, gathered
 from study.simulation.report import html, words
 from study.simulation.report.explorer import digests, explorer_section
 from study.simulation.report.html import Content, Section
 from study.simulation.report.material import Material, answer
-from study.simulation.report.posterior import posterior_section
-from study.simulation.report.runs import overview_section, run_id, run_section
+from study.simulation.report.runs import overview_section, posterior_section, run_id, run_section
 from study.simulation.report.words import count, readable
 from study.simulation.runs.run_folder import Run
 

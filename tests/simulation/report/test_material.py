@@ -21,7 +21,7 @@ from study.simulation.report import material, words
 from study.simulation.report.html import coded
 from study.simulation.report.material import Material, answer, draw_lead
 from study.simulation.report.page import COLUMNS, read_bench, render, speed_section
-from study.simulation.report.posterior import posterior_section
+from study.simulation.report.runs import posterior_section
 from study.simulation.statistics import MEASURES
 
 NOISES = """
