@@ -59,6 +59,8 @@ def test_error_is_estimate_minus_truth(make_study, d):
         assert found["radius_error"][i] == 7.0 * unit - found["radius"][i]
         assert found["noise_variance"][i] == 0.5 * unit**2
     assert set(found["radius_error"]) == {5.0, 60.0}
+    stored = {"status": study.Status.NOT_CONVERGED, "condition": 0.75, "iterations": 42}  # as it came
+    assert all(set(found[name]) == {value} for name, value in stored.items())
 
 
 def test_cells_a_power_of_ten_apart_are_one_level(make_study):
@@ -74,16 +76,6 @@ def test_cells_a_power_of_ten_apart_are_one_level(make_study):
     alone = rows(make_study(noise=[1.0], radius=[10.0]))
     for name in ("cell", "trial", "estimator", "error_1", "error", "radius_error", "noise_variance", "status"):
         np.testing.assert_array_equal(both[name][large], alone[name])
-
-
-@pytest.mark.usefixtures("fixed")
-def test_the_rest_of_a_fit_is_stored_as_it_came(make_study):
-    """Status, condition, iterations and noise variance are the estimator's own."""
-    found = rows(make_study({"estimators": ["fixed"]}))
-    assert set(found["status"]) == {study.Status.NOT_CONVERGED}
-    assert set(found["condition"]) == {0.75}
-    assert set(found["iterations"]) == {42}
-    assert set(found["noise_variance"]) == {0.5}
 
 
 @pytest.mark.parametrize("d", [2, 3])
