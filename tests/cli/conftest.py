@@ -1,4 +1,4 @@
-"""Shared by the tests of the command line: a small config, and a way to run a command as a user does."""
+"""Shared by the tests of the command line: a small config, and ways to run a command as a user does."""
 
 import os
 import signal
@@ -40,18 +40,16 @@ def command():
 
 @pytest.fixture(scope="session")
 def call(command):
-    """Run a command in a folder; exit code, standard output and standard error come back as text."""
+    """Run a command in a folder; exit code, standard output and standard error come back as text.
+
+    Options go to the process: another environment, a shell's line in place of the command.
+    """
     words, environment = command
 
-    def run(folder, *arguments):
-        done = subprocess.run(
-            [*words, *map(str, arguments)],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            encoding="utf-8",
-            timeout=300,
-        )
+    def run(folder, *arguments, **options):
+        line = [*words, *map(str, arguments)]
+        options = {"env": environment, "encoding": "utf-8", "timeout": 300, "capture_output": True} | options
+        done = subprocess.run(line, cwd=folder, **options)
         return done.returncode, done.stdout, done.stderr.replace(f"{COMPILING}\n", "")  # where no code is cached
 
     return run
@@ -64,15 +62,9 @@ def hold(command, held, wait_for, tmp_path_factory):
     gate, started = Path(environment["GATE"]), []
 
     def start(folder, parts, workers, *arguments):
-        process = subprocess.Popen(
-            [sys.executable, "-W", "error", str(held), *map(str, arguments)],
-            cwd=folder,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            encoding="utf-8",
-            start_new_session=True,
-        )
+        line = [sys.executable, "-W", "error", str(held), *map(str, arguments)]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "encoding": "utf-8"}
+        process = subprocess.Popen(line, cwd=folder, env=environment, start_new_session=True, **pipes)
         started.append(process)
         wait_for(
             lambda: len(list(gate.glob("held-*"))) == workers and any(parts.glob("[!.]*.part")),
@@ -105,5 +97,38 @@ def call_here(monkeypatch, capsys):
         with pytest.raises(SystemExit) as end:
             cli.main()
         return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def well(call_here):
+    """Run a command within this process that ends with code 0 and complains of nothing; its output."""
+
+    def run(folder, *arguments):
+        code, said, complained = call_here(folder, *arguments)
+        assert (code, complained) == (0, "")
+        return said
+
+    return run
+
+
+@pytest.fixture
+def refused(call_here, files_of):
+    """Run a command within this process that is refused, says nothing and changes no file; its complaint.
+
+    It is one line (or so many) that begins with the words; a dot-dot-dot in them stands for any text.
+    """
+
+    def run(folder, code, words, *arguments, lines=1):
+        before = files_of(folder)
+        end, said, complained = call_here(folder, *arguments)
+        assert (end, said) == (code, "")
+        assert len(complained.splitlines()) == lines, complained
+        first, *others = words.split(" ... ")
+        assert complained.startswith(first)
+        assert all(word in complained for word in others), complained
+        assert files_of(folder) == before
+        return complained
 
     return run

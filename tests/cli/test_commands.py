@@ -6,7 +6,6 @@ From a recording to the verdict on it: a synthetic body, its case study, and the
 """
 
 import importlib.metadata
-import pathlib
 import re
 import shutil
 import subprocess
@@ -26,67 +25,56 @@ from study.simulation.runs.plan import plan
 from study.simulation.runs.run_folder import Run
 
 
-def test_run(finished):
+def test_run(finished, config):
     """`study run` stores the tables and prints the folder, and nothing else where there is no terminal."""
-    folder, (code, said, complained) = finished
-    assert (code, said, complained) == (0, "out\n", "")
+    folder, said = finished
+    assert said == (0, "out\n", "")
     tables = {"errors.parquet", "timings.parquet", "summary.parquet"}
     assert {path.name for path in (folder / "out").iterdir()} == {"config.toml", "manifest.json"} | tables
+    assert (folder / "out" / "config.toml").read_text() == config  # comments and all
 
 
-def test_run_stores_the_config_as_it_was_given(finished, config):
-    """The run's config is the user's file, comments and all."""
-    assert (finished[0] / "out" / "config.toml").read_text() == config
-
-
-def test_run_into_the_default_folder(call_here, config, tmp_path, finished):
+def test_run_into_the_default_folder(well, config, tmp_path, finished):
     """Without --out, the folder is results/<name>-<digest>, and the numbers are the same."""
     (tmp_path / "tiny.toml").write_text(config)
-    code, said, complained = call_here(tmp_path, "run", "tiny.toml", "--jobs", "1")
     name = parse(config).run_name()
-    assert (code, said, complained) == (0, f"results/{name}\n", "")
+    assert well(tmp_path, "run", "tiny.toml", "--jobs", "1") == f"results/{name}\n"
     one, other = Run.open(tmp_path / "results" / name), Run.open(finished[0] / "out")
-    assert one.table("errors").equals(other.table("errors"))
-    assert one.table("summary").equals(other.table("summary"))
+    assert all(one.table(table).equals(other.table(table)) for table in ("errors", "summary"))
 
 
-def test_summary(finished, call_here):
+def test_summary(well, finished):
     """`study summary` prints what the library's function yields."""
     folder = finished[0]
-    code, said, complained = call_here(folder, "summary", "out")
-    assert (code, complained) == (0, "")
+    said = well(folder, "summary", "out")
     assert said.splitlines() == list(printed(Run.open(folder / "out")))
 
 
-def test_plan(call_here, config, tmp_path):
+def test_plan(well, config, tmp_path):
     """`study plan` prints the run's name and the library's counts, and writes nothing."""
     (tmp_path / "tiny.toml").write_text(config)
-    code, said, complained = call_here(tmp_path, "plan", "tiny.toml")
-    assert (code, complained) == (0, "")
+    said = well(tmp_path, "plan", "tiny.toml")
     name, *lines = said.splitlines()
     assert name == parse(config).run_name()
-    found = dict(re.match(r"\s+(\w+)\s+(.*)", line).groups() for line in lines)
-    for label, value in plan(parse(config), 2).lines():
-        assert label in found
-        if label != "time":
-            assert found[label] == value
+    told = dict(re.match(r"\s+(\w+)\s+(.*)", line).groups() for line in lines)
+    expected = dict(plan(parse(config), 2).lines())
+    assert told == expected | {"time": told["time"]}
     assert [path.name for path in tmp_path.iterdir()] == ["tiny.toml"]
 
 
 @pytest.mark.parametrize("as_json", [[], ["--json"]])
 @pytest.mark.parametrize(("seconds", "words"), [(3e9, "95.1 years"), (8 * 86_400.0, "8.0 days")])
-def test_plan_of_more_than_a_week(call_here, config, tmp_path, monkeypatch, seconds, words, as_json):
+def test_plan_of_more_than_a_week(well, call_here, config, tmp_path, monkeypatch, seconds, words, as_json):
     """A study that takes years is planned, with a warning of one line and an exit code; one of a week has neither."""
     (tmp_path / "tiny.toml").write_text(config)
     pace = SimpleNamespace(of=lambda work: seconds if len(work) else 0.0, summary=0.0)
     monkeypatch.setattr("study.simulation.runs.plan.measure", lambda *_: pace)
     code, said, complained = call_here(tmp_path, "plan", "tiny.toml", "--jobs", "1", *as_json)
-    assert code == ExitCode.TOO_LONG
+    assert (code, complained.count("\n")) == (ExitCode.TOO_LONG, 1)
     assert as_json or f"time     {words} predicted" in said
     assert f"would take {words} with --jobs 1, which is more than a week; give fewer" in complained
-    assert len(complained.splitlines()) == 1
     pace.of = lambda work: 7 * 86_400.0 - 1.0
-    assert call_here(tmp_path, "plan", "tiny.toml", "--jobs", "1")[::2] == (0, "")
+    well(tmp_path, "plan", "tiny.toml", "--jobs", "1")
 
 
 HEAVY = ["numpy", "numba", "scipy", "pandas", "pyarrow", "matplotlib", "joblib"]
@@ -114,71 +102,48 @@ def test_help_is_light(command):
         assert "Usage: study" in done.stdout
 
 
-def test_help_names_every_command(call, tmp_path):
-    """The help has a line for each command."""
-    code, said, _ = call(tmp_path, "--help")
-    assert code == 0
-    assert all(re.search(rf"\b{name}\b", said) for name in ("plan", "run", "summary", "figures"))
-
-
 def test_entry_point():
     """In an installed package `study` is the main function."""
-    found = [e for e in importlib.metadata.entry_points(group="console_scripts") if e.name == "study"]
-    assert all(entry.value == "study.cli:main" for entry in found)
+    entries = [e for e in importlib.metadata.entry_points(group="console_scripts") if e.name == "study"]
+    assert all(entry.value == "study.cli:main" for entry in entries)
 
 
-def test_configs(call_here, tmp_path):
+def test_configs(well, tmp_path):
     """`study configs` lists every shipped config with its first line, from any folder."""
-    code, said, complained = call_here(tmp_path, "configs")
-    assert (code, complained) == (0, "")
-    found = dict(re.split(r" {2,}", line, maxsplit=1) for line in said.splitlines())
-    assert found == {name: summary_line(path) for name, path in shipped_configs().items()}
+    said = well(tmp_path, "configs")
+    assert dict(re.split(r" {2,}", line, maxsplit=1) for line in said.splitlines()) == {
+        name: summary_line(path) for name, path in shipped_configs().items()
+    }
 
 
-def test_a_shipped_config_by_name(call_here, tmp_path):
+def test_a_shipped_config_by_name(well, tmp_path):
     """`study plan smoke` works in a folder without configs, and says the same as with the file."""
-    code, said, complained = call_here(tmp_path, "plan", "smoke")
-    assert (code, complained) == (0, "")
+    said = well(tmp_path, "plan", "smoke")
     assert said.splitlines()[0] == load(shipped_config("smoke")).run_name()
 
 
-def test_a_config_names_its_run(finished, call_here, config, tmp_path):
+def test_a_config_names_its_run(well, finished, config, tmp_path):
     """A command that takes a run's folder also takes the config of a run in results/."""
     (tmp_path / "tiny.toml").write_text(config)
     name = parse(config).run_name()
     (tmp_path / "results").mkdir()
     (tmp_path / "results" / name).symlink_to(finished[0] / "out", target_is_directory=True)
-    by_config, by_folder = (call_here(tmp_path, "summary", word) for word in ("tiny.toml", f"results/{name}"))
-    assert by_config == by_folder
-    assert by_config[0] == 0
-    code, said, complained = call_here(tmp_path, "summary", "none.toml")
-    assert (code, said) == (2, "")
-    assert "none.toml: cannot be read" in complained
-
-
-def test_a_shipped_config_names_its_run(call_here, tmp_path):
-    """The name of a shipped config stands for its run, too."""
-    name = load(shipped_config("smoke")).run_name()
-    code, said, complained = call_here(tmp_path, "summary", "smoke")
-    assert (code, said) == (1, "")
-    assert f"results/{name}: not a run folder" in complained
+    assert well(tmp_path, "summary", "tiny.toml") == well(tmp_path, "summary", f"results/{name}")
 
 
 TITLES = ["Studies", "Results", "Points and estimators", "Recordings"]
 
 
 @pytest.fixture
-def sections(call_here, tmp_path):
+def sections(well, tmp_path):
     """The sections of `study --help`: for each title the first words of its entries."""
-    code, said, complained = call_here(tmp_path, "--help")
-    assert (code, complained) == (0, "")
-    found = {}
-    for line in said.splitlines():
+    sections = {}
+    for line in well(tmp_path, "--help").splitlines():
         if title := re.fullmatch(r"([A-Z][\w ]+):", line):
-            found[title[1]] = []
-        elif found and (entry := re.match(r"  (\S+)  +\S", line)):
-            list(found.values())[-1].append(entry[1])
-    return found
+            sections[title[1]] = entries = []
+        elif sections and (entry := re.match(r"  (\S+)  +\S", line)):
+            entries.append(entry[1])
+    return sections
 
 
 def test_every_command_is_in_one_group(sections):
@@ -193,10 +158,11 @@ def test_every_command_is_in_one_group(sections):
     assert {"recording", "joints", "case-study"} <= set(sections["Recordings"])
 
 
-def test_no_first_line_is_cut(call_here, tmp_path):
-    """The line of each command fits the width of a terminal of 80 columns."""
-    _, said, _ = call_here(tmp_path, "--help")
+def test_help(well, tmp_path):
+    """The line of each command fits a terminal of 80 columns; the options that install completion are named."""
+    said = well(tmp_path, "--help")
     assert "..." not in said.partition("Studies:")[2].partition("Exit codes:")[0]
+    assert {"--install-completion", "--show-completion"} <= set(re.findall(r"--[\w-]+", said))
 
 
 def test_exit_codes(sections):
@@ -205,9 +171,9 @@ def test_exit_codes(sections):
     assert sections["Exit codes"] == [str(int(code)) for code in ExitCode]
 
 
-def test_version(call_here, tmp_path):
+def test_version(well, tmp_path):
     """`study --version` prints the version of the package, and nothing else."""
-    assert call_here(tmp_path, "--version") == (0, f"study {study.__version__}\n", "")
+    assert well(tmp_path, "--version") == f"study {study.__version__}\n"
 
 
 ENTRY = "import sys; from study.cli import main; sys.argv = ['study']; main()"
@@ -228,12 +194,6 @@ def test_completion(command, typed, offered):
     assert all(name.startswith(typed.split()[-1]) for name in done.stdout.split())
 
 
-def test_completion_can_be_installed(call_here, tmp_path):
-    """The help names the options that install it."""
-    _, said, _ = call_here(tmp_path, "--help")
-    assert {"--install-completion", "--show-completion"} <= set(re.findall(r"--[\w-]+", said))
-
-
 BAD = "case-study-scatter.parquet"
 
 
@@ -242,12 +202,12 @@ def folder(finished, call, tmp_path_factory):
     """A folder with a finished run in ``out`` and the case study of a short synthetic body in ``body``."""
     place = tmp_path_factory.mktemp("recording")
     shutil.copytree(finished[0] / "out", place / "out")
-    said = call(place, "synthetic", "--frames", "2000", "--noise", "0.002", "--gaps", "0.05", "--out", "body.c3d")
-    assert (said[0], said[2]) == (0, "")
+    words = "synthetic --frames 2000 --noise 0.002 --gaps 0.05 --out body.c3d"
+    assert call(place, *words.split())[::2] == (0, "")
     shutil.copy(place / "body.c3d", place / "copy.c3d")
     for file, seed, out in (("body.c3d", "1", "body"), ("copy.c3d", "2", "again")):
-        said = call(place, "case-study", file, "--subsets", "20", "--seed", seed, "--out", out)
-        assert (said[0], said[2]) == (0, "")
+        words = f"case-study {file} --subsets 20 --seed {seed} --out {out}"
+        assert call(place, *words.split())[::2] == (0, "")
     return place
 
 
@@ -258,10 +218,9 @@ def of_recordings(said):
     return lines[first:after]
 
 
-def test_claims(call_here, folder):
+def test_claims(well, folder):
     """With the recording there is a verdict on its joints, which are near with few samples, too: the claim in part."""
-    code, said, complained = call_here(folder, "claims", "out", "--recording", "body")
-    assert (code, complained) == (0, "")
+    said = well(folder, "claims", "out", "--recording", "body")
     head, *numbers = of_recordings(said)
     assert "PARTLY" in head
     assert numbers[0].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
@@ -269,10 +228,9 @@ def test_claims(call_here, folder):
     assert numbers[1].endswith("joint by joint: 0")
 
 
-def test_one_recording_twice(call_here, folder):
+def test_one_recording_twice(well, folder):
     """Two seeds on one recording, were it copied, are one recording; the tables say which."""
-    code, said, complained = call_here(folder, "claims", "out", "--recording", "body", "--recording", "again")
-    assert (code, complained) == (0, "")
+    said = well(folder, "claims", "out", "--recording", "body", "--recording", "again")
     assert of_recordings(said)[1].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
     for name in ("scatter", "joints", "laws"):
         body, again = (pd.read_parquet(folder / out / f"case-study-{name}.parquet") for out in ("body", "again"))
@@ -281,54 +239,30 @@ def test_one_recording_twice(call_here, folder):
         assert set(body["digest"]) == set(again["digest"]) == {digest_of(folder / "body.c3d")}
 
 
-def test_claims_without(call_here, folder):
+def test_claims_without(well, folder):
     """Without it the line names the command that would give it."""
-    code, said, _ = call_here(folder, "claims", "out")
-    assert code == 0
+    said = well(folder, "claims", "out")
     head, reason = of_recordings(said)
     assert "NOT EVALUATED" in head
     assert reason == "    needs a recording: `study case-study FILE --out DIR`, then `--recording DIR` here"
 
 
-def test_report(call_here, folder):
+def test_report(well, folder):
     """The page has the verdict, too, and says on how many joints it rests; without the recording what would give it."""
     for options, words in (
         (["--recording", "body"], ["share of 14 joints of 1 recording", "at least 14 behind each number"]),
         ([], ["<code>study case-study</code> writes, given by <code>--recording</code>"]),
     ):
-        assert call_here(folder, "report", "out", *options, "--out", "page.html")[0] == 0
+        well(folder, "report", "out", *options, "--out", "page.html")
         page = (folder / "page.html").read_text(encoding="utf-8")
         assert all(word in page for word in words)
 
 
 @pytest.mark.parametrize("verb", ["claims", "report"])
-def test_refusals(call_here, folder, verb):
-    """A folder without a case study, a damaged table, one given twice: code 2 and one line."""
+def test_refusals(refused, folder, verb):
+    """A damaged table, and a folder that is given twice: code 2 and one line."""
     (folder / "bad").mkdir(exist_ok=True)
     (folder / "bad" / BAD).write_bytes(b"not parquet")
-    for given, words in (
-        (
-            ["none"],
-            "none: not the folder of a case study, as it has no case-study-scatter.parquet; `study case-study FILE",
-        ),
-        (["bad"], f"bad/{BAD}: cannot be read"),
-        (["body", "body"], "body and body: the same case study"),
-    ):
-        options = [word for name in given for word in ("--recording", name)]
-        code, said, complained = call_here(folder, verb, "out", *options)
-        assert (code, said) == (2, "")
-        assert complained.startswith(words)
-        assert complained.count("\n") == 1
-
-
-def test_readings_that_are_none(call_here, tmp_path):
-    """A config that is not there, and a table that is none, are one line each."""
-    code, said, complained = call_here(tmp_path, "readings", "raedings")
-    assert (code, said) == (2, "")
-    assert "did you mean 'readings'" in complained
-    (tmp_path / "none.csv").write_text("a,b\n1,2\n", encoding="utf-8")
-    run = pathlib.Path(study.__file__).parents[1] / "results" / "paper"
-    code, said, complained = call_here(tmp_path, "report", run, "--readings", "none.csv")
-    assert said == ""
-    assert code != 0
-    assert complained.startswith("none.csv: no table of readings: needs the columns choice, reading, ")
+    refused(folder, 2, f"bad/{BAD}: cannot be read", verb, "out", "--recording", "bad")
+    words = "body and body: the same case study"
+    refused(folder, 2, words, verb, "out", "--recording", "body", "--recording", "body")

@@ -1,11 +1,13 @@
 """Commands that fail: exit code 1 or 2, a plain message on standard error, no traceback, and nothing written.
 
-Interrupted runs end with code 130 and one line, and keep the finished parts; killed ones leave no workers.
+Interrupted runs end with code 130 and one line, and keep the finished parts; killed ones leave no workers. Standard
+output that is full, closed or read by nobody ends a command quietly; so do names that are not UTF-8.
 
 Noise that is not normal, on the command line: every text that has the bound names its law.
 """
 
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -16,154 +18,307 @@ import psutil
 import pytest
 
 from study import cli
-from study.simulation.runs.parts import Parts
+from study.files import writing
+from study.fits import registry
+from study.simulation.runs.parts import FORMAT, Parts
+from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import interrupts_later
+
+LOOP = "import study\ndef loop(points):\n    while True: pass\nstudy.register('loop', loop)\n"
+
+POINTS = "x,y,z\n1,0,0\n0,1,0\n-1,0,0\n0,-1,0\n0,0,1\n0.6,0,-0.8\n"
+
+PRECISION = "[precision]\nrelative_target = 0.08\nfirst = 100\n"
+
+POSTERIOR = '[posterior]\ntrials = 2\nwalkers = 16\nmax_steps = 100\nwhere = { samples = 20 }\nnoise = "known"\n'
+
+
+@pytest.fixture(scope="module")
+def folder(finished, config, tmp_path_factory):
+    """A folder with a finished run in ``out``, one that is half there, one of posteriors, configs and points."""
+    folder = tmp_path_factory.mktemp("mistakes")
+    shutil.copytree(finished[0] / "out", folder / "out")
+    shutil.copytree(finished[0] / "out", folder / "odd")
+    (folder / "odd" / "manifest.json").unlink()
+    apart = "where = { noise = 0.1, noise_over_radius = 0.01, samples = 20 }"
+    texts = {
+        "tiny.toml": config,
+        "bad.toml": config.replace("trials = 5", "trials = 0").replace("= 90", "= 190"),
+        "huge.toml": config.replace("= 90", "= 1" + 400 * "0"),
+        "other.toml": config.replace("seed = 1", "seed = 2"),
+        "need.toml": config.replace("tiny", "need").replace("trials = 5", "trials = 400") + PRECISION,
+        "measure.toml": config.replace("trials = 5", "trials = 400") + PRECISION + 'measure = "ratio_medain"\n',
+        "where.toml": config + POSTERIOR.replace("samples = 20", "samples = 21"),
+        "law.toml": config + 'law = "cauchy"',
+        "share.toml": config + "outlier_share = 1.5",
+        "size.toml": config + "outlier_size = 3",
+        "coope.toml": config.replace("lls", "coope"),
+        "raises.py": "raise RuntimeError('no')",
+        "taken.py": "import study\nstudy.register('als', len)",
+        "mine.py": "import study\nstudy.register('mine', len)",
+        "half/config.toml": config.replace("tiny", "half"),
+        "chains/config.toml": config + POSTERIOR,
+        "chains/parts": "in the way",
+        "apart/config.toml": config + POSTERIOR.replace("where = { samples = 20 }", apart),
+        "cap.csv": POINTS,
+        "bad.csv": "x,y\n1,2\n3,four\n5,6\n7,8\n",
+        "timed.csv": "\n".join(f"{i},1,{i * i},{i % 3}" for i in range(9)),
+        "none.csv": "a,b\n1,2\n",
+        "scatter/case-study-scatter.parquet": "not parquet",
+        "file": "mine",
+        "folder.csv/file": "mine",
+        "closed/file": "mine",
+        "odd/manifest.json/file": "mine",
+    }
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+    return folder
+
+
+NO_RUN = "not a run folder"
+UNKNOWN = "neither a file nor a shipped config"
+ALLOWED = "not allowed: every value must be"
+MEASURE = "precision.measure = 'ratio_medain'"
+TRIAL = "give a cell and the number of a trial, or both as CELL/TRIAL"
+KINDS = "give a name that ends in .csv or .parquet"
+
+REFUSED = {
+    # folders of runs
+    **{f"{verb} none": (1, f"none: {NO_RUN}") for verb in ("status", "worst", "posterior", "report", "regret")},
+    **{f"{verb} file": (1, f"file: {NO_RUN}") for verb in ("status", "worst", "summary")},
+    **{f"{verb} .": (1, f".: {NO_RUN}") for verb in ("status", "worst", "posterior")},
+    "summary .": (1, f".: {NO_RUN} ... study run CONFIG"),
+    "summary none": (1, f"none: {NO_RUN} ... study run CONFIG"),
+    "summary need.toml": (1, f"results/need- ... {NO_RUN} ... study run CONFIG"),
+    "summary smoke": (1, f"results/smoke- ... {NO_RUN}"),
+    "summary half": (1, "half/summary.parquet: missing ... study run half/config.toml"),
+    "run other.toml --out out": (1, "out: holds a run of another config"),
+    "run tiny.toml --out tiny.toml/out": (1, "tiny.toml/out: cannot be written: Not a directory"),
+    "diff out none": (1, f"none: {NO_RUN}"),
+    "worst out -e mle": (1, "out: no estimator 'mle' in this run; known are lls, ugdk"),
+    # configs
+    "summary none.toml": (2, "none.toml: cannot be read"),
+    **{f"{verb} none.toml": (2, "none.toml: ... No such file or directory") for verb in ("run", "plan")},
+    "run papre": (2, f"papre: {UNKNOWN}; did you mean 'paper'? Known are anisotropic, "),
+    "plan papre": (2, f"papre: {UNKNOWN}; did you mean 'paper'? Known are anisotropic, "),
+    "plan huge.toml": (2, "huge.toml: 1 fault ... design.angle", 2),
+    **{f"{verb} bad.toml": (2, "bad.toml: 2 faults ... trials = 0 ... angle = 190", 3) for verb in ("run", "plan")},
+    "run measure.toml": (2, f"measure.toml: 1 fault ... {MEASURE} ... did you mean 'ratio_median'", 2),
+    "run where.toml": (2, "where.toml: 1 fault\n  line 14: posterior.where: no cell has samples = 21\n", 2),
+    "run law.toml": (2, f"law.toml: 1 fault\n  line 10: design.law = 'cauchy': 'cauchy' {ALLOWED} normal, ", 2),
+    "run share.toml": (2, f"share.toml: 1 fault\n  line 10: design.outlier_share = 1.5: 1.5 {ALLOWED} a share", 2),
+    "run size.toml": (2, "size.toml: 1 fault\n  line 10: design.outlier_size: has no effect without outlier_share", 2),
+    "run coope.toml": (2, "coope.toml: 1 fault ... estimators =  ... 'coope' unknown", 2),
+    # summaries, reports and figures
+    "regret out --csv regret.txt": (1, f"regret.txt ... {KINDS}"),
+    "regret out --csv cap.csv/below.csv": (1, "cap.csv/below.csv: cannot be written: "),
+    "report out .": (1, f".: {NO_RUN}"),
+    "report half": (1, "half/errors.parquet: missing; finish the run with `study run half/config.toml --out half`"),
+    "report out half": (1, "half/errors.parquet: missing"),
+    "report out out": (1, "out and out: both are runs named 'tiny'"),
+    "report out --out out": (1, "out: cannot be written: Is a directory"),
+    "report out --out other.toml/page.html": (1, "other.toml/page.html: cannot be written"),
+    "report out --cost none.parquet": (1, "none.parquet: no cost table"),
+    "report out --readings none.csv": (1, "none.csv: no table of readings: needs the columns choice, reading, "),
+    "readings raedings": (2, "raedings:  ... did you mean 'readings'"),
+    "figures out fig2_error --out file": (1, "file: is a file, not a folder; choose another with --out"),
+    "figures out fig2_error --out file/below": (1, "file/below: cannot be"),
+    # case studies
+    **{f"{verb} out --recording none": (2, "none: not the folder of a case study") for verb in ("claims", "report")},
+    # posteriors
+    "posterior out": (1, "out: its config has no [posterior] ... configs/posterior.toml"),
+    "posterior apart": (1, "apart: ... chooses none of its cells"),
+    "posterior chains --jobs 1": (1, "chains: cannot be written ... what was finished is kept"),
+    # trials
+    **{f"replay {path} c0 0": (1, f"{path}: {NO_RUN}") for path in (".", "none")},
+    **{f"replay out {word}": (2, f"trial '{word}': {TRIAL}") for word in ("c0", "c0/", "c0/x", "c0/-1", "/1/2")},
+    "replay out c0/1 1": (2, f"trial 'c0/1': {TRIAL}"),
+    "replay out xyz 0": (2, "cell 'xyz': no such cell in tiny-"),
+    "replay out '' 0": (2, "cell '': not one cell but 4: "),
+    "replay out @ 5": (2, "trial 5: cell @ has trial 0 to 4"),
+    # points
+    "fit no.csv": (2, "no.csv: cannot be read: No such file or directory"),
+    "fit .": (2, ".: cannot be read: "),
+    "fit no.csv bad.csv": (2, "no.csv: cannot be read", 2),
+    "fit cap.csv --columns x,y,w": (2, "cap.csv: no column 'w'"),
+    "fit cap.csv --columns x,y,y": (2, "cap.csv: column y is given twice"),
+    **{f"fit cap.csv --noise {noise}": (2, f"--noise {noise}: ") for noise in ("0", "-0.1", "nan", "inf")},
+    "fit cap.csv -e taubim": (2, "--estimator taubim: unknown; did you mean 'taubin'?"),
+    "fit cap.csv -e zzz": (2, "--estimator zzz: unknown; known are mle, "),
+    "fit cap.csv -e Als": (2, "--estimator Als: unknown; did you mean 'als'?"),
+    "fit cap.csv -e ugdk --noise 1e-300 --plot out.png": (2, "--noise 1e-300: "),
+    "fit cap.csv -e ugdk --noise 1e300": (2, "--noise 1e+300: "),
+    "fit cap.csv -e ugdk": (2, "--estimator ugdk: needs the noise level"),
+    "fit /dev/zero": (2, "/dev/zero: not a regular file"),
+    "fit bad.csv --plot out.png": (2, "bad.csv: row 3, column 2: 'four' is not a number"),
+    "fit timed.csv": (2, "timed.csv:  ... choose, as with --columns 1,2,3, or fit all with --dimension 4\n"),
+    "fit cap.csv --radius 2 -e robust": (
+        2,
+        "estimator = 'robust': takes no known radius; corrected, mle, als, ugdk and gdke do",
+    ),
+    "fit cap.csv --scale estimated": (2, "scale = 'estimated' needs a noise for each point: (n,), (n, d) or (n, d, d)"),
+    # estimators of one's own
+    "run coope.toml --plugin raises.py": (2, "raises.py: line 1: RuntimeError: no"),
+    "run coope.toml --plugin taken.py": (2, "taken.py: line 2: ValueError: register('als'): the name is taken"),
+    "run coope.toml --plugin mine.py": (2, "mine.py: mine: fails on 20 sound points: TypeError: "),
+    "check raises.py": (2, "raises.py: line 1: RuntimeError: no"),
+    "check taken.py": (2, "taken.py: line 2: ValueError: register('als'): the name is taken"),
+    "check mine.py": (2, "mine.py: mine: fails on 20 sound points: TypeError: "),
+    "fit cap.csv -e raises.py:mine": (2, "raises.py: line 1: RuntimeError: no"),
+    "fit cap.csv -e taken.py:mine": (2, "taken.py: line 2: ValueError: register('als'): the name is taken"),
+    "fit cap.csv -e mine.py:mine": (2, "mine.py: mine: fails on 20 sound points: TypeError: "),
+    "certify -e corrected": (2, " ... known are mle, gdke, minimum_zone"),
+    # names that the disk refuses
+    **{f"{verb} {'a' * 300}": (1, "aaa") for verb in ("summary", "status")},
+    **{f"{verb} {'a' * 300}": (2, "aaa") for verb in ("plan", "run")},
+    f"summary {'a' * 300}/x": (1, "aaa"),
+}
+
+
+USAGE = {
+    **dict.fromkeys(["rnu", "run", "report", "run tiny.toml --jobs 0", "plan -x a", "fit"], ""),
+    **dict.fromkeys(["fit cap.csv --noise low", "fit cap.csv --nois 1", "certify --limit 0"], ""),
+    **dict.fromkeys(["replay out c0 -1", "replay out c0 one", "replay out", "replay out c0 0 1"], ""),
+    **dict.fromkeys([f"run need.toml --out new --budget {budget}" for budget in ("-1", "soon")], "--budget"),
+    "run need.toml tiny.toml --budget 1": "--budget 1: tiny.toml has no [precision]",
+    "run tiny.toml --backend slurm": "--backend is threads, loky or dask",
+    "run tiny.toml --backend dask": "--scheduler",
+    "run tiny.toml --scheduler tcp://127.0.0.1:9": "--scheduler goes with dask, and only with it",
+    "run tiny.toml --task 10": "--task",
+    "run tiny.toml --backend dask --scheduler tcp://127.0.0.1:9 --task 0": "--task",
+    "summary out --where angle=91": "--where angle=91°: no cell has it; there are 90°",
+    "summary out --where colour=red": "--where colour: not a condition",
+    "summary out --estimators kasa": "--estimators kasa: not in this run",
+    "summary out --json --csv": "give one of --json, --csv and --ok",
+    "figures out fig_eficiency": "fig_eficiency: unknown; did you mean 'fig_efficiency'?",
+    "figures fig_efficiency": "fig_efficiency: no run is given",
+    "fit cap.csv --csv --json": "give --json or --csv, not both",
+    "fit cap.csv cap.csv --plot out.png": "--plot: give one file",
+    "plan-fit --noise 0.1 --radius 50": "a plan needs two of error=, angle= and points=",
+}
+
+UNWRITTEN = {
+    "fit cap.csv --plot cap.csv/out.png": "cap.csv/out.png",
+    "fit cap.csv --plot out.xyz": "out.xyz",
+    "fit cap.csv --plot .": ".",
+    "replay out @ 0 --out points.txt": f"points.txt ... {KINDS}",
+    "replay out @ 0 --out points": f"points ... {KINDS}",
+    "replay out @ 0 --out file/p.csv": "file/p.csv: cannot be",
+    "replay out @ 0 --out folder.csv": "folder.csv: cannot be",
+}
 
 
 @pytest.fixture
-def folder(tmp_path, config):
-    """A folder with a good config and a bad one."""
-    (tmp_path / "tiny.toml").write_text(config)
-    (tmp_path / "bad.toml").write_text(config.replace("trials = 5", "trials = 0").replace("= 90", "= 190"))
-    return tmp_path
+def cell(finished):
+    """The name of a cell of the run, for which the tables have an @."""
+    return str(Run.open(finished[0] / "out").table("errors")["cell"].iloc[0])
 
 
-def names(folder):
-    """All that is in a folder."""
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+@pytest.mark.parametrize("line", REFUSED)
+def test_refused(refused, folder, cell, line):
+    """What is wrong is named in one line, or a line per fault, with the remedy; nothing is written."""
+    code, words, *lines = REFUSED[line]
+    refused(folder, code, words.replace("@", cell), *shlex.split(line.replace("@", cell)), lines=(lines or [1])[0])
 
 
-def refused(result, code, *words):
-    """Assert a plain refusal with some words in it."""
-    found, said, complained = result
-    assert (found, said) == (code, "")
-    assert "Traceback" not in complained
-    assert "Warning" not in complained
-    assert all(word in complained for word in words), complained
-    return complained
+@pytest.mark.parametrize("line", USAGE)
+def test_wrong_usage(call_here, files_of, folder, line):
+    """Wrong usage is code 2, the usage and what is wrong; nothing is written."""
+    before = files_of(folder)
+    code, said, complained = call_here(folder, *shlex.split(line))
+    assert (code, said, files_of(folder)) == (2, "", before)
+    assert complained.startswith("Usage: ")
+    assert USAGE[line] in " ".join(complained.split())
 
 
-@pytest.mark.parametrize("verb", ["plan", "run"])
-def test_a_bad_config(call_here, folder, verb):
-    """A bad config is code 2 and a line per fault, and nothing is written."""
-    before = names(folder)
-    said = refused(
-        call_here(folder, verb, "bad.toml"), 2, "bad.toml: 2 faults", "design.trials = 0", "design.angle = 190"
-    )
-    assert len(said.splitlines()) == 3
-    assert names(folder) == before
+@pytest.mark.parametrize("line", UNWRITTEN)
+def test_a_file_that_cannot_be_written(call_here, files_of, folder, cell, line):
+    """A folder that is a file, a file that is a folder, another kind: code 1 and one line that names it."""
+    before = files_of(folder)
+    code, _, complained = call_here(folder, *shlex.split(line.replace("@", cell)))
+    assert (code, len(complained.splitlines()), files_of(folder)) == (1, 1, before)
+    first, *others = UNWRITTEN[line].split(" ... ")
+    assert complained.startswith(first)
+    assert all(word in complained for word in others)
 
 
-def test_a_bad_config_in_a_process_of_its_own(call, folder):
+def test_a_bad_config_in_a_process_of_its_own(call, files_of, folder):
     """In a process of its own the refusal is the same: code 2, a line per fault, no traceback, nothing written."""
-    before = names(folder)
-    said = refused(call(folder, "run", "bad.toml"), 2, "bad.toml: 2 faults")
-    assert len(said.splitlines()) == 3
-    assert names(folder) == before
+    before = files_of(folder)
+    code, said, complained = call(folder, "run", "bad.toml")
+    assert (code, said, len(complained.splitlines()), files_of(folder)) == (2, "", 3, before)
+    assert complained.startswith("bad.toml: 2 faults\n")
 
 
-@pytest.mark.parametrize("verb", ["plan", "run"])
-def test_a_config_that_is_not_there(call_here, folder, verb):
-    """A missing config is code 2 and one line, and nothing is written."""
-    before = names(folder)
-    said = refused(call_here(folder, verb, "none.toml"), 2, "none.toml", "No such file or directory")
-    assert len(said.splitlines()) == 1
-    assert names(folder) == before
+@pytest.mark.parametrize("name", ["../evil", "a/b", "..", "/tmp/x", "x\\y"])
+def test_names_cannot_leave_the_folder(refused, config, tmp_path, name):
+    """A config's name is a plain word: it becomes a folder's."""
+    (tmp_path / "tiny.toml").write_text(config.replace('"tiny"', f"'{name}'"))
+    refused(tmp_path, 2, "tiny.toml: 1 fault ... name = ", "run", "tiny.toml", lines=2)
 
 
-@pytest.mark.parametrize("verb", ["plan", "run"])
-def test_a_name_that_no_config_has(call_here, folder, verb):
-    """A name without a suffix that is neither a file nor shipped is code 2, with the nearest name and the list."""
-    words = "papre: neither a file nor a shipped config; did you mean 'paper'? Known are anisotropic, bias, "
-    said = refused(call_here(folder, verb, "papre"), 2, words)
-    assert len(said.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    "arguments", [["rnu"], ["run"], ["run", "tiny.toml", "--jobs", "0"], ["plan", "-x", "a"]], ids=str
-)
-def test_wrong_usage(call_here, folder, arguments):
-    """Wrong usage is code 2 and the usage."""
-    refused(call_here(folder, *arguments), 2, "Usage: ")
-
-
-def test_what_is_no_run(call_here, folder):
-    """A folder that is no run, or none at all, is code 1 and one line that says how to make one."""
-    for path, named in ((".", "."), ("none", "none"), ("tiny.toml", "results/tiny-")):
-        said = refused(call_here(folder, "summary", path), 1, named, "not a run folder", "study run CONFIG")
-        assert len(said.splitlines()) == 1
-
-
-def test_a_run_that_did_not_finish(call_here, folder):
-    """A run without a summary is code 1, one line, and the command that finishes it."""
-    (folder / "half").mkdir()
-    (folder / "half" / "config.toml").write_text((folder / "tiny.toml").read_text())
-    said = refused(call_here(folder, "summary", "half"), 1, "summary.parquet: missing", "study run half/config.toml")
-    assert len(said.splitlines()) == 1
-
-
-def test_the_folder_of_another_config(call_here, folder, config, finished):
-    """A folder of another config is code 1 and one line, and is left as it is."""
-    (folder / "other.toml").write_text(config.replace("seed = 1", "seed = 2"))
-    taken = finished[0] / "out"
-    before = {path.name: path.read_bytes() for path in taken.iterdir()}
-    said = refused(call_here(folder, "run", "other.toml", "--out", taken), 1, "holds a run of another config")
-    assert len(said.splitlines()) == 1
-    assert {path.name: path.read_bytes() for path in taken.iterdir()} == before
-
-
-def test_a_folder_that_cannot_be_made(call_here, folder):
-    """A folder below a file is code 1 and one line."""
-    said = refused(
-        call_here(folder, "run", "tiny.toml", "--out", "tiny.toml/out"), 1, "cannot be written: Not a directory"
-    )
-    assert len(said.splitlines()) == 1
-
-
-def test_numbers_beyond_floating_point(call_here, folder, config):
-    """A number that no double holds is a fault, not a crash."""
-    (folder / "huge.toml").write_text(config.replace("= 90", "= 1" + 400 * "0"))
-    refused(call_here(folder, "plan", "huge.toml"), 2, "huge.toml: 1 fault", "design.angle")
-
-
-@pytest.mark.parametrize("words", ["summary {}", "status {}", "plan {}", "run {}", "summary {}/x"])
-def test_a_name_that_the_disk_refuses(call_here, folder, words):
-    """A name that is too long for the system is one line, like any other that is not there."""
-    code, said, complained = call_here(folder, *words.format("a" * 300).split())
-    assert (code in (1, 2), said, len(complained.splitlines())) == (True, "", 1)
-
-
-def test_a_closed_folder(call_here, folder, finished, monkeypatch):
+def test_a_closed_folder(call_here, well, folder, monkeypatch):
     """A folder that may not be entered is named, with what to do; so is a manifest that may not be read."""
-    (folder / "closed").mkdir()
 
     def closed(path):
         raise PermissionError(13, "Permission denied")
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "is_file", closed)
-        code, said, complained = call_here(folder, "status", "closed")
-    assert (code, said) == (1, "")
-    assert complained == "closed: cannot be read: Permission denied; make it readable, or give another folder\n"
-    shutil.copytree(finished[0] / "out", folder / "odd")
-    (folder / "odd" / "manifest.json").unlink()
-    (folder / "odd" / "manifest.json").mkdir()
-    code, said, _ = call_here(folder, "status", "odd")
-    assert code == 0
+        told = call_here(folder, "status", "closed")
+    assert told == (1, "", "closed: cannot be read: Permission denied; make it readable, or give another folder\n")
+    said = well(folder, "status", "odd")
     assert "odd/manifest.json: cannot be read: Is a directory; make it readable, or remove it" in said
 
 
-# 200 units, of which the gate lets some pass
-LONG = """name = "long"
-seed = 1
-estimators = ["lls"]
-[design]
-kind = "grid"
-trials = 200_000
-samples = 1000
-noise = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]
-angle = 90
-"""
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="nothing is closed to the superuser")
+def test_a_folder_that_is_closed_to_writers(call_here, folder, cell, tmp_path):
+    """A folder without the right to write is one line that names it."""
+    tmp_path.chmod(0o500)
+    code, _, complained = call_here(folder, "replay", "out", cell, "0", "--out", tmp_path / "p.csv")
+    tmp_path.chmod(0o700)
+    assert (code, complained.count("\n"), "p.csv" in complained) == (1, 1, True)
+
+
+def test_a_run_that_is_written_to(refused, call_here, folder):
+    """`status` names the writer; a second writer is refused with code 1."""
+    with writing(folder / "out"):
+        assert "written by  process" in call_here(folder, "status", "out")[1]
+        refused(folder, 1, "out: ... is writing to it", "run", "tiny.toml", "--out", "out")
+
+
+@pytest.mark.parametrize("line", ["status newer", "run tiny.toml --out newer"])
+def test_a_run_of_a_newer_version(refused, folder, line):
+    """Code 1, one line, nothing touched."""
+    store = Run.open(shutil.copytree(folder / "out", folder / "newer", dirs_exist_ok=True))
+    store.save_manifest(store.manifest() | {"format": FORMAT + 1})
+    refused(folder, 1, "newer ... made by a newer version of this program", *line.split())
+
+
+def test_a_scheduler_that_does_not_answer(refused, folder, monkeypatch):
+    """Code 1, one line, nothing written."""
+    monkeypatch.setattr("study.simulation.runs.workers._PATIENCE", 0.5)
+    words = ["--backend", "dask", "--scheduler", "tcp://127.0.0.1:9"]
+    refused(folder, 1, "--scheduler tcp://127.0.0.1:9: no scheduler answers there", "run", "tiny.toml", *words)
+
+
+@pytest.mark.parametrize("loop", ["while True: pass\n", LOOP], ids=["file", "fit"])
+def test_a_loop_on_the_first_call_is_refused(refused, tmp_path, config, monkeypatch, loop):
+    """A file, or an estimator, that does not return on sound points is refused in one line by every command."""
+    monkeypatch.setattr(registry, "LIMIT", 0.5)
+    (tmp_path / "loop.py").write_text(loop)
+    (tmp_path / "tiny.toml").write_text(config)
+    for words in (["check", "loop.py"], ["run", "tiny.toml", "--plugin", "loop.py"]):
+        refused(tmp_path, 2, "loop.py: ... has not returned after 0.5 s", *words)
+
+
+@pytest.fixture
+def long(config, tmp_path):
+    """A folder with a config of 200 units, of which the gate lets some pass."""
+    text = config.replace("trials = 5", "trials = 200_000").replace("[5, 20]", "1000")
+    (tmp_path / "long.toml").write_text(text.replace("[0.01, 0.1]", "[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]"))
+    return tmp_path
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to another process")
@@ -171,22 +326,20 @@ angle = 90
     ("backend", "jobs", "number"),
     [("threads", 1, signal.SIGINT), ("threads", 2, signal.SIGTERM), ("loky", 2, signal.SIGINT)],
 )
-def test_interrupt(hold, tmp_path, backend, jobs, number):
+def test_interrupt(hold, long, backend, jobs, number):
     """Ctrl-C and SIGTERM end a run with code 130 and one line; its parts are whole, temporary files are gone."""
-    (tmp_path / "long.toml").write_text(LONG)
-    parts = tmp_path / "out" / "parts"
-    options = ["--out", "out", "--jobs", jobs, "--backend", backend]
-    process = hold(tmp_path, parts, jobs, "run", "long.toml", *options)
+    out = long / "out"
+    words = ["run", "long.toml", "--out", "out", "--jobs", jobs, "--backend", backend]
+    process = hold(long, out / "parts", jobs, *words)
     # a terminal sends Ctrl-C to the workers, too, and they print nothing; a batch system may signal the parent alone
     os.killpg(process.pid, number) if backend == "loky" else process.send_signal(number)
     said, complained = process.communicate(timeout=600)
-    assert process.returncode == 130
-    assert said == ""
-    kept = Parts(tmp_path / "out", "units")
-    kept.load()
-    assert kept.count == len(list(parts.iterdir())) > 0
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["config.toml", "parts"]
-    assert complained.splitlines() == ["interrupted; run the same command again to resume"]
+    assert (process.returncode, said) == (130, "")
+    assert complained == "interrupted; run the same command again to resume\n"
+    parts = Parts(out, "units")
+    parts.load()
+    assert parts.count == len(list((out / "parts").iterdir())) > 0
+    assert sorted(path.name for path in out.iterdir()) == ["config.toml", "parts"]
 
 
 @pytest.mark.parametrize(("verb", "words"), [("run", "; run the same command again to resume"), ("estimators", "")])
@@ -220,13 +373,17 @@ def is_gone(process):
         return True
 
 
-def test_workers_end_with_a_killed_parent(hold, wait_for, tmp_path):
-    """Worker processes at work notice that their parent is gone, and end."""
-    (tmp_path / "long.toml").write_text(LONG)
-    options = ["--out", "out", "--jobs", 2, "--backend", "loky"]
-    process = hold(tmp_path, tmp_path / "out" / "parts", 2, "run", "long.toml", *options)
+def workers_of(process):
+    """Worker processes of a process."""
     children = psutil.Process(process.pid).children()
-    workers = [child for child in children if "popen_loky" in " ".join(child.cmdline())]
+    return [child for child in children if "popen_loky" in " ".join(child.cmdline())]
+
+
+def test_workers_end_with_a_killed_parent(hold, wait_for, long):
+    """Worker processes at work notice that their parent is gone, and end."""
+    words = ["run", "long.toml", "--out", "out", "--jobs", 2, "--backend", "loky"]
+    process = hold(long, long / "out" / "parts", 2, *words)
+    workers = workers_of(process)
     assert len(workers) == 2
     process.kill()
     wait_for(lambda: all(map(is_gone, workers)))
@@ -243,78 +400,63 @@ with workers.Workers(backend="loky", jobs=2).open() as backend:
 
 def test_workers_without_a_task_end_with_a_killed_parent(wait_for):
     """A worker process that still waits for its first task ends, too, and not only when loky's patience ends."""
-
-    def workers():
-        children = psutil.Process(process.pid).children()
-        return [child for child in children if "popen_loky" in " ".join(child.cmdline())]
-
     with subprocess.Popen([sys.executable, "-c", IDLE]) as process:
-        wait_for(lambda: len(workers()) == 2)
-        found = workers()
+        wait_for(lambda: len(workers_of(process)) == 2)
+        workers = workers_of(process)
         process.kill()
-    wait_for(lambda: all(map(is_gone, found)))
+    wait_for(lambda: all(map(is_gone, workers)))
 
-
-TOP = """name = "laws"
-seed = 1
-estimators = ["gdke", "als"]
-[design]
-kind = "grid"
-trials = 5
-samples = 20
-noise = 0.05
-angle = 90
-"""
-
-MORE = 'law = ["normal", "student(3)"]\noutlier_share = [0, 0.2]\n'
 
 WORDS = "Gaussian bound at the same σ"
 
 
-@pytest.fixture(scope="module")
-def folder_of_departures(tmp_path_factory):
-    """A folder with a config of other noise and one of normal noise."""
-    folder = tmp_path_factory.mktemp("laws")
-    (folder / "laws.toml").write_text(TOP + MORE, encoding="utf-8")
-    (folder / "plain.toml").write_text(TOP, encoding="utf-8")
-    return folder
-
-
-def test_every_text_names_the_law(call_here, folder_of_departures):
+@pytest.mark.parametrize("more", ["", 'law = ["normal", "student(3)"]\noutlier_share = [0, 0.2]\n'])
+def test_every_text_names_the_law(well, config, tmp_path, more):
     """Summary, worst trials, replayed trials and the report say of which noise the bound is, where it is not plain."""
-    for name, expected in (("laws", True), ("plain", False)):
-        assert call_here(folder_of_departures, "run", f"{name}.toml", "--out", name)[0] == 0
-        for command in ("summary", "worst"):
-            code, said, _ = call_here(folder_of_departures, command, name)
-            assert code == 0
-            assert (WORDS in said) == expected
-        trials = [line.split()[0] for line in said.splitlines() if "/" in line.split(" ")[0]]
-        replayed = [call_here(folder_of_departures, "replay", name, trial)[1] for trial in trials]
-        assert len(replayed) == (10 if expected else 5)
-        for text in replayed:
-            departs = "law = student(3)" in text or "outliers = 0.2" in text
-            assert (f"  {WORDS}: " in text) == departs
-            assert ("  bound: " in text) == (not departs)
-        assert call_here(folder_of_departures, "report", name)[0] == 0
-        page = (folder_of_departures / name / "report.html").read_text(encoding="utf-8")
-        assert (WORDS in page) == expected
+    (tmp_path / "laws.toml").write_text(config + more, encoding="utf-8")
+    well(tmp_path, "run", "laws.toml", "--out", "laws")
+    well(tmp_path, "report", "laws")
+    worst = well(tmp_path, "worst", "laws")
+    for text in (worst, well(tmp_path, "summary", "laws"), (tmp_path / "laws" / "report.html").read_text("utf-8")):
+        assert (WORDS in text) == bool(more)
+    names = [line.split()[0] for line in worst.splitlines() if "/" in line.split(" ")[0]]
+    replayed = [well(tmp_path, "replay", "laws", name) for name in names]
+    depart = ["law = student(3)" in text or "outliers = 0.2" in text for text in replayed]
+    assert any(depart) == bool(more)
+    assert [f"  {WORDS}: " in text for text in replayed] == depart
+    assert ["  bound: " not in text for text in replayed] == depart
 
 
+DISK_FULL = "standard output: cannot be written: No space left on device\n"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has neither /dev/full nor a shell")
 @pytest.mark.parametrize(
-    ("entry", "words"),
+    ("line", "code", "words"),
     [
-        ('law = "cauchy"', "line 10: design.law = 'cauchy': 'cauchy' not allowed: every value must be normal, "),
-        ("outlier_share = 1.5", "line 10: design.outlier_share = 1.5: 1.5 not allowed: every value must be a share"),
-        ("outlier_size = 3", "line 10: design.outlier_size: has no effect without outlier_share"),
+        ("> /dev/full", 1, DISK_FULL),
+        (">&-", 0, ""),  # there is nothing to say, and nobody to say it to
+        ("| true; exit ${PIPESTATUS[0]}", 141, ""),  # as of a program that the signal ended, 128 + 13
     ],
 )
-def test_refused(call_here, folder_of_departures, entry, words):
-    """What makes no sense is one line after the file's name, and nothing is written."""
-    (folder_of_departures / "wrong.toml").write_text(TOP + entry + "\n", encoding="utf-8")
-    before = sorted(folder_of_departures.iterdir())
-    code, said, complained = call_here(folder_of_departures, "run", "wrong.toml")
-    assert (code, said) == (2, "")
-    assert complained.splitlines()[0] == "wrong.toml: 1 fault"
-    assert complained.splitlines()[1].startswith(f"  {words}")
-    assert len(complained.splitlines()) == 2
-    assert sorted(folder_of_departures.iterdir()) == before
+def test_output_that_is_lost(command, tmp_path, line, code, words):
+    """A full disk is code 1 and one line; a closed output and a reader that has gone are quiet."""
+    if "full" in line and not os.path.exists("/dev/full"):
+        pytest.skip("this system has no /dev/full")
+    shell = ["bash", "-c", f"{shlex.join(command[0])} configs {line}"]
+    done = subprocess.run(shell, cwd=tmp_path, env=command[1], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    assert (done.returncode, done.stderr.decode(errors="replace")) == (code, words)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")
+def test_a_folder_whose_name_is_not_utf_8(refused, config, tmp_path):
+    """Code 1 and one line, whether it is to be made or read."""
+    (tmp_path / "tiny.toml").write_text(config)
+    name = os.fsdecode(b"o\xff")
+    try:
+        (tmp_path / name).mkdir()
+    except OSError:
+        pytest.skip("this disk has no such names")
+    for words in (["run", "tiny.toml", "--out", name], ["summary", name], ["verify", name]):
+        assert "not UTF-8" in refused(tmp_path, 1, "", *words)
+    assert sys.getfilesystemencoding() == "utf-8"

@@ -328,24 +328,3 @@ def test_batches(rng):
     np.testing.assert_allclose(study.crlb(u[0], 0.2 * 0.2 * np.eye(3)), bound[0], rtol=1e-12)
     assert np.all(np.isposinf(study.crlb(np.empty((0, 3)), 0.2)))
     assert study.crlb(np.empty((0, 8, 3)), 0.2).shape == (0, 4, 4)
-
-
-@pytest.mark.parametrize("shape", [(3,), (5, 1), ()])
-def test_bad_shape(shape):
-    """Directions of another shape than (…, n, d) raise an error that names the shape."""
-    with pytest.raises(ValueError, match="shape"):
-        study.crlb(np.ones(shape), 0.1)
-
-
-@pytest.mark.parametrize(
-    "noise",
-    [
-        *(0.0, -1.0, np.nan, np.inf),
-        *([0.1, 0.1, 0.1], np.eye(2), [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-        *(np.diag([1.0, 1.0, last]) for last in (-1.0, 0.0, np.nan)),
-    ],
-)
-def test_bad_noise(rng, noise):
-    """A noise that is neither a standard deviation nor a covariance raises an error that names it."""
-    with pytest.raises(ValueError, match="noise"):
-        study.crlb(sample_cap(rng, 8, 2.0, 3), noise)

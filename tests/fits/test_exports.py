@@ -6,7 +6,6 @@ Each is read in three dimensions, to the digits that it holds, or refused with i
 import io
 import struct
 import sys
-import zipfile
 
 import numpy as np
 import pandas as pd
@@ -22,6 +21,7 @@ _AWAY = _RNG.normal(size=(40, 3))
 POINTS = np.round([120.0, -40.0, 15.0] + (25.0 * _AWAY) / np.linalg.norm(_AWAY, axis=1)[:, None], 4)
 INTENSITY = _RNG.integers(1, 255, 40)
 COLOUR = _RNG.integers(0, 255, (40, 3))
+LISTS = POINTS.tolist(), COLOUR.tolist(), INTENSITY.tolist()
 NORMALS = _AWAY / np.linalg.norm(_AWAY, axis=1)[:, None]
 
 
@@ -35,27 +35,22 @@ def text(head, *columns, mark=",", end="\n", fmt="%.4f"):
 def ply(kind):
     """A PLY of points with colours and faces, as Turk's description has it; ``<`` or ``>`` for binary, else text."""
     order = {"<": "binary_little_endian", ">": "binary_big_endian"}.get(kind, "ascii")
-    properties = [f"property {t} {n}" for n, t in zip("xyz", ["double"] * 3, strict=True)]
-    properties += [f"property uchar {n}" for n in ("red", "green", "blue")] + ["property float intensity"]
+    properties = [f"property double {n}" for n in "xyz"] + [f"property uchar {n}" for n in ("red", "green", "blue")]
     head = ["ply", f"format {order} 1.0", "comment made by a test", "element vertex 40", *properties]
-    head += ["element face 1", "property list uchar int vertex_indices", "end_header", ""]
+    head += ["property float intensity", "element face 1", "property list uchar int vertex_indices", "end_header", ""]
     start = "\n".join(head).encode()
     if order == "ascii":
-        rows = [
-            " ".join([*(repr(float(v)) for v in p), *map(str, c), str(i)])
-            for p, c, i in zip(POINTS, COLOUR, INTENSITY, strict=True)
-        ]
+        rows = [" ".join([*map(repr, p), *map(str, c), str(i)]) for p, c, i in zip(*LISTS, strict=True)]
         return start + "\n".join([*rows, "3 0 1 2", ""]).encode()
-    rows = [struct.pack(f"{kind}3d3Bf", *p, *c, i) for p, c, i in zip(POINTS, COLOUR, INTENSITY, strict=True)]
+    rows = [struct.pack(f"{kind}3d3Bf", *p, *c, i) for p, c, i in zip(*LISTS, strict=True)]
     return start + b"".join(rows) + struct.pack(f"{kind}B3i", 3, 0, 1, 2)
 
 
 def pcd(kind):
     """A PCD 0.7 file with intensity, as the Point Cloud Library describes it."""
-    head = (
-        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\n"
-    )
-    head += f"COUNT 1 1 1 1\nWIDTH 40\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 40\nDATA {kind}\n"
+    head = "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\n"
+    head += "TYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 40\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 40\n"
+    head += f"DATA {kind}\n"
     if kind == "ascii":
         return text(head, POINTS, INTENSITY, mark=" ")
     return head.encode() + np.column_stack([POINTS, INTENSITY]).astype("<f4").tobytes()
@@ -65,11 +60,8 @@ def stl(kind):
     """Facets of consecutive vertices; each vertex stands in three of them."""
     facets = [[POINTS[i], POINTS[(i + 1) % 40], POINTS[(i + 2) % 40]] for i in range(40)]
     if kind == "binary":
-        return (
-            b"\0" * 80
-            + struct.pack("<I", 40)
-            + b"".join(struct.pack("<12fH", 0, 0, 1, *np.ravel(f), 0) for f in facets)
-        )
+        packed = (struct.pack("<12fH", 0, 0, 1, *np.ravel(facet), 0) for facet in facets)
+        return b"\0" * 80 + struct.pack("<I", 40) + b"".join(packed)
     rows = ["solid ball"]
     for facet in facets:
         rows += ["facet normal 0 0 1", "  outer loop", *("    vertex {:.4f} {:.4f} {:.4f}".format(*v) for v in facet)]
@@ -81,71 +73,17 @@ def las():
     """A LAS 1.2 file of point format 0, as the ASPRS describes it, in integers of a tenth of a millimetre."""
     low, high = POINTS.min(axis=0), POINTS.max(axis=0)
     bounds = [end for pair in zip(high, low, strict=True) for end in pair]
-    head = struct.pack(
-        "<4sHHIHH8sBB32s32sHHHIIBHI5I",
-        b"LASF",
-        0,
-        0,
-        0,
-        0,
-        0,
-        b"",
-        1,
-        2,
-        b"",
-        b"",
-        1,
-        2026,
-        227,
-        227,
-        0,
-        0,
-        20,
-        40,
-        40,
-        0,
-        0,
-        0,
-        0,
-    )
+    numbers = [0, 0, 0, 0, 0, b"", 1, 2, b"", b"", 1, 2026, 227, 227, 0, 0, 20, 40, 40, 0, 0, 0, 0]
+    head = struct.pack("<4sHHIHH8sBB32s32sHHHIIBHI5I", b"LASF", *numbers)
     head += struct.pack("<12d", 1e-4, 1e-4, 1e-4, 0, 0, 0, *bounds)
-    whole = np.round(POINTS * 1e4).astype(int)
-    return head + b"".join(
-        struct.pack("<3iHBBbBH", *p, i, 9, 0, 0, 0, 0) for p, i in zip(whole, INTENSITY, strict=True)
-    )
+    whole = zip(np.round(POINTS * 1e4).astype(int), INTENSITY, strict=True)
+    return head + b"".join(struct.pack("<3iHBBbBH", *p, i, 9, 0, 0, 0, 0) for p, i in whole)
 
 
 def xlsx(rows):
-    """A workbook of one sheet, as ECMA-376 describes it: the least that a spreadsheet opens."""
-    cells = [
-        "".join(
-            f"<c><v>{v}</v></c>" if isinstance(v, float) else f'<c t="inlineStr"><is><t>{v}</t></is></c>' for v in row
-        )
-        for row in rows
-    ]
-    main, office = "http://schemas.openxmlformats.org", "application/vnd.openxmlformats-officedocument.spreadsheetml"
-    links = f"{main}/officeDocument/2006/relationships"
-    head = '<?xml version="1.0" encoding="UTF-8"?>'
-    files = {
-        "[Content_Types].xml": f'<Types xmlns="{main}/package/2006/content-types"><Default Extension="rels" '
-        "ContentType="
-        '"application/vnd.openxmlformats-package.relationships+xml"/><Override PartName="/xl/workbook.xml" ContentType='
-        f'"{office}.sheet.main+xml"/><Override PartName="/xl/worksheets/sheet1.xml" '
-        f'ContentType="{office}.worksheet+xml"/></Types>',
-        "_rels/.rels": f'<Relationships xmlns="{main}/package/2006/relationships"><Relationship Id="r1" '
-        f'Type="{links}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
-        "xl/workbook.xml": f'<workbook xmlns="{main}/spreadsheetml/2006/main" xmlns:r="{links}"><sheets>'
-        '<sheet name="Sheet1" sheetId="1" r:id="r1"/></sheets></workbook>',
-        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{main}/package/2006/relationships"><Relationship Id="r1" '
-        f'Type="{links}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
-        "xl/worksheets/sheet1.xml": f'<worksheet xmlns="{main}/spreadsheetml/2006/main"><sheetData>'
-        + "".join(f"<row>{row}</row>" for row in cells)
-        + "</sheetData></worksheet>",
-    }
+    """A workbook of one sheet."""
     out = io.BytesIO()
-    with zipfile.ZipFile(out, "w") as archive:
-        for name, content in files.items():
-            archive.writestr(name, head + content)
+    pd.DataFrame(rows).to_excel(out, header=False, index=False)
     return out.getvalue()
 
 
@@ -164,7 +102,6 @@ def parquet(**columns):
 
 
 X, Y, Z = POINTS.T
-DECIMAL = text("", POINTS, INTENSITY, mark=";").replace(b".", b",")
 SHEET = [["Ball bar, 3 March", "", "", ""], ["No", "X [mm]", "Y [mm]", "Z [mm]"]]
 SHEET += [[float(i), *map(float, p)] for i, p in enumerate(POINTS)]
 READ = {
@@ -207,49 +144,39 @@ READ = {
     "text.stl": stl("text"),
     "binary.stl": stl("binary"),
     "airborne.las": las(),
-    "sheet.xlsx": xlsx(SHEET),
-    "renamed.csv": xlsx(SHEET[1:]),
+    "sheet.xlsx": SHEET,
+    "renamed.csv": SHEET[1:],
     "points.npz": npz(points=POINTS, intensity=INTENSITY),
     "columns.npz": npz(x=X, y=Y, z=Z, i=INTENSITY),
     "frame.parquet": parquet(id=INTENSITY, X=X, Y=Y, Z=Z),
 }
 NEEDS = {".las": "laspy", ".xlsx": "openpyxl", "renamed.csv": "openpyxl"}
 CHOOSE = (
-    "4 columns, and no names say which are x, y and z: choose, as with --columns 1,2,3, or fit all with --dimension 4"
+    "4 columns, and no names say which are x, y and z: choose, as with --columns 1,2,3, or fit all with --dimension"
 )
+NOT = "which is not read here"
+XLS = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + b"\0" * 90
 REFUSED = {
-    "nameless.csv": (text("", POINTS, INTENSITY), CHOOSE),
+    "nameless.csv": (text("", POINTS, INTENSITY), f"{CHOOSE} 4"),
     "nameless.xyz": (text("", POINTS, NORMALS, mark=" "), "6 columns, and no names say"),
-    "decimal.csv": (DECIMAL, CHOOSE),
+    "decimal.csv": (text("", POINTS, INTENSITY, mark=";").replace(b".", b","), CHOOSE),
     "named otherwise.csv": (text("a,b,c,d\n", POINTS, INTENSITY), CHOOSE),
     "nameless.npz": (npz(scan=np.column_stack([POINTS, INTENSITY])), CHOOSE),
     "gps.csv": (text("lat,lon,height\n", POINTS), "columns lat and lon are angles, not lengths"),
     "two markers.csv": (text("A_x,A_y,A_z,B_x,B_y,B_z\n", POINTS, POINTS), "6 columns, and no names say"),
     "mixed units.csv": (text("x,y,z\nmm,mm,m\n", POINTS), "coordinates in m and mm; convert them to one"),
-    "scan.e57": (
-        b"ASTM-E57" + b"\0" * 40,
-        "an E57 point cloud, which is not read here: export it as text with columns x, y, z",
-    ),
-    "scan.ptx": (text("40\n1\n", POINTS, INTENSITY), "a PTX point cloud, which is not read here: export"),
-    "scan.rcp": (b"recap", "a ReCap project, which is not read here: export"),
+    "scan.e57": (b"ASTM-E57" + b"\0" * 40, f"an E57 point cloud, {NOT}: export it as text with columns x, y, z"),
+    "scan.ptx": (text("40\n1\n", POINTS, INTENSITY), f"a PTX point cloud, {NOT}: export"),
+    "scan.rcp": (b"recap", f"a ReCap project, {NOT}: export"),
     "compressed.pcd": (pcd("binary_compressed"), "pcl_convert_pcd_ascii_binary IN OUT 0"),
-    "old.xls": (
-        b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + b"\0" * 90,
-        "an old Excel workbook, which is not read here: save it as .xlsx",
-    ),
-    "renamed old.csv": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + b"\0" * 90, "an old Excel workbook, which is not read"),
+    "old.xls": (XLS, f"an old Excel workbook, {NOT}: save it as .xlsx"),
+    "renamed old.csv": (XLS, "an old Excel workbook, which is not read"),
     "open.ods": (b"PK\x03\x04", "a ZIP archive that cannot be read"),
-    "lab.mat": (
-        b"MATLAB 5.0 MAT-file" + b"\0" * 90,
-        "a MATLAB file, which is not read here: save the points with writematrix",
-    ),
-    "lab.h5": (
-        b"\x89HDF\r\n\x1a\n" + b"\0" * 90,
-        "an HDF5 file, which is not read here: save its points as .npy or CSV",
-    ),
-    "model.step": (b"ISO-10303-21;", "a STEP model, which is not read here: export its points"),
-    "gait.c3d": (b"\x02P" + b"\0" * 90, "a motion recording, which is not read here: study joint"),
-    "points.csv.gz": (b"\x1f\x8b\x08" + b"\0" * 20, "a compressed file, which is not read here: unpack it"),
+    "lab.mat": (b"MATLAB 5.0 MAT-file" + b"\0" * 90, f"a MATLAB file, {NOT}: save the points with writematrix"),
+    "lab.h5": (b"\x89HDF\r\n\x1a\n" + b"\0" * 90, f"an HDF5 file, {NOT}: save its points as .npy or CSV"),
+    "model.step": (b"ISO-10303-21;", f"a STEP model, {NOT}: export its points"),
+    "gait.c3d": (b"\x02P" + b"\0" * 90, f"a motion recording, {NOT}: study joint"),
+    "points.csv.gz": (b"\x1f\x8b\x08" + b"\0" * 20, f"a compressed file, {NOT}: unpack it"),
     "many.npz": (npz(a=POINTS, b=POINTS), "an archive of a, b: save its points alone, or call them points"),
     "torn.ply": (ply("<")[:-600], "its header announces 40 points"),
     "torn.pcd": (pcd("binary")[:-20], "its header announces 40 points, 38 are there"),
@@ -263,7 +190,7 @@ def test_read(tmp_path, name):
     for end, library in NEEDS.items():
         if name.endswith(end):
             pytest.importorskip(library, reason=f"{library} is in the extra points")
-    (tmp_path / name).write_bytes(READ[name])
+    (tmp_path / name).write_bytes(xlsx(READ[name]) if isinstance(READ[name], list) else READ[name])
     table = read_points(tmp_path / name)
     np.testing.assert_allclose(table.points, POINTS, rtol=0.0, atol=2e-5 if "binary" in name else 1e-9)
     fit = study.fit(table.points)
@@ -287,11 +214,10 @@ def test_refused(tmp_path, name):
 @pytest.mark.parametrize(("name", "library"), [("airborne.las", "laspy"), ("sheet.xlsx", "openpyxl")])
 def test_a_library_that_is_not_installed(tmp_path, monkeypatch, name, library):
     """The command that installs it, and another way."""
+    (tmp_path / name).write_bytes(las() if library == "laspy" else xlsx(SHEET))
     monkeypatch.setitem(sys.modules, library, None)
-    (tmp_path / name).write_bytes(READ[name])
-    with pytest.raises(
-        PointFileError, match=rf"{library} is not installed: pip install 'sphere-fit-study\[points\]', or "
-    ):
+    words = rf"{library} is not installed: pip install 'sphere-fit-study\[points\]', or "
+    with pytest.raises(PointFileError, match=words):
         read_points(tmp_path / name)
 
 

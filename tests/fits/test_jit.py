@@ -167,10 +167,13 @@ def test_points_are_those_of_their_sphere(rng, on_cap):
 def test_sums_do_not_depend_on_where_points_are(rng, on_cap, d, n):
     """Moments and fits are the same, bit for bit, in any layout."""
     points = np.ascontiguousarray(on_cap(rng, n, 70.0, d, 0.1, sets=6)[0].swapaxes(1, 2))
-    for other in (np.ascontiguousarray(points.swapaxes(1, 2)).swapaxes(1, 2), np.asfortranarray(points)):
+    frozen = points.copy()
+    frozen.flags.writeable = False
+    views = [np.repeat(points, 2, axis=2)[:, :, ::2], points[::-1][::-1], frozen, np.asfortranarray(points)]
+    for other in (*views, np.ascontiguousarray(points.swapaxes(1, 2)).swapaxes(1, 2)):
         for one, two in zip(Moments.of(points), Moments.of(other), strict=True):
             np.testing.assert_array_equal(one, two)
-        for estimator in ("mle", "mle_mirror", "lls", "ugdk"):
+        for estimator in ("mle", "mle_mirror", "lls", "lls_single", "ugdk"):
             fits = [ESTIMATORS[estimator](Samples(x, 0.1)) for x in (points, other)]
             for name, one, two in zip(Estimates._fields, *fits, strict=True):
                 np.testing.assert_array_equal(one, two, err_msg=name)

@@ -173,10 +173,11 @@ def test_equivariance(rng, random_rotation, noise):
     moved = mgdk([x @ q.T + shift for x in markers], noise)
     np.testing.assert_allclose(moved.center, q @ fit.center + shift, rtol=0, atol=1e-11)
     np.testing.assert_allclose(moved.covariance, q @ fit.covariance @ q.T, rtol=0, atol=1e-9 * np.trace(fit.covariance))
-    for scale in (1e-30, 1e-6, 1e6, 1e30):
+    for scale in (1e-120, 1e-30, 1e-6, 1e6, 1e30, 1e120):
         scaled = mgdk([scale * x for x in markers], None if noise is None else scale * noise)
         np.testing.assert_allclose(scaled.center / scale, fit.center, rtol=0, atol=1e-11)
         np.testing.assert_allclose(scaled.radii / scale, fit.radii, rtol=1e-11)
+        np.testing.assert_allclose(scaled.standard_errors / scale, fit.standard_errors, rtol=1e-8)
         assert scaled.noise_variance / scale**2 == pytest.approx(fit.noise_variance, rel=1e-9)
         assert scaled.condition == pytest.approx(fit.condition, rel=1e-9)
 
@@ -240,6 +241,7 @@ def test_statuses(rng):
         ([good, infinite], Status.NOT_FINITE),
         ([good, infinite[4:5]], Status.NOT_FINITE),
         ([1e150 * good], Status.NOT_FINITE),
+        ([1e-150 * good], Status.NOT_FINITE),
     ]
     for markers, status in cases:
         for noise in (None, 0.1):

@@ -1,5 +1,7 @@
 """Input that no fit can use: a TypeError names the dtype or the columns, a ValueError the value and the remedy.
 
+Missing samples: the answer is the same as without the rows with a NaN or a mask, whatever their number and place.
+
 Data that determine no sphere: a status and NaN, no exception, no warning, and no effect on other sets.
 """
 
@@ -19,20 +21,16 @@ CALLS = {
     "mgdk": lambda points: study.mgdk([POINTS, points]),
     "crlb": lambda points: study.crlb(points, 0.1),
     "Incremental": lambda points: study.Incremental(3).update(points),
+    "minimum_zone": study.minimum_zone,
 }
 
 
 @pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
-@pytest.mark.parametrize("kind", [str, complex, bool, object])
-def test_dtypes(call, kind):
-    """Text, complex numbers, truth values and objects are no coordinates."""
-    with pytest.raises(TypeError, match=f"dtype {np.dtype(kind).name[:3]}|dtype <U"):
-        call(POINTS.astype(kind))
-
-
-@pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
-def test_rows_of_different_lengths(call):
-    """They form no array, and the message says what would."""
+def test_what_is_no_array_of_numbers(call):
+    """Text, complex numbers, truth values and objects are no coordinates; rows of different lengths form no array."""
+    for kind in (str, complex, bool, object):
+        with pytest.raises(TypeError, match=f"dtype {np.dtype(kind).name[:3]}|dtype <U"):
+            call(POINTS.astype(kind))
     with pytest.raises(ValueError, match=r"(points|directions) form no array: give rows equally many numbers"):
         call([*POINTS.tolist(), [1.0, 2.0]])
 
@@ -44,55 +42,62 @@ def test_frames_with_text(call):
     call(frame)
     with pytest.raises(TypeError, match=r"'name' .*'good' has dtype bool.*pass the others, 'w', alone"):
         call(frame[["x", "name", "good"]].rename(columns={"x": "w"}))
-    call(frame[list("xyz")])
 
 
-def test_frames_with_missing_numbers():
-    """A frame's own missing values are missing samples."""
-    frame = pd.DataFrame(POINTS, columns=list("xyz")).convert_dtypes()
-    frame.loc[2, "y"] = pd.NA
-    fit = study.fit(frame)
-    assert fit.count == 7
-    np.testing.assert_array_equal(fit.center, study.fit(np.delete(POINTS, 2, axis=0)).center)
+@pytest.mark.parametrize("shape", [(), (3,), (5, 1), (4, 5, 1), (3, 3), (0, 3), (2, 2), (7, 4, 4)])
+def test_wrong_shapes(estimator, shape):
+    """Points of another shape than (…, n, d) with n > d ≥ 2 raise an error that shows the shape; so do directions."""
+    calls = [lambda points: study.fit(points, estimator, noise=0.1)]
+    if shape in [(), (3,), (5, 1)]:
+        calls.append(lambda points: study.crlb(points, 0.1))
+    for call in calls:
+        with pytest.raises(ValueError, match=r"(points|directions) have shape") as caught:
+            call(np.zeros(shape))
+        assert str(shape) in str(caught.value)
 
 
-@pytest.mark.parametrize("noise", [True, "0.1", 0.1 + 0j, np.array(True)])
-def test_noise(noise):
-    """A truth value is no standard deviation, nor is text."""
+@pytest.mark.parametrize(
+    ("noise", "failure", "says"),
+    [
+        *((value, ValueError, "positive") for value in (-0.1, 0.0, np.nan)),
+        (np.inf, ValueError, "finite"),
+        (1e-200, ValueError, "square"),
+        (1e200, ValueError, "square"),
+        ([0.1, 0.1, 0.1], ValueError, r"\(3,\)"),
+        (np.eye(2), ValueError, r"\(2, 2\)"),
+        (np.eye(3)[None], ValueError, r"\(1, 3, 3\)"),
+        (np.diag([1.0, 1.0, -1.0]), ValueError, "positive definite"),
+        (np.diag([1.0, 1.0, 0.0]), ValueError, "positive definite"),
+        (np.ones((3, 3)), ValueError, "positive definite"),
+        ([[1.0, 0.3, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], ValueError, "symmetric"),
+        (np.diag([1.0, np.nan, 1.0]), ValueError, "finite"),
+        *((value, TypeError, "noise has dtype") for value in (True, "0.1", 0.1 + 0j, np.array(True))),
+    ],
+)
+def test_wrong_noise(noise, failure, says):
+    """Noise that is neither a standard deviation nor a covariance raises an error that says why."""
     growing = study.Incremental(3)
     growing.update(POINTS)
-    calls = [lambda: study.fit(POINTS, "als", noise), lambda: study.mgdk([POINTS], noise)]
-    calls.append(lambda: growing.fit(study.ESTIMATORS["ugdk"], noise))
-    for call in [*calls, lambda: study.crlb(UNIT, noise)]:
-        with pytest.raises(TypeError, match="noise has dtype"):
+    calls = [lambda name=name: study.fit(POINTS, name, noise) for name in study.ESTIMATORS]
+    calls += [lambda: study.crlb(UNIT, noise), lambda: study.mgdk([POINTS], noise)]
+    for call in [*calls, lambda: growing.fit(study.ESTIMATORS["ugdk"], noise)]:
+        with pytest.raises(failure, match="noise") as caught:
             call()
+        caught.match(says)
 
 
-@pytest.mark.parametrize("as_mask", [False, True])
-def test_missing_points_of_markers(rng, on_cap, as_mask):
-    """`mgdk` leaves out points that are masked or NaN, whatever lies below the mask."""
-    first, second = (on_cap(rng, 30, 100.0, noise=0.01, radius=r)[0] for r in (1.0, 2.0))
-    rest = np.delete(second, [3, 7], axis=0)
-    wrong = second.copy()
-    wrong[[3, 7]] = 70.0 if as_mask else np.nan
-    mask = np.zeros_like(wrong, dtype=bool)
-    mask[[3, 7]] = True
-    fit = study.mgdk([first, np.ma.MaskedArray(wrong, mask) if as_mask else wrong])
-    np.testing.assert_array_equal(fit.center, study.mgdk([first, rest]).center)
-    np.testing.assert_array_equal(fit.count, [30, 28])
-    assert np.isnan(fit.residuals[1][[3, 7]]).all()
-
-
-@pytest.mark.parametrize("as_mask", [False, True])
-def test_missing_directions(as_mask):
-    """`crlb` leaves out directions that are masked or NaN; without any the bound is infinite."""
-    wrong = UNIT.copy()
-    wrong[2] = 70.0 if as_mask else np.nan
-    mask = np.zeros_like(wrong, dtype=bool)
-    mask[2] = True
-    bound = study.crlb(np.ma.MaskedArray(wrong, mask) if as_mask else wrong, 0.1)
-    np.testing.assert_allclose(bound, study.crlb(np.delete(UNIT, 2, axis=0), 0.1), rtol=1e-12)
-    assert np.isposinf(study.crlb(np.full((5, 3), np.nan), 0.1)).all()
+@pytest.mark.parametrize(
+    ("name", "failure", "says"),
+    [
+        *((name, ValueError, ", ".join(study.ESTIMATORS)) for name in ("sphere", "", "MLE")),
+        (3, TypeError, "estimator = 3: expected a name"),
+        ("ugdk", ValueError, "noise="),
+    ],
+)
+def test_wrong_estimators(name, failure, says):
+    """An unknown name raises an error that lists the known ones; one that needs the noise says how to pass it."""
+    with pytest.raises(failure, match=says):
+        study.fit(np.eye(4, 3), name)
 
 
 def test_directions_of_another_length():
@@ -107,18 +112,16 @@ def test_directions_of_another_length():
     np.testing.assert_allclose(bound, study.crlb(UNIT, 0.1), rtol=1e-4)
 
 
-@pytest.mark.parametrize("level", [0, 1, 2, -0.1, np.nan])
-def test_levels(level):
-    """A coverage lies between 0 and 1."""
-    with pytest.raises(ValueError, match="between 0 and 1"):
-        study.fit(POINTS).ellipsoid(level)
-
-
-@pytest.mark.parametrize("k", [0, -1, np.nan, np.inf])
-def test_coverage_factors(k):
-    """A coverage factor is positive and finite."""
-    with pytest.raises(ValueError, match="coverage factor"):
-        study.fit(POINTS).expanded_uncertainty(k)
+@pytest.mark.parametrize("level", [0, 1, 2, 95, -0.1, np.nan])
+def test_levels_and_factors(level):
+    """A coverage lies between 0 and 1, a coverage factor is positive and finite."""
+    fit = study.fit(POINTS)
+    for call in (fit.ellipsoid, lambda level: fit.interval("radius", level)):
+        with pytest.raises(ValueError, match=r"between 0 and 1, (such as|for example) 0\.95"):
+            call(level)
+    for k in (0, -1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="coverage factor"):
+            fit.expanded_uncertainty(k)
 
 
 @pytest.mark.parametrize("make", [np.asarray, np.asfortranarray, lambda a: a[:, ::-1]])
@@ -160,6 +163,121 @@ def test_large_arrays_are_lent():
     assert with_missing.count[5] == 19
 
 
+FIELDS = ["own_status" if name == "status" else name for name in study.Estimates._fields]
+
+HOLES = [0, 1, 0, 7, 7, 30, 33, 36, 37, 40, 12, 0]
+"""Number of missing samples in each of the sets below; a sphere needs 4."""
+
+
+@pytest.fixture(scope="module", params=[40, 700])
+def holed(on_cap, request):
+    """Twelve sets of so many samples with rows missing, each row by one, two or three of its coordinates."""
+    points = on_cap(np.random.default_rng(31), request.param, 120.0, noise=0.02, radius=2.0, center=1.0, sets=12)[0]
+    rng = np.random.default_rng(32)
+    for sample, holes in zip(points, HOLES, strict=True):
+        for row in rng.choice(request.param, holes, replace=False):
+            sample[row, rng.choice(3, rng.integers(1, 4), replace=False)] = np.nan
+    return points
+
+
+def assert_same(one, two, what=slice(None)):
+    """Assert that fits have the same answers to the last bit."""
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name)[what], err_msg=name)
+
+
+def assert_lost(fit, status):
+    """Assert that a fit has this status and no numbers that could be taken for an answer."""
+    assert np.all(fit.own_status == status)
+    assert np.all(np.isin(fit.status, status))
+    for name in ("center", "radius"):
+        assert np.isnan(getattr(fit, name)).all(), name
+    assert np.isnan(fit.noise_variance).all()
+    assert not np.any(fit.condition < 1.0)
+    assert not np.isfinite(fit.standard_errors).any()
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.02**2 * np.diag([1.0, 2.0, 0.5])])
+def test_a_mixed_batch(holed, estimator, noise):
+    """Each set of a batch has the answer of its own remaining samples to the last bit, errors to rounding."""
+    if estimator == "hinge" and np.ndim(noise) == 2:
+        with pytest.raises(ValueError, match="noise=σ"):
+            study.fit(holed, estimator, noise)
+        return
+    fit, n = study.fit(holed, estimator, noise), holed.shape[1]
+    np.testing.assert_array_equal(fit.count, n - np.array(HOLES))
+    for t, points in enumerate(holed):
+        if n - HOLES[t] < 4:
+            assert_lost(fit[t], Status.TOO_FEW_POINTS)
+            assert np.isnan(fit.residual_rms[t])
+            continue
+        alone = study.fit(points[~np.isnan(points).any(axis=1)], estimator, noise)
+        assert_same(alone, fit, t)
+        for name in ("count", "residual_rms", "covariance", "standard_errors"):
+            got, expected = getattr(fit, name)[t], getattr(alone, name)
+            np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_other_ways_to_say_that_samples_are_missing(holed, estimator):
+    """What stands beside or below a hole has no effect, infinities too; more axes, and a single set, neither."""
+    holes = np.isnan(holed)
+    fit = study.fit(holed, estimator, 0.02)
+    values = np.array([1e6, np.inf, -np.inf] * 4)[:, None, None]
+    beside = np.where(holes.any(axis=2, keepdims=True) & ~holes, values, holed)
+    for points in (beside, np.ma.MaskedArray(np.where(holes, 1e3, holed), holes)):
+        other = study.fit(points, estimator, 0.02)
+        assert_same(fit, other)
+        np.testing.assert_array_equal(other.count, fit.count)
+        np.testing.assert_allclose(other.residual_rms, fit.residual_rms, rtol=1e-12)
+        np.testing.assert_allclose(other.covariance, fit.covariance, rtol=1e-12)
+    assert_same(study.fit(holed.reshape(3, 2, 2, -1, 3), estimator, 0.02)[2, 1, 0], fit, 10)
+    assert_same(study.fit(holed[10], estimator, 0.02), fit, 10)
+
+
+@pytest.mark.parametrize("left", [0, 1, 3])
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_too_few_left(rng, on_cap, estimator, d, left):
+    """With no sample left, or d where d + 1 are needed, the answer is TOO_FEW_POINTS and NaN, alone and in a batch."""
+    points = on_cap(rng, 9, 120.0, d, 0.02)[0]
+    points[min(left, d) :, 0] = np.nan
+    for sets in (points, points[None], np.stack([points] * 3)):
+        fit = study.fit(sets, estimator, 0.02)
+        assert_lost(fit, Status.TOO_FEW_POINTS)
+        np.testing.assert_array_equal(fit.count, min(left, d))
+        assert np.isnan(fit.residual_rms).all()
+
+
+@pytest.mark.parametrize("as_mask", [False, True])
+def test_missing_points_of_other_functions(rng, on_cap, as_mask):
+    """`mgdk`, `crlb` and `minimum_zone` leave out points that are masked or NaN, whatever lies below the mask."""
+
+    def without(points, rows):
+        mask, wrong = np.zeros_like(points, dtype=bool), points.copy()
+        mask[rows], wrong[rows] = True, 70.0 if as_mask else np.nan
+        return np.ma.MaskedArray(wrong, mask) if as_mask else wrong
+
+    first, second = (on_cap(rng, 30, 100.0, noise=0.01, radius=r)[0] for r in (1.0, 2.0))
+    rest = np.delete(second, [3, 7], axis=0)
+    fit = study.mgdk([first, without(second, [3, 7])])
+    np.testing.assert_array_equal(fit.center, study.mgdk([first, rest]).center)
+    np.testing.assert_array_equal(fit.count, [30, 28])
+    assert np.isnan(fit.residuals[1][[3, 7]]).all()
+    zone, other = study.minimum_zone(without(second, [3, 7])), study.minimum_zone(rest)
+    np.testing.assert_array_equal([*zone.center, zone.radius], [*other.center, other.radius])
+    bound = study.crlb(without(UNIT, [2]), 0.1)
+    np.testing.assert_allclose(bound, study.crlb(np.delete(UNIT, 2, axis=0), 0.1), rtol=1e-12)
+    assert np.isposinf(study.crlb(np.full((5, 3), np.nan), 0.1)).all()
+
+
+def test_frames_with_missing_numbers():
+    """A frame's own missing values are missing samples."""
+    frame = pd.DataFrame(POINTS, columns=list("xyz")).convert_dtypes()
+    frame.loc[2, "y"] = pd.NA
+    fit = study.fit(frame)
+    assert fit.count == 7
+    np.testing.assert_array_equal(fit.center, study.fit(np.delete(POINTS, 2, axis=0)).center)
+
+
 FLAWED = ("lls_nr", "lls_nr_raw", "lls_single")
 
 
@@ -169,86 +287,36 @@ def careful(request):
     return request.param
 
 
-def assert_lost(fit, status, names):
-    """Assert that the fit has this status and no numbers that could be taken for an answer."""
-    assert names == [status.name] * len(names)
-    assert np.isnan(fit.center).all()
-    assert np.isnan(fit.radius).all()
-
-
-def assert_plane(fit, estimator, names):
-    """Assert that a plane is recognised; `hinge` alone then has an answer, in the plane."""
-    if estimator == "hinge":
-        assert names == ["HINGE"] * len(names)
-        assert np.isfinite(fit.center).all()
-    else:
-        assert_lost(fit, Status.SINGULAR, names)
-
-
-def assert_others(fit, clean, bad):
-    """Assert that all but the bad sets have the answers of the clean batch."""
+@pytest.mark.parametrize("value", [np.inf, -np.inf])
+@pytest.mark.parametrize("n", [6, 30, 700])
+def test_not_finite(rng, on_cap, estimator, value, n):
+    """One infinite coordinate, wherever it stands, beside a missing row or not, loses its own set and no other."""
+    points = on_cap(rng, n, noise=0.01, sets=9)[0]
+    clean = study.fit(points, estimator, noise=0.01)
+    bad = [0, 2, 5, 7]
+    points[bad, [0, n // 2, n - 1, n - 1], [0, 1, 2, 0]] = value
+    points[5, 0, 1] = np.nan
+    fit = study.fit(points, estimator, noise=0.01)
+    assert_lost(fit[bad], Status.NOT_FINITE)
+    assert fit.count[5] == n - 1
     for name in ("center", "radius", "noise_variance", "own_status"):
         one, two = (np.delete(getattr(f, name), bad, axis=0) for f in (fit, clean))
         np.testing.assert_allclose(one, two, rtol=0, atol=1e-12, err_msg=name)
 
 
-@pytest.mark.parametrize("value", [np.inf, -np.inf])
-@pytest.mark.parametrize("n", [6, 30, 700])
-def test_not_finite(rng, on_cap, estimator, status_of, value, n):
-    """One infinite coordinate, wherever it stands, loses its own set and no other."""
-    points = on_cap(rng, n, noise=0.01, sets=9)[0]
-    clean = study.fit(points, estimator, noise=0.01)
-    places = [(0, 0, 0), (2, n // 2, 1), (5, n - 1, 2), (7, n - 1, 0)]
-    for place in places:
-        points[place] = value
-    fit = study.fit(points, estimator, noise=0.01)
-    bad = [place[0] for place in places]
-    assert [status_of(fit)[t] for t in bad] == ["NOT_FINITE"] * 4
-    assert np.isnan(fit.center[bad]).all()
-    assert np.isnan(fit.radius[bad]).all()
-    assert_others(fit, clean, bad)
-
-
-@pytest.mark.parametrize("n", [12, 700])
-def test_missing_samples(rng, on_cap, estimator, n):
-    """A row with a NaN is a missing sample: the fit is that of the rest, and other sets are not affected."""
-    points = on_cap(rng, n, noise=0.01, sets=6)[0]
-    clean = study.fit(points, estimator, noise=0.01)
-    points[1, 3, 0] = points[1, n - 1, 2] = points[4, 0, 1] = np.nan
-    fit = study.fit(points, estimator, noise=0.01)
-    np.testing.assert_array_equal(fit.count, [n, n - 2, n, n, n - 1, n])
-    for t in (1, 4):
-        rest = study.fit(points[t][~np.isnan(points[t]).any(axis=1)], estimator, noise=0.01)
-        np.testing.assert_allclose(fit.center[t], rest.center, rtol=0, atol=1e-12)
-        assert fit.radius[t] == pytest.approx(float(rest.radius), abs=1e-12)
-        assert fit.own_status[t] == rest.own_status
-    assert_others(fit, clean, [1, 4])
-
-
-def test_too_few_left(rng, on_cap, estimator, status_of):
-    """With fewer than d + 1 samples left the status is TOO_FEW_POINTS."""
-    points = on_cap(rng, 6, noise=0.01, sets=3)[0]
-    points[0, :3, 1] = np.nan
-    points[2] = np.nan
-    fit = study.fit(points, estimator, noise=0.01)
-    assert [status_of(fit)[t] for t in (0, 2)] == ["TOO_FEW_POINTS"] * 2
-    assert np.isnan(fit.center[[0, 2]]).all()
-
-
 @pytest.mark.parametrize("scale", [1e-300, 1e-150, 1e150, 1e200, 1e300])
-def test_too_large_or_small(rng, on_cap, estimator, status_of, scale):
+def test_too_large_or_small(rng, on_cap, estimator, scale):
     """Coordinates whose squares come near the ends of float64 are refused by the status of infinite ones."""
-    fit = study.fit(scale * on_cap(rng, 20, noise=0.01)[0], estimator, noise=0.01)
-    assert_lost(fit, Status.NOT_FINITE, status_of(fit))
+    assert_lost(study.fit(scale * on_cap(rng, 20, noise=0.01)[0], estimator, noise=0.01), Status.NOT_FINITE)
 
 
 @pytest.mark.parametrize("scale", [1e-125, 1e-60, 1e-30, 1e30, 1e60, 1e125])
-def test_units_are_free(rng, on_cap, careful, status_of, scale):
+def test_units_are_free(rng, on_cap, careful, scale):
     """Any unit gives the same sphere, and the same standard errors."""
     points = on_cap(rng, 100, noise=0.01)[0]
     one = study.fit(points, careful, noise=0.01)
     fit = study.fit(scale * points, careful, noise=0.01 * scale)
-    assert status_of(fit) == ["OK"]
+    assert fit.ok
     np.testing.assert_allclose(fit.center / scale, one.center, rtol=0, atol=1e-12)
     assert fit.radius / scale == pytest.approx(float(one.radius), rel=1e-12)
     assert fit.noise_variance / scale**2 == pytest.approx(float(one.noise_variance), rel=1e-9)
@@ -256,53 +324,36 @@ def test_units_are_free(rng, on_cap, careful, status_of, scale):
     np.testing.assert_allclose(fit.residuals / scale, one.residuals, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("point", [0.0, 1.0, 0.1, -123.456])
-def test_identical_points(careful, status_of, point):
-    """Points that are all the same determine nothing."""
-    fit = study.fit(np.full((3, 8, 3), point), careful, noise=0.01)
-    assert_lost(fit, Status.SINGULAR, status_of(fit))
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_coordinate_plane(rng, on_cap, careful, status_of, axis):
-    """Points with one coordinate in common lie in a plane."""
-    points = on_cap(rng, 12, noise=0.1, sets=5)[0]
-    points[:, :, axis] = 0.7
-    fit = study.fit(points, careful, noise=0.01)
-    assert_plane(fit, careful, status_of(fit))
+@pytest.mark.parametrize(
+    "points",
+    [
+        *(np.full((3, 8, 3), value) for value in (0.0, 1.0, 0.1, -123.456)),
+        *(np.outer(np.arange(9.0), np.arange(1, d + 1)) + 0.3 for d in (2, 3)),
+    ],
+)
+def test_points_and_lines(careful, points):
+    """Points that are all the same, or on a line, determine nothing, not even a circle in a plane."""
+    assert_lost(study.fit(points, careful, noise=0.01), Status.SINGULAR)
 
 
 @pytest.mark.parametrize("n", [4, 20, 1000])
 @pytest.mark.parametrize("offset", [0.0, 10.0])
-def test_any_plane(rng, random_rotation, careful, status_of, offset, n):
+def test_planes(rng, random_rotation, careful, offset, n):
     """Points of a plane are recognised in any orientation and place, in spite of rounding; many are on a circle."""
-    sets = []
-    for _ in range(100):
-        angle = rng.uniform(0, 2 * np.pi, n)
-        flat = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)
-        sets.append(flat @ random_rotation(rng, 3) + offset * rng.standard_normal(3))
-    fit = study.fit(np.array(sets), careful, noise=1e-3)
-    assert_plane(fit, careful, [Status(int(own)).name for own in fit.own_status])
+    turn = rng.uniform(0, 2 * np.pi, (100, n))
+    points = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=2)
+    for t in range(3, 100):  # the first three stay in planes of two coordinates
+        points[t] = points[t] @ random_rotation(rng, 3)
+    points[:2] = points[:2][..., [2, 0, 1]]
+    points += offset * rng.standard_normal((100, 1, 3))
+    fit = study.fit(points, careful, noise=1e-3)
+    if careful == "hinge":
+        assert np.all(fit.own_status == Status.HINGE)
+        assert np.isfinite(fit.center).all()
+    else:
+        assert np.all(fit.own_status == Status.SINGULAR)
+        assert np.isnan(fit.center).all()
     if n >= 20:
-        assert status_of(fit) == ["HINGE"] * 100
+        assert np.all(fit.status == Status.HINGE)
         np.testing.assert_allclose(fit.circle.radius, 1.0, rtol=1e-9)
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_line(careful, status_of, d):
-    """Points of a line determine nothing, not even a circle in a plane."""
-    fit = study.fit(np.outer(np.arange(9.0), np.arange(1, d + 1)) + 0.3, careful, noise=0.01)
-    assert_lost(fit, Status.SINGULAR, status_of(fit))
-
-
-def test_lost_sets_have_no_noise_and_no_condition(rng, random_rotation, careful):
-    """A set without a sphere has no noise estimate and no condition below 1."""
-    points = np.zeros((40, 9, 3))
-    for t in range(2, 40):
-        points[t] = rng.standard_normal((9, 3)) * [1, 1, 0] @ random_rotation(rng, 3)
-    points[1, 4, 1] = np.inf
-    fit = study.fit(points, careful, noise=0.01)
-    lost = np.isin(fit.own_status, [Status.SINGULAR, Status.NOT_FINITE])
-    assert np.all(lost) or careful == "hinge"
-    assert careful == "ugdk" or np.isnan(fit.noise_variance[lost]).all()
-    assert not np.any(fit.condition[lost] < 1.0)
+    assert careful == "hinge" or (np.isnan(fit.noise_variance).all() and not np.any(fit.condition < 1.0))

@@ -6,21 +6,17 @@ A user's own estimator: with a function and a line in the registry it works like
 """
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import study
 from study import Status
-from study.fits import Estimates, Estimator, Samples, fit
+from study.fits import Estimator
 from study.fits.check import check_estimator, printed
 from study.fits.fitting import choose
 from study.fits.point_text import PointFileError
 from study.fits.registry import ORIGINS, PluginError, PluginFile, load, load_text, loaded, origins
 from study.fits.samples import blank
 from study.simulation.analysis import regret
-from study.simulation.experiment.config import parse
-from study.simulation.runs import runner
-from study.toml import ConfigError
 
 MEAN = "def mean(points):\n    c = points.mean(axis=0)\n    return c, np.linalg.norm(points - c, axis=1).mean()\n"
 
@@ -51,9 +47,8 @@ def test_a_file_that_changed_replaces_itself(write_plugin):
     write_plugin(MEAN + "study.register('other', mean)")
     load(path)
     assert "mean" not in study.ESTIMATORS
-    (found,) = origins(["als", "other"])
-    assert (found["from"], found["estimators"]) == ("my.py", ["other"])
-    assert len(found["sha256"]) == 64
+    (origin,) = origins(["als", "other"])
+    assert (origin["from"], origin["estimators"], len(origin["sha256"])) == ("my.py", ["other"], 64)
 
 
 def test_a_worker_loads_the_text(tmp_path):
@@ -190,14 +185,14 @@ class Point:
 
     dist, value = None, "package:f"
 
-    def __init__(self, name, found):
-        self.name, self._found = name, found
+    def __init__(self, name, content):
+        self.name, self.content = name, content
 
     def load(self):
         """The object, or its exception."""
-        if isinstance(self._found, Exception):
-            raise self._found
-        return self._found
+        if isinstance(self.content, Exception):
+            raise self.content
+        return self.content
 
 
 def test_installed_packages(monkeypatch):
@@ -223,58 +218,14 @@ def test_installed_packages(monkeypatch):
 
 
 def sound(points):
-    """Coope's fit, which has all properties."""
+    """Coope's fit, which has all properties: |x|² = 2c·x + k in least squares."""
     matrix = np.column_stack([2.0 * points, np.ones(len(points))])
     *center, k = np.linalg.lstsq(matrix, (points**2).sum(axis=1), rcond=None)[0]
     return np.array(center), np.sqrt(k + np.dot(center, center))
 
 
-def larger(points):
-    """A radius that is 2 % too large."""
-    center, radius = sound(points)
-    return center, 1.02 * radius
-
-
-def pulled(points):
-    """Pulled to the origin."""
-    center, radius = sound(points)
-    away = np.linalg.norm(center)
-    return (center * (1.0 - 0.1 * np.exp(-away)) if away < 1e9 else center), radius
-
-
-def axes(points):
-    """Noisy along the axes: the largest residual's sign along the first one."""
-    center, radius = sound(points)
-    residual = np.linalg.norm(points - center, axis=1) - radius
-    return center + np.ptp(residual) * np.eye(len(center))[0], radius
-
-
-def metric(points):
-    """A limit of the radius in metres."""
-    center, radius = sound(points)
-    return center, min(radius, 100.0)
-
-
-def first(points):
-    """The first sample counts twice."""
-    return sound(np.vstack([points[:1], points]))
-
-
-def drunk(points):
-    """Random numbers."""
-    center, radius = sound(points)
-    return center, radius * (1.0 + 1e-9 * np.random.default_rng().random())
-
-
-def negative(samples):
-    """A noise variance below 0."""
-    result = simple(samples)
-    result.noise_variance[:] = -1.0
-    return result
-
-
-def simple(samples):
-    """Coope's fit of a batch, without any care."""
+def coope(samples):
+    """The same of a batch, without any care."""
     result = blank(samples.shape[0], samples.shape[1])
     for t, x in enumerate(samples.points):
         result.center[t], result.radius[t] = sound(x) if np.all(np.abs(x) < 1e50) else (np.nan, np.nan)
@@ -282,67 +233,97 @@ def simple(samples):
     return result
 
 
-def neighbour(samples):
-    """Depends on the number of sets."""
-    result = simple(samples)
-    result.radius[:] *= 1.0 + 0.001 * (len(result.radius) - 1)
-    return result
+def along_an_axis(c, r, x):
+    """Noisy along the axes: the range of the residuals along the first one."""
+    return c + np.ptp(np.linalg.norm(x - c, axis=1)) * np.eye(len(c))[0], r
 
 
-def touching(samples):
-    """Changes the points."""
-    result = simple(samples)
-    samples.x[:, 0, 0] += 1.0
-    return result
-
-
-def raising(samples):
+def raising(fit, samples):
     """Raises where points are not finite."""
     if not np.all(np.isfinite(samples.points)):
         raise FloatingPointError("infinite")
-    return simple(samples)
 
 
-VIOLATIONS = {
-    larger: "not exact without noise: the radius is 1.02 instead of 1 (d = 2, N = 7, seed 0)",
-    metric: "depends on the unit of length: all lengths times 1000: the radius is 100 instead of ",
-    drunk: "another answer for the same points: use no random numbers but those of a fixed seed (d = 2, N = 7, seed 0)",
-    first: "depends on the order of the samples: in another order: the ",
-    pulled: "does not move with the points: shifted by ",
-    axes: "does not rotate with the points: rotated: the centre is ",
+def touching(fit, samples):
+    """Changes the points."""
+    samples.x[:, 0, 0] += 1.0
+
+
+def negative(fit, samples):
+    """A noise variance below 0."""
+    fit.noise_variance[:] = -1.0
+
+
+def neighbour(fit, samples):
+    """Depends on the number of sets."""
+    fit.radius[:] *= 1.0 + 0.001 * (len(fit.radius) - 1)
+
+
+POINTWISE = {
+    "larger": (
+        lambda c, r, x: (c, 1.02 * r),
+        "not exact without noise: the radius is 1.02 instead of 1 (d = 2, N = 7, ",
+    ),
+    "metric": (
+        lambda c, r, x: (c, min(r, 100.0)),
+        "depends on the unit of length: all lengths times 1000: the radius is 100 instead of ",
+    ),
+    "drunk": (
+        lambda c, r, x: (c, r * (1.0 + 1e-9 * np.random.default_rng().random())),
+        "another answer for the same points: use no random numbers but those of a fixed seed (d = 2, N = 7, seed 0)",
+    ),
+    "first": (
+        lambda c, r, x: sound(np.vstack([x[:1], x])),
+        "depends on the order of the samples: in another order: the ",
+    ),
+    "pulled": (
+        lambda c, r, x: (c * (1.0 - 0.1 * np.exp(-np.linalg.norm(c))) if np.linalg.norm(c) < 1e9 else c, r),
+        "does not move with the points: shifted by ",
+    ),
+    "axes": (along_an_axis, "does not rotate with the points: rotated: the centre is "),
+}
+BATCHED = {
     negative: "the noise variance is -1, and should not be negative (d = 2, N = 7, seed 0)",
     neighbour: "differs in a batch: fitted alone and beside other sets: the radius is ",
     touching: "changes the points that it is given (d = 2, N = 7, seed 0)",
     raising: "raises on a point at infinity: FloatingPointError: infinite (d = 2)",
 }
 
-BATCHED = (negative, neighbour, touching, raising)
+
+def report(function, batched=False, budget=1e9):
+    """The lines that `study check` prints on a function."""
+    study.register("mine", function, batched=batched)
+    return list(printed([check_estimator("mine", budget=budget)]))
 
 
-@pytest.fixture
-def reported():
-    """The report on a function."""
-
-    def report(function):
-        study.register("mine", function, batched=function in BATCHED)
-        return check_estimator("mine", budget=1e9)
-
-    return report
+def test_a_sound_estimator():
+    """Without violations there is one line, with the numbers of properties and data sets; without time that is said."""
+    assert report(sound) == ["mine: all 9 properties hold on 12 data sets"]
+    assert "the estimator is slow" in report(sound, budget=0.0)[-1]
 
 
-def test_a_sound_estimator(reported):
-    """Without violations there is one line, with the numbers of properties and data sets."""
-    assert list(printed([reported(sound)])) == ["mine: all 9 properties hold on 12 data sets"]
-
-
-@pytest.mark.parametrize("function", list(VIOLATIONS), ids=lambda f: f.__name__)
-def test_a_violation_in_words(reported, function):
+@pytest.mark.parametrize("case", POINTWISE)
+def test_a_violation_in_words(case):
     """The property that is violated is said in words, with the first data set that violates it."""
-    lines = list(printed([reported(function)]))
-    assert any(line.startswith(f"mine: {VIOLATIONS[function]}") for line in lines), lines
+    change, words = POINTWISE[case]
+    lines = report(lambda points: change(*sound(points), points))
+    assert any(line.startswith(f"mine: {words}") for line in lines), lines
 
 
-def test_circles_alone(reported):
+@pytest.mark.parametrize("change", BATCHED, ids=lambda change: change.__name__)
+def test_a_violation_of_a_batch_in_words(change):
+    """So are properties of a batch."""
+
+    def function(samples):
+        fit = coope(samples)
+        change(fit, samples)
+        return fit
+
+    lines = report(function, batched=True)
+    assert any(line.startswith(f"mine: {BATCHED[change]}") for line in lines), lines
+
+
+def test_circles_alone():
     """An estimator of circles is checked in the plane; the rest is left out, with the reason."""
 
     def circle(points):
@@ -350,18 +331,10 @@ def test_circles_alone(reported):
             raise ValueError("circles only")
         return sound(points)
 
-    assert list(printed([reported(circle)])) == [
+    assert report(circle) == [
         "mine: all 9 properties hold on 6 data sets",
         "mine: d = 3 is left out: ValueError: circles only",
     ]
-
-
-def test_a_slow_estimator_has_fewer_data_sets(reported):
-    """With no time at all, no data set is taken, and that is said."""
-    study.register("mine", sound)
-    report = check_estimator("mine", budget=0.0)
-    assert report.sets == 0
-    assert "the estimator is slow" in report.remarks[0]
 
 
 def test_shipped_estimators_pass():
@@ -370,70 +343,19 @@ def test_shipped_estimators_pass():
         assert check_estimator(name, budget=1e9).violations == ()
 
 
-CONFIG = """
-name = "own"
-seed = 3
-estimators = ["gdke", "coope"]
-[design]
-kind = "grid"
-trials = 40
-samples = [12, 60]
-noise = 0.02
-angle = [60, 180]
-radius = 2.0
-"""
-
-
-def coope(samples: Samples) -> Estimates:
-    """Coope's fit: |x|² = 2c·x + k in least squares, once for each set."""
-    result = blank(samples.shape[0], samples.shape[1])
-    for t, x in enumerate(samples.points):
-        beta = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), np.sum(x**2, axis=1))[0]
-        result.center[t], result.radius[t] = beta[:-1], np.sqrt(beta[-1] + beta[:-1] @ beta[:-1])
-    return result
-
-
-@pytest.fixture
-def registered(monkeypatch):
-    """Register `coope` for one test."""
-    monkeypatch.setitem(study.ESTIMATORS, "coope", Estimator(coope, "Coope 1993"))
-
-
-@pytest.mark.usefixtures("registered")
 @pytest.mark.parametrize("d", [2, 3, 5])
 def test_through_the_library(rng, on_cap, d):
     """`study.fit` calls it by name, and adds batches, missing samples and errors, which it does not handle itself."""
+    study.register("coope", coope, batched=True)
     points = on_cap(rng, 30, 100.0, d, 0.02, radius=2.0, center=1.0, sets=6)[0].reshape(2, 3, 30, d)
     points[1, 2, :4, 0] = np.nan
-    mine, theirs = fit(points, "coope", noise=0.02), fit(points, "gdke", noise=0.02)
+    mine, theirs = (study.fit(points, name, noise=0.02) for name in ("coope", "gdke"))
     np.testing.assert_allclose(mine.center, theirs.center, rtol=0, atol=1e-10)
     np.testing.assert_allclose(mine.radius, theirs.radius, rtol=0, atol=1e-10)
     np.testing.assert_allclose(mine.covariance, theirs.covariance, rtol=1e-8, atol=1e-14)
     np.testing.assert_allclose(mine.residual_rms, theirs.residual_rms, rtol=1e-8)
     np.testing.assert_array_equal(mine.count, theirs.count)
     assert np.all(mine.own_status == Status.OK)
-
-
-@pytest.mark.usefixtures("registered")
-def test_in_a_study(tmp_path):
-    """A config that names it is valid, and the run's table has its rows beside the others', on the same points."""
-    runner.run(parse(CONFIG), CONFIG, tmp_path / "run", 2)
-    table = pd.read_parquet(tmp_path / "run" / "errors.parquet")
-    mine, theirs = (table[table["estimator"] == name].reset_index(drop=True) for name in ("coope", "gdke"))
-    assert len(mine) == len(theirs) == 40 * 4
-    for column in ("cell", "trial", "samples", "angle", "bound"):
-        pd.testing.assert_series_equal(mine[column], theirs[column])
-    for column in ("error_1", "error_2", "error_3", "error", "radius_error"):
-        np.testing.assert_allclose(mine[column], theirs[column], rtol=0, atol=1e-9)
-    assert (mine["status"] == Status.OK).all()
-
-
-def test_not_registered():
-    """Without its line in the registry the library and a config raise an error that names it."""
-    with pytest.raises(ValueError, match="coope"):
-        fit(np.eye(4, 3), "coope")
-    with pytest.raises(ConfigError, match="coope"):
-        parse(CONFIG)
 
 
 def test_need_of_the_noise(monkeypatch):
