@@ -266,14 +266,13 @@ def test_an_exception_is_a_status_of_its_trial(make_study):
 
 
 @pytest.mark.usefixtures("sometimes")
-def test_failures_do_not_depend_on_batches(make_study, monkeypatch):
+def test_failures_do_not_depend_on_batches(make_study):
     """The same trials fail, with the same numbers beside them, whatever is computed together."""
     made = make_study({"estimators": ["sometimes"]}, trials=12, noise=0.2)
-    whole = compute(made, next(units(made))).errors
-    group = next(units(made)).group
+    unit = next(units(made))
+    whole = compute(made, unit).errors
     for first, last in ((0, 5), (5, 6), (6, 12)):
-        part = compute(made, Batch(group, first, last)).errors
-        for name, column in part.items():
+        for name, column in compute(made, Batch(unit.group, first, last)).errors.items():
             np.testing.assert_array_equal(column, whole[name][first:last])
 
 
