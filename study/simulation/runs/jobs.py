@@ -24,7 +24,7 @@ import pyarrow.compute as pc
 from study.arrays import Ints
 from study.files import RunError, TableRows
 from study.fits import ESTIMATORS
-from study.fits.streams import Name
+from study.fits.random import Name
 from study.simulation import statistics
 from study.simulation.experiment.compute import Columns, Errors, Result, compute, lost, stack
 from study.simulation.experiment.config import Study
