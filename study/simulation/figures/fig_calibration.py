@@ -89,10 +89,8 @@ def prepare(tables: Tables) -> CalibrationFrame:
     curves = []
     for (likelihood, noise_is), part in kinds:
         use = part[part["ok"]]
-        for parameter in [
-            name for name in _NAMES if f"rank_{name}" in use
-        ]:  # an older table has none of the likelihood
-            ranks = use[f"rank_{parameter}"].dropna().to_numpy()
+        for parameter in _NAMES:  # an older table has no ranks of the likelihood
+            ranks = use.get(f"rank_{parameter}", pd.Series(dtype=float)).dropna().to_numpy()
             if len(ranks):
                 curves.append(Curve(parameter, str(likelihood), str(noise_is), np.sort(ranks)))
     if not curves:
