@@ -10,8 +10,8 @@ import math
 from studies import clean, store
 
 from study.fits import Samples
+from study.fits.random import lanes
 from study.fits.robust import outliers
-from study.fits.streams import lanes
 
 SEED = 17
 ANGLES, NOISES = (20.0, 60.0, 180.0), (0.01, 0.05, 0.1, 0.2)

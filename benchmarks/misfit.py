@@ -17,7 +17,7 @@ from study import Status
 from study.fits import Samples
 from study.fits.goodness import BLOCKS, Goodness, goodness
 from study.fits.intervals import intervals
-from study.fits.streams import lanes
+from study.fits.random import lanes
 from study.simulation.coverage import read_design
 
 SEED, SETS, POWER_SETS, MOST = 17, 4000, 200, 600_000

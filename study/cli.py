@@ -201,7 +201,7 @@ def fit(
     from study.fits import fitting
     from study.fits.fitting import choose, fit_all
     from study.fits.point_files import read_points
-    from study.fits.point_text import PointFileError
+    from study.fits.point_formats import PointFileError
 
     if as_json and as_csv:
         raise typer.BadParameter("give --json or --csv, not both")
@@ -239,7 +239,7 @@ def _fit_spheres(
 ) -> None:
     """Find spheres in each file, and print them."""
     from study.fits.point_files import read_points
-    from study.fits.point_text import PointFileError
+    from study.fits.point_formats import PointFileError
     from study.fits.spheres import as_rows, fit_spheres, printed
 
     complaints, objects, complete = list[str](), list[dict[str, object]](), True
@@ -301,13 +301,13 @@ def plan_fit(
 
     Of --error, --angle and --points two are given.
     """
-    from study.fits import planner
+    from study.fits import bounds
 
     try:
-        plan = planner.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
+        plan = bounds.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
     except ValueError as fault:
         raise typer.BadParameter(str(fault)) from None
-    echo([json_text(plan._asdict())] if as_json else planner.printed(plan, noise, radius, error, of))
+    echo([json_text(plan._asdict())] if as_json else bounds.plan_in_words(plan, noise, radius, error, of))
 
 
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:
@@ -392,7 +392,7 @@ def main(command: Callable[..., object] = app) -> None:
         raise
     except Exception as error:
         from study.files import InputError, RunError
-        from study.fits.point_text import PointFileError
+        from study.fits.point_formats import PointFileError
         from study.fits.registry import PluginError
         from study.simulation.experiment.sampling import ReplayError
         from study.toml import ConfigError

@@ -19,8 +19,7 @@ from scipy import stats
 import study
 from study.fits.cap import draw, sample_cap
 from study.fits.jit import CHUNK
-from study.fits.random import LANES, WORDS, fill_words, put_back, seeded, spare, to_normals, to_uniform
-from study.fits.streams import lanes, stream
+from study.fits.random import LANES, WORDS, fill_words, lanes, put_back, seeded, spare, stream, to_normals, to_uniform
 
 EPS = np.finfo(float).eps
 
@@ -307,14 +306,14 @@ def makers(tree):
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_generators_are_made_in_one_place(path):
-    """No file but streams.py makes a generator, seeds one, or draws from a global one.
+    """No file but random.py of the fits makes a generator, seeds one, or draws from a global one.
 
     The check of an estimator of one's own, below the study, has data sets with fixed seeds that are stored nowhere.
     """
     if path in (PACKAGE / "fits" / "check.py", PACKAGE / "fits" / "registry.py"):
         return
     found = list(makers(ast.parse(path.read_text(encoding="utf-8"))))
-    if path == PACKAGE / "fits" / "streams.py":
+    if path == PACKAGE / "fits" / "random.py":
         assert found
     else:
         assert not found, f"{path}: lines {found}"

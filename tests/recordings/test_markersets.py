@@ -14,8 +14,7 @@ from study.recordings.markersets import (
     parse_markerset,
     shipped,
 )
-from study.recordings.markersets.labels import clusters, is_output, spellings
-from study.recordings.markersets.match import choose, match, with_better
+from study.recordings.markersets.match import choose, clusters, is_output, match, spellings, with_better
 from study.recordings.recording import Recording
 
 PELVIS = Segment(name="pelvis", markers=("A", "B", "C"))

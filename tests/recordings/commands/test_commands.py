@@ -125,7 +125,7 @@ def test_trials_of_one_session(works, refused, made, body, tmp_path):
     same, folder = made("same.c3d", 300), "results/recordings/body-same"
     lines = works("joints", body, same).splitlines()
     assert lines[-2:] == [f"{folder}/joints.parquet", f"{folder}/calibration.json"]
-    assert any(line.startswith("neck ") and line.endswith(("  body, same", "  same, body")) for line in lines)
+    assert any(line.startswith("waist ") and line.endswith(("  body, same", "  same, body")) for line in lines)
     table = pd.read_parquet(tmp_path / folder / "joints.parquet")
     assert list(table.groupby("recording").size()) == [14, 14]
     works("skeleton", same, "--calibration", folder, "--refit")
