@@ -16,7 +16,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -316,7 +316,7 @@ def _draw_whole(ax: Axes, frame: EllipseFrame) -> None:
     ax.add_patch(Circle((fit.x, fit.y), fit.radius, fill=False, linewidth=1.3, edgecolor=color, zorder=4))
     ax.plot(fit.x, fit.y, marker=style.marker(frame.estimator), color=color, markersize=4, zorder=5)
     left, right, bottom, top = frame.window
-    framed: dict[str, Any] = {"fill": False, "linewidth": 0.6, "edgecolor": style.FAINT}
+    framed: style.Marks = {"fill": False, "linewidth": 0.6, "edgecolor": style.FAINT}
     ax.add_patch(Rectangle((left, bottom), right - left, top - bottom, **framed))
     span = max(1.25, abs(fit.x) + fit.radius + 0.1)
     ax.set(xlim=(-span, span), ylim=(-span, span))
@@ -337,7 +337,7 @@ def _draw_zoom(ax: Axes, frame: EllipseFrame) -> None:
     left, right, bottom, top = frame.window
     ax.set_xlim(left, right)
     ax.set_ylim(bottom, top)
-    beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.SMALL, "zorder": 7}
+    beside: style.Marks = {"textcoords": "offset points", "fontsize": style.SMALL, "zorder": 7}
     text = f"68 % and 95 % of {style.label(frame.estimator)}'s spread"
     no_room = fit.x > 0.5 * (left + right) + wide  # to its right
     at, side = (fit.x + wide if no_room else fit.x, fit.y + tall), "right" if no_room else "center"
@@ -447,7 +447,7 @@ def _draw_centres(ax: Axes, frame: MethodsFrame) -> None:
     frame_axes(ax)
     ax.yaxis.set_major_locator(MaxNLocator(3))
     # names at different heights, the leftmost highest, so that neighbours do not overlap
-    small: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": style.SMALL}
+    small: style.Marks = {"textcoords": "offset points", "ha": "center", "fontsize": style.SMALL}
     line = {"arrowstyle": "-", "linewidth": 0.6, "color": style.FAINT, "shrinkA": 0, "shrinkB": 3}
     for rung, (name, circle) in enumerate(reversed(frame.circles.items())):
         at = circle.x, circle.y

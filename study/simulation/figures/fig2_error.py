@@ -179,7 +179,7 @@ def _draw_panel(ax: Axes, frame: ErrorFrame, panel: "pd.Series[Any]", narrow: bo
     ax.plot([low, high], [low, high], color=style.FAINT, linewidth=0.8, dashes=(5, 2.5), zorder=4)
     ax.plot(frame.bound["noise"], frame.bound["bound"], color="black", linewidth=1.0, zorder=4)
     words = _words(panel)
-    at: dict[str, Any] = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
+    at: style.Marks = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
     # the corner that the diagonal leaves free is too small in a narrow panel
     above = 5.0 + 1.35 * style.SMALL * (1 + words.count("\n"))
     side, of_name, of_words = ("bottom", (0, above), (0, 3)) if narrow else ("top", (6, -2), (6, -18))
@@ -192,8 +192,8 @@ def _draw_dots(ax: Axes, frame: ErrorFrame, name: str, column: str) -> None:
     color = style.color(name)
     dots = frame.dots[frame.dots["estimator"] == name]
     plain, far, bad = (dots[dots["kind"] == kind] for kind in ("ok", "far", "not ok"))
-    cloud: dict[str, Any] = {"linewidths": 0.0, "rasterized": True}  # thousands of dots would swell the SVG
-    crosses: dict[str, Any] = {"marker": "x", "color": style.FAINT, "alpha": 0.45, "rasterized": True}
+    cloud: style.Marks = {"linewidths": 0.0, "rasterized": True}  # thousands of dots would swell the SVG
+    crosses: style.Marks = {"marker": "x", "color": style.FAINT, "alpha": 0.45, "rasterized": True}
     ax.scatter(bad["noise"], bad[column], s=7, linewidths=0.6, **crosses)
     ax.scatter(plain["noise"], plain[column], s=4, color=color, alpha=0.4, zorder=3, **cloud)
     ax.scatter(far["noise"], far[column], s=4, color=color, zorder=3, **cloud)
@@ -242,7 +242,7 @@ def _label_lines(ax: Axes, frame: ErrorFrame) -> None:
     if len(frame.bound):
         row = frame.bound.iloc[round(0.55 * (len(frame.bound) - 1))]
         arrow = {"arrowstyle": "-", "linewidth": 0.6, "color": "black", "relpos": (0.6, 1.0), "shrinkB": 0}
-        small: dict[str, Any] = {"textcoords": "axes fraction", "ha": "right", "va": "center", "fontsize": style.SMALL}
+        small: style.Marks = {"textcoords": "axes fraction", "ha": "right", "va": "center", "fontsize": style.SMALL}
         words = "√tr CRLB,\nmedian in each decade"
         ax.annotate(words, (row["noise"], row["bound"]), (0.97, 0.16), arrowprops=arrow, **small)
 
@@ -255,8 +255,8 @@ def _ticks(limits: tuple[int, int], narrow: bool) -> list[float]:
 
 def _key() -> list[Line2D]:
     """Legend entries of the three marks."""
-    plain: dict[str, Any] = {"linestyle": "none", "markeredgewidth": 0.6}
-    ring: dict[str, Any] = {"marker": "o", "markersize": 5, "markerfacecolor": "none", "color": style.INK}
+    plain: style.Marks = {"linestyle": "none", "markeredgewidth": 0.6}
+    ring: style.Marks = {"marker": "o", "markersize": 5, "markerfacecolor": "none", "color": style.INK}
     return [
         Line2D([], [], marker="o", markersize=2.5, color="#555555", label="a fit that is ok", **plain),
         Line2D([], [], label="ok, error beyond 10 × its own √tr CRLB", **ring, **plain),

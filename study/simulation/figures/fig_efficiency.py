@@ -15,7 +15,6 @@ errors are bounded err least. Curves fall below 1 there only because the bound d
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -121,7 +120,7 @@ def draw(frame: EfficiencyFrame) -> Figure:
     title = (
         "ticks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
     )
-    place: dict[str, Any] = {"loc": "outside upper center", "ncols": min(len(handles), 5)}
+    place: style.Marks = {"loc": "outside upper center", "ncols": min(len(handles), 5)}
     figure.legend(handles=handles, title=title, title_fontsize=style.SMALL, **place)
     style.stamp(figure, frame.stamp)
     return figure
@@ -146,7 +145,7 @@ def _panel(ax: Axes, frame: EfficiencyFrame, angle: float) -> None:
     low, high = mine["level"].min(), mine["level"].max()
     ax.set_xlim(low / 1.3, high * 1.3)
     present = set(mine["estimator"])
-    small: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    small: style.Marks = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
     for key, words, side in (("gdke", "$s^*$", "left"), ("ugdk", "$σ^2=v/2$", "right"), ("fails", "$κ=3$", "left")):
         name = "ugdk" if key == "fails" else key
         if name in present and low <= marks[key] <= high:

@@ -17,7 +17,6 @@ next to nothing changes: the error of least squares depends on the covariance al
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -129,7 +128,7 @@ def draw(frame: RobustnessFrame) -> Figure:
     for (left, right), angle in zip(axes, angles, strict=True):
         shares = frame.shares[frame.shares["angle"] == angle]
         values = list(shares["share"].unique())
-        marks: dict[str, Any] = {"size": 3.6, "linewidth": 0.5, "zorder": 3}
+        marks: style.Marks = {"size": 3.6, "linewidth": 0.5, "zorder": 3}
         side_by_side(left, shares.assign(at=shares["share"].map(values.index)), names, _DODGE, **marks)
         as_noise = [math.sqrt(1.0 + share * frame.size**2 / frame.dimension) for share in values]
         left.plot(range(len(values)), as_noise, color="black", linewidth=0.8, linestyle="--", zorder=2)
