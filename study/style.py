@@ -38,6 +38,7 @@ _LOOKS: dict[str, tuple[str, str, str]] = {
     "mle": ("MLE", "#0072b2", "o"),
     "mle_centroid": ("MLE (centroid)", "#004d80", "o"),
     "mle_mirror": ("MLE (mirror)", "#5a88a8", "o"),
+    "mle_early": ("MLE (early stop)", "#8fb4cc", "o"),
     "lls": ("LLS", "#e69f00", "s"),
     "lls_nr": ("LLS (NR)", "#a87b1e", "s"),
     "lls_nr_raw": ("LLS (NR, raw)", "#6f5300", "s"),

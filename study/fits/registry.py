@@ -39,7 +39,7 @@ from study.fits.answer import Fit
 from study.fits.bounds import is_per_point, noise_covariance
 from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk, ugdk_cov
 from study.fits.corrected import corrected, corrected_01, corrected_02, corrected_12, corrected_covariance, sandwich
-from study.fits.geometric import mle, mle_centroid, mle_mirror
+from study.fits.geometric import mle, mle_centroid, mle_early, mle_mirror
 from study.fits.given import fit_given, given_of
 from study.fits.incremental import igdk
 from study.fits.lls import lls, lls_nr, lls_nr_raw, lls_single
@@ -139,6 +139,7 @@ ESTIMATORS: dict[str, Estimator] = {
     "mle": Estimator(mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass"),
     "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points"),
     "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points"),
+    "mle_early": Estimator(mle_early, "mle by Levenberg and Marquardt's method with the stop of Numerical Recipes"),
     "corrected": Estimator(
         corrected,
         "theory §9: geometric, without its bias, for every law of directions",

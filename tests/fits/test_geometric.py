@@ -142,6 +142,19 @@ def test_whole_sphere(rng, on_cap, name, noise):
     np.testing.assert_allclose(two.noise_variance, one.noise_variance, rtol=1e-6)
 
 
+@pytest.mark.parametrize("noise", [0.01, 0.1, 0.3])
+def test_early_stop(rng, on_cap, noise):
+    """Stopped early, the sum of squares is above its minimum by little, and by something where the noise is large.
+
+    Below .3 the last step lowered it by less than a thousandth, and steps of a method that converges fall off.
+    """
+    points = on_cap(rng, 40, 90.0, noise=noise, sets=100)[0]
+    least, early = (study.fit(points, name).noise_variance for name in ("mle", "mle_early"))
+    assert np.all(early >= least * (1.0 - 1e-9))
+    assert np.quantile(early / least, 0.9) < 1.003
+    assert np.any(early > least * (1.0 + 1e-6)) or noise < 0.3
+
+
 @pytest.mark.parametrize("name", ["mle", *STARTS])
 def test_no_negative_noise(rng, on_cap, name):
     """On points without noise rounding does not make the noise variance negative, as it once did in one of 200 sets."""

@@ -38,7 +38,7 @@ from study.toml import Frozen
 Average = Callable[[Floats, int], Measure]
 """Average of values, of which there must be at least so many, with its Monte-Carlo error."""
 
-_OF_MLE, _OF_LLS = ("mle", "mle_centroid", "mle_mirror"), ("lls", "lls_nr", "lls_nr_raw", "lls_single")
+_OF_MLE, _OF_LLS = ("mle", "mle_centroid", "mle_mirror", "mle_early"), ("lls", "lls_nr", "lls_nr_raw", "lls_single")
 NAMED = frozenset(("gdke", "ugdk", "ugdk_cov", "als", *_OF_MLE, *_OF_LLS))
 """Estimators that claims name. Rows of the others are not read: they are half of the largest table."""
 _ALWAYS = ("cell", "trial", *(condition.name for condition in STORED), "estimator", "status")
