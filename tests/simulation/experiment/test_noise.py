@@ -13,7 +13,6 @@ import study
 from study.fits import cap, fit
 from study.fits.random import lanes
 from study.simulation.experiment.compute import compute
-from study.simulation.experiment.conditions import DEPARTURES
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.experiment.noise import (
     LAWS,
@@ -220,17 +219,6 @@ def test_outliers_go_with_noise_of_any_covariance(make_study):
     assert np.all(np.isfinite(list(errors_of(make_study(top, outlier_share=0.1)).values())))
 
 
-def test_random_designs_draw_outliers(make_study):
-    """A random design draws the share from a law; its other conditions are those that it draws without."""
-    share = {"law": "uniform", "low": 0.0, "high": 0.3}
-    with_share, without = (
-        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
-        for more in ({"outlier_share": share}, {})
-    )
-    assert {c.name for c in DEPARTURES} & set(dict(with_share[0].further)) == {"outlier_share"}
-    assert [c.center for c in with_share] == [c.center for c in without]
-
-
 def placed(conditions, d=3, angle=2.0, n=30_000):
     """Directions of a law (2, d, n), with 1 - u₁ turned into u₁, after directions by area."""
     directions = np.empty((2, d, n))
@@ -420,15 +408,27 @@ def test_estimators_get_the_stated_variance(make_study):
     np.testing.assert_allclose(np.linalg.norm(told.center - trial.cell.center), columns["error"][~first][0], rtol=1e-12)
 
 
-def test_random_designs_take_words(make_study):
-    """A word is the same for all trials of a random design; the other conditions are those drawn without it."""
-    words = {"law": "radial", "directions": "polar", "stated_variance": 0.25}
-    structured, plain = (
-        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
-        for more in (words, {})
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"law": "radial", "directions": "polar", "stated_variance": 0.25},
+        {"outlier_share": {"law": "uniform", "low": 0.0, "high": 0.3}},
+    ],
+    ids=["words", "outliers"],
+)
+def test_random_designs(make_study, more):
+    """A word is the same for all trials of a random design, a number is drawn from its law.
+
+    The other conditions are those that are drawn without them; a default in words is as if it were left out.
+    """
+    with_more, plain = (
+        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **given))]
+        for given in (more, {})
     )
-    assert all(dict(cell.further) == words for cell in structured)
-    assert [(c.center, c.noise) for c in structured] == [(c.center, c.noise) for c in plain]
+    assert all(set(dict(cell.further)) == set(more) for cell in with_more)
+    for name in set(more) - {"outlier_share"}:
+        assert {dict(cell.further)[name] for cell in with_more} == {more[name]}
+    assert [(c.center, c.noise) for c in with_more] == [(c.center, c.noise) for c in plain]
     assert make_study(kind="random", law="normal", directions="area").digest() == make_study(kind="random").digest()
 
 

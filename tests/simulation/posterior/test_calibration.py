@@ -63,15 +63,6 @@ def test_share_errors_match_the_scatter(p):
     assert error.mean() == pytest.approx(value.std(), rel=0.15 if p < 0.1 else 0.1)
 
 
-def test_share_at_the_ends():
-    """None or all of n has an error of the order 1/n, not 0; none of none is unknown."""
-    for count in (0, 100):
-        found = share(count, 100)
-        assert found.value == count / 100
-        assert 0.005 < found.error < 0.03
-    assert all(math.isnan(v) for v in share(0, 0))
-
-
 @pytest.mark.parametrize("measure", [mean, root_mean_square])
 def test_moment_errors_match_the_scatter(measure):
     """Errors of mean and root mean square match their scatter within 10 %, where moments exist."""
@@ -82,8 +73,16 @@ def test_moment_errors_match_the_scatter(measure):
     assert value.mean() == pytest.approx(truth, abs=4.5 * value.std() / math.sqrt(REPEATS) + 1e-3)
 
 
-def test_moments_of_nothing():
-    """Samples without a spread to estimate have no mean and no root mean square."""
+def test_shares_and_moments_of_nothing():
+    """None or all of n has an error of the order 1/n, not 0; none of none is unknown.
+
+    Samples without a spread to estimate have no mean and no root mean square.
+    """
+    for count in (0, 100):
+        found = share(count, 100)
+        assert found.value == count / 100
+        assert 0.005 < found.error < 0.03
+    assert all(math.isnan(v) for v in share(0, 0))
     for values in (np.array([]), np.array([1.0])):
         assert all(math.isnan(v) for measure in (mean, root_mean_square) for v in measure(values))
     assert math.isnan(root_mean_square(np.zeros(5)).value) == math.isnan(UNKNOWN.value)
