@@ -29,12 +29,19 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
-from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, USABLE, JointStatus, SideDifference, largest_error
+from study.recordings.joints.estimate import (
+    CENTIMETRE,
+    SHORT_TEXTS,
+    USABLE,
+    JointStatus,
+    PlaceDifference,
+    largest_error,
+)
 from study.recordings.joints.find import find_joints
 from study.recordings.joints.report import joint_table
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import fit_rigid_motion
+from study.recordings.rigid import across, fit_rigid_motion
 from study.recordings.skeleton.calibrate import (
     calibrate,
     hull_distances,
@@ -170,7 +177,7 @@ def allowance(place: JointPlace) -> Floats:
         normal = estimate.sphere.normal / estimate.used[estimate.sphere.weights > 0.0].sum()
         if estimate.side == "child" and not np.isnan(place.in_parent).any():
             normal = place.mean_rotation @ normal @ place.mean_rotation.T
-    basis = np.eye(3) if place.axis is None else _basis(place.axis)
+    basis = across(place.axis)
     values, vectors = np.linalg.eigh(basis.T @ normal @ basis)
     if estimate.pair is None:  # along the arm of markers that move on a sphere only its curvature shows, not rotation
         values[0] = values[1]
@@ -205,7 +212,7 @@ def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
             reason=_contradiction(best, part, worst),
             covariance=best.covariance + np.outer(worst.vector, worst.vector),
         )
-    information = [_information(part, best.axis_in_parent) for part in used]
+    information = [_information(part, best.axis) for part in used]
     rotation, total = best.mean_rotation, np.linalg.pinv(np.sum(information, axis=0), hermitian=True)
     shares = [total @ each for each in information]
     return replace(
@@ -243,32 +250,23 @@ def _unmoved(best: JointPlace) -> JointPlace:
     return replace(best, status=JointStatus.UNSURE, reason=reason, covariance=total)
 
 
-def difference(one: JointPlace, other: JointPlace) -> SideDifference:
+def difference(one: JointPlace, other: JointPlace) -> PlaceDifference:
     """Difference of another trial's place from a joint's, across the axis of either, in the parent's axes."""
-    axes = [place.axis_in_parent for place in (one, other) if not np.isnan(place.axis_in_parent).any()]
-    basis = _basis(axes[0]) if axes else np.eye(3)
-    off = basis.T @ (other.in_parent - one.in_parent)
-    errors = basis.T @ (one.covariance + one.allowance + other.covariance + other.allowance) @ basis
+    axes = [place.axis for place in (one, other) if place.axis is not None]
+    errors = one.covariance + one.allowance + other.covariance + other.allowance
     angle = float(np.arccos(np.minimum(np.abs(axes[0] @ axes[1]), 1.0))) if len(axes) == 2 else 0.0
-    chi_square = float(off @ np.linalg.pinv(errors, hermitian=True) @ off)
-    return SideDifference(basis @ off, chi_square, len(off), "parent", angle)
+    return PlaceDifference.of(other.in_parent - one.in_parent, errors, axes[0] if axes else None, "parent", angle)
 
 
-def _contradiction(best: JointPlace, other: JointPlace, off: SideDifference) -> str:
+def _contradiction(best: JointPlace, other: JointPlace, off: PlaceDifference) -> str:
     turn = f", its axis turned by {np.degrees(off.angle):.0f}°" if off.angle > 0.0 else ""
     (one,), (two,) = best.trials, other.trials
     return f"{two} puts it {1000 * off.distance:.0f} mm from where {one} does{turn}: beyond what the errors explain"
 
 
-def _basis(axis: Floats) -> Floats:
-    """Two directions across an axis, as columns (3, 2)."""
-    return np.asarray(np.linalg.svd(axis[None])[2][1:].T)
-
-
-def _information(place: JointPlace, axis: Floats) -> Floats:
+def _information(place: JointPlace, axis: Floats | None) -> Floats:
     """Inverse of a covariance (3, 3) across the best trial's axis or, if that has none, across the place's own."""
-    along = place.axis_in_parent if np.isnan(axis).any() else axis
-    basis = np.eye(3) if np.isnan(along).any() else _basis(along)
+    basis = across(place.axis if axis is None else axis)
     total = place.covariance + place.allowance
     return np.asarray(basis @ np.linalg.pinv(basis.T @ total @ basis, hermitian=True) @ basis.T)
 

@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from study.recordings.pose_noise import (
-    PoseNoise,
-    autocorrelation_time,
-    long_run_covariance,
-    rigid_residual_operator,
-    skew,
-)
-from study.recordings.rigid import fit_rigid_motion, to_local
+from study.recordings.joints.poses import PoseNoise, autocorrelation_time, long_run_covariance, rigid_residual_operator
+from study.recordings.rigid import fit_rigid_motion, skew, to_local
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.5, 0.9])

@@ -52,7 +52,6 @@ def case_study(
     """
     from study.files import save_frame
     from study.recordings import case_study as precision_study
-    from study.recordings import fig7_case
     from study.recordings.joints.find import find_joints
     from study.recordings.library import digest_of, place_markerset, read_recording, with_origin
     from study.style import save
@@ -64,13 +63,13 @@ def case_study(
     if not as_json:
         print_match(match)
     case = precision_study.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
-    print_lines([] if as_json else fig7_case.printed(case))
+    print_lines([] if as_json else precision_study.printed(case))
     paths = []
     for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
         path = folder / f"case-study-{name}.parquet"
         save_frame(with_origin(table, case.recording, digest), path)
         paths.append(path)
-    paths += save(fig7_case.draw(fig7_case.prepare(case)), folder / "fig7_case")
+    paths += save(precision_study.draw(case), folder / "fig7_case")
     print_lines([json_text(case.data() | {"files": paths})] if as_json else paths)
 
 

@@ -116,14 +116,14 @@ def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
     from study.recordings.export import write_file
     from study.recordings.export.tree import joint_angles
     from study.recordings.library import RecordingError
-    from study.recordings.skeleton import make_scene
+    from study.recordings.skeleton import scene
     from study.recordings.view import figure
     from study.recordings.view.webpage import write_motion, write_viewer
     from study.style import save
 
     tables = {
-        "skeleton": make_scene.skeleton_table(motion.scene),
-        "bones": make_scene.bone_table(motion.scene),
+        "skeleton": scene.skeleton_table(motion.scene),
+        "bones": scene.bone_table(motion.scene),
         "angles": joint_angles(motion),
     }
     for name, table in tables.items():
@@ -208,7 +208,7 @@ def skeleton(
         save_calibration,
         with_joints,
     )
-    from study.recordings.skeleton.make_scene import skeleton_data, skeleton_lines, skeleton_scene
+    from study.recordings.skeleton.scene import skeleton_data, skeleton_lines, skeleton_scene
     from study.recordings.view.video import encoder
     from study.text import json_text
 

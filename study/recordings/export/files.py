@@ -19,7 +19,7 @@ from study.recordings.formats.c3d import LONG, read_header
 from study.recordings.formats.write import write_recording
 from study.recordings.recording import UNITS
 from study.recordings.rigid import zxy_angles
-from study.recordings.skeleton.make_scene import skeleton_table
+from study.recordings.skeleton.scene import skeleton_table
 from study.text import inert_frame
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """One centre from several markers in a segment's axes: MGDK with the noise that the segment's pose really has.
 
 With noise of covariance I it is `study.mgdk` (paper eq. 22, corrected), the size of the noise found as `als` does and
-weights 1/r̂². Here each sample has a covariance of its own (`pose_noise`). Where markers move in planes, as about a
+weights 1/r̂². Here each sample has a covariance of its own (`PoseNoise`). Where markers move in planes, as about a
 hinge, the direction across the planes is dropped.
 
 The covariance is the sandwich of the estimating functions of (c, η), frame by frame, in its long-run form
@@ -27,7 +27,7 @@ from study.arrays import Bools, Floats
 from study.fits import fit
 from study.fits.random import stream
 from study.recordings.joints.moments import SHAPE_ERROR, TINY, PooledMoments, marker_moments
-from study.recordings.pose_noise import PoseNoise, long_run_covariance
+from study.recordings.joints.poses import PoseNoise, long_run_covariance
 
 _FRAMES = 600
 """Frames from which a first value of the noise's size is found."""

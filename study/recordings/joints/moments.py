@@ -1,7 +1,7 @@
 """Moments of markers in a segment's axes, and the equations of the centre that they have in common.
 
 UGDK subtracts the covariance of the noise from the moments of a marker (paper eqs 10-17). Here each sample has a
-covariance F of its own, (*) of `pose_noise`:
+covariance F of its own, (*) of `PoseNoise`:
 
     second moment  Σzzᵀ - ΣF,        third moment  Σ|z|²z - Σ(2F + Tr F) z.
 
@@ -25,7 +25,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from study.arrays import Bools, Floats
-from study.recordings.pose_noise import PoseNoise, skew
+from study.recordings.joints.poses import PoseNoise
+from study.recordings.rigid import skew
 
 
 @dataclass(frozen=True)

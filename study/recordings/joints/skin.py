@@ -21,17 +21,17 @@ import numpy as np
 
 from study.arrays import Bools, Floats, Ints
 from study.recordings.joints.center import CONDITION_LIMIT, LocalMarker, fit_center
-from study.recordings.joints.estimate import SIGNIFICANT, Estimate, WayDifference, way_difference
+from study.recordings.joints.estimate import SIGNIFICANT, Estimate, PlaceDifference, symmetric_fit
 from study.recordings.joints.poses import SegmentPoses
-from study.recordings.joints.symmetric import symmetric_fit
 from study.recordings.markersets import Joint
-from study.recordings.pose_noise import skew
 from study.recordings.recording import Recording
 from study.recordings.rigid import (
+    across,
     angles_about_center,
     mean_rotated_covariance,
     relative_rotation,
     rotation_vectors,
+    skew,
     turning_ways,
 )
 
@@ -265,7 +265,7 @@ class SkinErrors:
             floor=float(np.sqrt(max(np.linalg.eigvalsh(floor)[-1], 0.0))),
         )
 
-    def ways(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> list[WayDifference]:
+    def ways(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> list[PlaceDifference]:
         """Compare an estimate's centres from the frames in which the joint rotates one way and the other.
 
         Args:
@@ -281,7 +281,7 @@ class SkinErrors:
         for ways in both:
             one, two = (self._refit(estimate, child, self.part[frames]) for frames in ways)
             if one is not None and two is not None:
-                found.append(way_difference(one, two, estimate.axis))
+                found.append(PlaceDifference.of(two[0] - one[0], one[1] + two[1], estimate.axis, "ways"))
         return found
 
     def _refit(self, estimate: Estimate, child: SegmentPoses | None, part: Ints) -> tuple[Floats, Floats] | None:
@@ -352,7 +352,7 @@ class SkinErrors:
         rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
         images = image_skin(frame, estimate.center, 1.0)
         others = mean_rotated_covariance(rotation, image_skin(self._cluster(two), estimate.pair.in_child, 0.5))
-        basis = _across(estimate.axis)
+        basis = across(estimate.axis)
         moved = [slopes.own * images + slopes.other * others for slopes in several]
         return [pair_skin(x @ x.T / max(x.shape[1], 1), basis, each) for each in moved]
 
@@ -360,7 +360,7 @@ class SkinErrors:
         """Response of a sphere fit to skin."""
         fit, poses = estimate.sphere, estimate.poses.in_frames(self.part)
         assert fit is not None
-        basis = _across(fit.axis)
+        basis = across(fit.axis)
         within = basis @ basis.T
         inverse = basis @ np.linalg.pinv(basis.T @ fit.normal @ basis, hermitian=True) @ basis.T
         rows = []
@@ -380,8 +380,3 @@ class SkinErrors:
     def _cluster(self, poses: SegmentPoses) -> Cluster:
         """Points of a segment's pose: markers on skin, and joints."""
         return Cluster(poses.template, np.array([name in self.recording.markers for name in poses.points]))
-
-
-def _across(axis: Floats | None) -> Floats:
-    """Directions across an axis as columns (3, 2); all three, if there is none."""
-    return np.eye(3) if axis is None else np.asarray(np.linalg.svd(axis[None])[2][1:].T)

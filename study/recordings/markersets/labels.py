@@ -104,3 +104,21 @@ def clusters(labels: Sequence[str]) -> list[str]:
         if (numbered := _NUMBERED.match(label)) is not None:
             groups.setdefault(numbered[1], []).append((int(numbered[2]), label))
     return [f"{min(group)[1]}-{max(group)[1]}" for group in groups.values() if len(group) > 2]
+
+
+def side(name: str) -> str:
+    """Side of the body that a point's name shows: "left", "right", or "" if it shows none."""
+    words = name.lower().replace("-", "_").replace(" ", "_").split("_")
+    return next((word for word in ("left", "right") if word in words), "")
+
+
+def mirrored(name: str) -> str:
+    """A joint's name on the other side of the body, with its capitals; the same if it tells no side."""
+    own = side(name)
+    return re.sub(rf"(?<![^_ -])({own})(?![^_ -])", _other_side, name, flags=re.IGNORECASE) if own else name
+
+
+def _other_side(word: re.Match[str]) -> str:
+    found = word[0]
+    other = "right" if found.lower() == "left" else "left"
+    return other.upper() if found.isupper() else other.capitalize() if found[0].isupper() else other

@@ -24,11 +24,11 @@ from study.recordings.joints.calibration import Calibration, JointPlace, Segment
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import MarkerSet
+from study.recordings.markersets.labels import mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import fit_template, nearest_rotation
 from study.recordings.skeleton.anatomy import Hips, with_anatomy
 from study.recordings.skeleton.draw import Skeleton, draw_skeleton
-from study.recordings.skeleton.scene import mirrored, side
 
 _THICKNESS = 0.05
 """Metres: thickness of a limb, beyond which a joint is doubted."""

@@ -18,7 +18,8 @@ from scipy.ndimage import uniform_filter1d
 from study import style
 from study.arrays import Bytes, Floats
 from study.recordings.recording import RecordingError
-from study.recordings.skeleton.scene import Flag, Scene
+from study.recordings.skeleton.draw import Flag
+from study.recordings.skeleton.scene import Scene
 from study.recordings.view import figure
 from study.recordings.view.figure import LEVEL, Camera, DrawingSizes, SkeletonDrawing, hinges
 
