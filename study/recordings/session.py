@@ -80,21 +80,6 @@ _NOWHERE = 0.05
 """Metres: error from which a joint that no trial moved has no place."""
 
 
-@dataclass
-class SharedAxes:
-    """The axes of one segment that all trials are moved to, with the points that show them.
-
-    Attributes:
-        trial: number of the trial whose axes they are.
-        has_pose: True if the segment has a pose there; its axes are its parent's otherwise.
-        points: places of its markers, and of the joint above it, by name, metres.
-    """
-
-    trial: int
-    has_pose: bool
-    points: dict[str, Floats]
-
-
 def shape_points(calibration: Calibration, shape: SegmentShape) -> dict[str, Floats]:
     """The points that fix a segment's pose (3,) by name: its markers and, if these are too few, the joint above it."""
     points = dict(zip(shape.markers, shape.places, strict=True))
@@ -115,41 +100,32 @@ def change_between(points: Mapping[str, Floats], onto: Mapping[str, Floats]) -> 
     return AxesChange(rotation[:, :, 0], origin[:, 0]) if known[0] else UNKNOWN
 
 
-def shared_axes(calibrations: Sequence[Calibration]) -> dict[str, SharedAxes]:
-    """For each segment the first trial in which it has a pose, or else the first that has markers of it."""
-    found: dict[str, SharedAxes] = {}
-    for index, calibration in enumerate(calibrations):
-        for shape in calibration.shapes:
-            before = found.get(shape.segment)
-            if before is None or (shape.has_pose and not before.has_pose):
-                found[shape.segment] = SharedAxes(index, shape.has_pose, shape_points(calibration, shape))
-    return found
+def axes_changes(
+    calibrations: Sequence[Calibration], index: int, references: Mapping[str, int]
+) -> dict[str, AxesChange]:
+    """The change of axes of each segment of a trial, by its number, to those of the segment's reference trial.
 
-
-def axes_changes(index: int, calibration: Calibration, onto: Mapping[str, SharedAxes]) -> dict[str, AxesChange]:
-    """The change of axes of each segment of a trial, by its number among the trials."""
-    parents = {segment.name: segment.parent for segment in calibration.markerset.segments}
-    changes: dict[str, AxesChange] = {}
-    for shape in calibration.shapes:
-        reference, parent = onto[shape.segment], parents[shape.segment]
-        if reference.trial == index:
-            change = SAME
-        elif shape.has_pose and reference.has_pose:
-            change = change_between(shape_points(calibration, shape), reference.points)
-        elif shape.has_pose or reference.has_pose or parent is None:
-            change = UNKNOWN
-        else:  # its axes are its parent's
-            change = changes[parent]
-        changes[shape.segment] = change
+    A segment without a pose in either has its parent's axes.
+    """
+    calibration, changes = calibrations[index], dict[str, AxesChange]()
+    for segment, shape in zip(calibration.markerset.segments, calibration.shapes, strict=True):
+        other = calibrations[references[segment.name]]
+        onto = other.shape(segment.name)
+        if other is calibration:
+            changes[segment.name] = SAME
+        elif shape.has_pose and onto.has_pose:
+            changes[segment.name] = change_between(shape_points(calibration, shape), shape_points(other, onto))
+        elif shape.has_pose or onto.has_pose or segment.parent is None:
+            changes[segment.name] = UNKNOWN
+        else:
+            changes[segment.name] = changes[segment.parent]
     return changes
 
 
 def moved(place: JointPlace, changes: Mapping[str, AxesChange]) -> JointPlace:
     """A joint in the new axes of its two segments."""
     parent, child = changes[place.joint.parent], changes[place.joint.child]
-    owner = (
-        child if np.isnan(place.in_parent).any() else parent
-    )  # the covariance is in the parent's axes, if it has any
+    owner = child if np.isnan(place.in_parent).any() else parent  # whose axes the covariance is in
     return replace(
         place,
         in_parent=parent.place(place.in_parent),
@@ -307,10 +283,15 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
         calibrations: one for each trial, in the same marker set.
         static: number of the trial whose shapes are taken, where it has them; the mean of all trials' if None.
     """
-    onto = shared_axes(calibrations)
-    changes = [axes_changes(index, calibration, onto) for index, calibration in enumerate(calibrations)]
+    numbers = range(len(calibrations))
+    # the first trial in which a segment has a pose, if there is one
+    references = {
+        segment.name: min(numbers, key=lambda k: not calibrations[k].shape(segment.name).has_pose)
+        for segment in markerset.segments
+    }
+    changes = [axes_changes(calibrations, index, references) for index in numbers]
     shapes = tuple(
-        _merged_shape(segment.name, onto[segment.name], calibrations, changes, static) for segment in markerset.segments
+        _merged_shape(name, calibrations[first], calibrations, changes, static) for name, first in references.items()
     )
     parts = {
         joint.name: [
@@ -334,20 +315,20 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
 
 def _merged_shape(
     name: str,
-    reference: SharedAxes,
+    reference: Calibration,
     calibrations: Sequence[Calibration],
     changes: Sequence[Mapping[str, AxesChange]],
     static: int | None,
 ) -> SegmentShape:
     """Mean shape of a segment over the trials, weighted by their frames; a static trial's for the markers it has."""
-    first = calibrations[reference.trial].shape(name)
+    first = reference.shape(name)
     own = first.has_own_pose
     # of each marker in each trial that shows it
     places, scatters, frames = defaultdict(list), defaultdict(list), defaultdict(list)
     fixed: dict[str, Floats] = {}
     for index, (calibration, change) in enumerate(zip(calibrations, changes, strict=True)):
         shape = calibration.shape(name)
-        if shape.has_pose != reference.has_pose or np.isnan(change[name].shift).any():
+        if shape.has_pose != first.has_pose or np.isnan(change[name].shift).any():
             continue
         own = own or shape.has_own_pose
         for marker, place, scatter in zip(shape.markers, change[name].place(shape.places), shape.scatter, strict=True):
@@ -356,7 +337,7 @@ def _merged_shape(
             frames[marker].append(calibration.frames)
             if index == static:
                 fixed[marker] = place
-    markers = tuple(marker for marker in calibrations[0].markerset.segment(name).markers if marker in places)
+    markers = tuple(marker for marker in reference.markerset.segment(name).markers if marker in places)
     merged, scatter = np.zeros((len(markers), 3)), np.zeros(len(markers))
     for k, marker in enumerate(markers):
         merged[k] = fixed.get(marker, np.average(places[marker], axis=0, weights=frames[marker]))
@@ -451,20 +432,15 @@ def _checked(session: Session, trials: Sequence[Recording]) -> Session:
         return session
     drawn = [draw_skeleton(calibration, trial) for trial in trials]
     misfits = np.array([one.misfits for one in drawn])
-    total = _mean_square(misfits, np.array([trial.frames for trial in trials], dtype=np.float64))
+    weights = np.where(np.isnan(misfits), 0.0, np.array([[trial.frames] for trial in trials], dtype=np.float64))
+    with np.errstate(invalid="ignore"):
+        total = np.sqrt((weights * np.nan_to_num(misfits) ** 2).sum(axis=0) / weights.sum(axis=0))
     shapes = tuple(replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, total, strict=True))
     hulls = [hull_distances(trial.positions, one.centers) for one, trial in zip(drawn, trials, strict=True)]
     least = [
         min(each, key=lambda hull: np.nan_to_num(hull.share_outside, nan=2.0)) for each in zip(*hulls, strict=True)
     ]
     return replace(session, calibration=with_doubts(replace(calibration, shapes=shapes), least))
-
-
-def _mean_square(misfits: Floats, frames: Floats) -> Floats:
-    """Root mean square of misfits (trials, segments) over trials with weights (trials,); NaN where all are NaN."""
-    weights = np.where(np.isnan(misfits), 0.0, frames[:, None])
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.sqrt((weights * np.nan_to_num(misfits) ** 2).sum(axis=0) / weights.sum(axis=0)))
 
 
 def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:

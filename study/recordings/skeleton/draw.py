@@ -235,20 +235,8 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
         builder.place_by_neighbours(segment)
     for segment in segments:
         builder.bridge(segment, round(bridge * recording.rate))
-    centers, flags, bridging = builder.joints()
-    return Skeleton(
-        name=recording.name,
-        rate=recording.rate,
-        calibration=calibration,
-        rotations=builder.rotations,
-        origins=builder.origins,
-        segment_flags=builder.flags,
-        misfits=builder.misfits,
-        left_out=builder.left_out,
-        centers=centers,
-        flags=flags,
-        bridging=bridging,
-    )
+    segments_in_time = builder.rotations, builder.origins, builder.flags, builder.misfits, builder.left_out
+    return Skeleton(recording.name, recording.rate, calibration, *segments_in_time, *builder.joints())
 
 
 class _SkeletonBuilder:
