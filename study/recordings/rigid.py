@@ -98,16 +98,11 @@ def distance_outliers(x: Floats, middle: Floats, limit: Floats) -> Bools:
         at = np.flatnonzero(left)
         rejected = np.zeros((m, len(suspect)), dtype=np.bool_)
         rejected[worst[at], at] = True
-        last_two = (~result[:, suspect] & _present(x, suspect)).sum(axis=0) == 2
+        last_two = (~result[:, suspect] & ~np.isnan(x[:, 0][:, suspect])).sum(axis=0) == 2
         rejected |= (wrong > 0) & (left & ((wrong > 0).sum(axis=0) == 2) & last_two)
         result[:, suspect] |= rejected
         part = np.where(rejected[:, None] | rejected[None], 0.0, part)
     return result
-
-
-def _present(x: Floats, frames: Ints) -> Bools:
-    """Samples that are not missing, of some frames (m, len(frames))."""
-    return ~np.isnan(x[:, 0][:, frames])
 
 
 _EXCHANGE = 0.01

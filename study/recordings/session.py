@@ -178,17 +178,19 @@ def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
     best = used[0]
     if len(used) < 2:
         return best
-    contradictions = [(part, difference(best, part)) for part in used[1:]]
-    against = [(part, off) for part, off in contradictions if off.contradicts]
+    against = [(part, off) for part in used[1:] if (off := difference(best, part)).contradicts]
     if against:
         part, worst = max(against, key=lambda pair: pair[1].distance)
-        return replace(
-            best,
-            status=JointStatus.DISAGREE,
-            reason=_contradiction(best, part, worst),
-            covariance=best.covariance + np.outer(worst.vector, worst.vector),
-        )
-    information = [_information(part, best.axis) for part in used]
+        turn = f", its axis turned by {np.degrees(worst.angle):.0f}°" if worst.angle > 0.0 else ""
+        apart = f"{part.trials[0]} puts it {1000 * worst.distance:.0f} mm from where {best.trials[0]} does{turn}"
+        covariance = best.covariance + np.outer(worst.vector, worst.vector)
+        reason = f"{apart}: beyond what the errors explain"
+        return replace(best, status=JointStatus.DISAGREE, reason=reason, covariance=covariance)
+    information = []
+    for part in used:  # across the best trial's axis or, if that has none, across the part's own
+        basis = across(part.axis if best.axis is None else best.axis)
+        within = basis.T @ (part.covariance + part.allowance) @ basis
+        information.append(basis @ np.linalg.pinv(within, hermitian=True) @ basis.T)
     rotation, total = best.mean_rotation, np.linalg.pinv(np.sum(information, axis=0), hermitian=True)
     shares = [total @ each for each in information]
     return replace(
@@ -232,19 +234,6 @@ def difference(one: JointPlace, other: JointPlace) -> PlaceDifference:
     errors = one.covariance + one.allowance + other.covariance + other.allowance
     angle = float(np.arccos(np.minimum(np.abs(axes[0] @ axes[1]), 1.0))) if len(axes) == 2 else 0.0
     return PlaceDifference.of(other.in_parent - one.in_parent, errors, axes[0] if axes else None, "parent", angle)
-
-
-def _contradiction(best: JointPlace, other: JointPlace, off: PlaceDifference) -> str:
-    turn = f", its axis turned by {np.degrees(off.angle):.0f}°" if off.angle > 0.0 else ""
-    (one,), (two,) = best.trials, other.trials
-    return f"{two} puts it {1000 * off.distance:.0f} mm from where {one} does{turn}: beyond what the errors explain"
-
-
-def _information(place: JointPlace, axis: Floats | None) -> Floats:
-    """Inverse of a covariance (3, 3) across the best trial's axis or, if that has none, across the place's own."""
-    basis = across(place.axis if axis is None else axis)
-    total = place.covariance + place.allowance
-    return np.asarray(basis @ np.linalg.pinv(basis.T @ total @ basis, hermitian=True) @ basis.T)
 
 
 def _mean(points: Sequence[Floats], information: Sequence[Floats]) -> Floats:
@@ -300,17 +289,9 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
         ]
         for joint in markerset.joints
     }
-    return Session(
-        Calibration(
-            source=", ".join(calibration.source for calibration in calibrations),
-            frames=sum(calibration.frames for calibration in calibrations),
-            markerset=markerset,
-            shapes=shapes,
-            joints=tuple(map(pool_places, parts.values())),
-        ),
-        parts,
-        tuple(calibrations),
-    )
+    source, frames = ", ".join(one.source for one in calibrations), sum(one.frames for one in calibrations)
+    merged = Calibration(source, frames, markerset, shapes, tuple(map(pool_places, parts.values())))
+    return Session(merged, parts, tuple(calibrations))
 
 
 def _merged_shape(
@@ -323,27 +304,26 @@ def _merged_shape(
     """Mean shape of a segment over the trials, weighted by their frames; a static trial's for the markers it has."""
     first = reference.shape(name)
     own = first.has_own_pose
-    # of each marker in each trial that shows it
-    places, scatters, frames = defaultdict(list), defaultdict(list), defaultdict(list)
+    # place, scatter and frames of each marker in each trial that shows it
+    seen: dict[str, list[tuple[Floats, float, int]]] = defaultdict(list)
     fixed: dict[str, Floats] = {}
     for index, (calibration, change) in enumerate(zip(calibrations, changes, strict=True)):
         shape = calibration.shape(name)
         if shape.has_pose != first.has_pose or np.isnan(change[name].shift).any():
             continue
         own = own or shape.has_own_pose
-        for marker, place, scatter in zip(shape.markers, change[name].place(shape.places), shape.scatter, strict=True):
-            places[marker].append(place)
-            scatters[marker].append(scatter)
-            frames[marker].append(calibration.frames)
-            if index == static:
-                fixed[marker] = place
-    markers = tuple(marker for marker in reference.markerset.segment(name).markers if marker in places)
-    merged, scatter = np.zeros((len(markers), 3)), np.zeros(len(markers))
+        moved_places = change[name].place(shape.places)
+        for marker, place, scatter in zip(shape.markers, moved_places, shape.scatter, strict=True):
+            seen[marker].append((place, scatter, calibration.frames))
+        fixed |= zip(shape.markers, moved_places, strict=True) if index == static else ()
+    markers = tuple(marker for marker in reference.markerset.segment(name).markers if marker in seen)
+    merged, scatters = np.zeros((len(markers), 3)), np.zeros(len(markers))
     for k, marker in enumerate(markers):
-        merged[k] = fixed.get(marker, np.average(places[marker], axis=0, weights=frames[marker]))
-        square = np.nan_to_num(scatters[marker]) ** 2 + ((places[marker] - merged[k]) ** 2).sum(axis=1)
-        scatter[k] = np.sqrt(np.average(square, weights=frames[marker]))
-    return SegmentShape(name, markers, merged, scatter, own, first.reason)
+        places, own_scatters, frames = (np.array(part) for part in zip(*seen[marker], strict=True))
+        merged[k] = fixed.get(marker, np.average(places, axis=0, weights=frames))
+        square = np.nan_to_num(own_scatters) ** 2 + ((places - merged[k]) ** 2).sum(axis=1)
+        scatters[k] = np.sqrt(np.average(square, weights=frames))
+    return SegmentShape(name, markers, merged, scatters, own, first.reason)
 
 
 def hinges_placed(session: Session, static: Calibration, recording: Recording) -> Session:
@@ -354,34 +334,25 @@ def hinges_placed(session: Session, static: Calibration, recording: Recording) -
         static: calibration of the static trial alone, with the poses of its segments.
         recording: the static trial.
     """
-    places = tuple(
-        _along_axis(place, _middle(place, session.calibration, static, recording))
-        for place in session.calibration.joints
-    )
-    return replace(session, calibration=replace(session.calibration, joints=places))
-
-
-def _middle(place: JointPlace, merged: Calibration, static: Calibration, recording: Recording) -> Floats:
-    """Middle of the two points in the parent's axes (3,), metres; NaN if the trial does not show it."""
-    parent, across = place.joint.parent, place.joint.across
-    poses = static.poses.get(parent)
-    if poses is None or len(across) != 2 or not set(across) <= set(recording.markers):
-        return np.full(3, np.nan)
-    middle = poses.mean_place(0.5 * (recording.of(across[0]) + recording.of(across[1])))
-    onto = shape_points(merged, merged.shape(parent))
-    return change_between(shape_points(static, static.shape(parent)), onto).place(middle)
-
-
-def _along_axis(place: JointPlace, middle: Floats) -> JointPlace:
-    """A hinge moved along its axis to next to a point in the parent's axes (3,), in both segments."""
-    axis = place.axis_in_parent
-    if np.isnan(axis).any() or np.isnan(middle).any() or np.isnan(place.in_parent).any():
-        return place
-    step = float((middle - place.in_parent) @ axis)
-    in_child = place.axis_in_child * np.sign((place.mean_rotation @ place.axis_in_child) @ axis)
-    if np.isnan(in_child).any():  # a child without a pose
-        in_child = place.mean_rotation.T @ axis
-    return replace(place, in_parent=place.in_parent + step * axis, in_child=place.in_child + step * in_child)
+    merged = session.calibration
+    places = list(merged.joints)
+    for k, place in enumerate(places):
+        parent, ends, axis = place.joint.parent, place.joint.across, place.axis
+        poses = static.poses.get(parent)
+        if poses is None or axis is None or len(ends) != 2 or not set(ends) <= set(recording.markers):
+            continue
+        middle = poses.mean_place(0.5 * (recording.of(ends[0]) + recording.of(ends[1])))
+        onto = shape_points(merged, merged.shape(parent))
+        middle = change_between(shape_points(static, static.shape(parent)), onto).place(middle)
+        if np.isnan(middle).any() or np.isnan(place.in_parent).any():
+            continue
+        step = float((middle - place.in_parent) @ axis)
+        in_child = place.axis_in_child * np.sign((place.mean_rotation @ place.axis_in_child) @ axis)
+        if np.isnan(in_child).any():  # a child without a pose
+            in_child = place.mean_rotation.T @ axis
+        in_parent, in_child = place.in_parent + step * axis, place.in_child + step * in_child
+        places[k] = replace(place, in_parent=in_parent, in_child=in_child)
+    return replace(session, calibration=replace(merged, joints=tuple(places)))
 
 
 def calibrate_session(
