@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 from study.arrays import Floats, Ints
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import JointStatus
-from study.recordings.markersets.labels import side
+from study.recordings.markersets.match import side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, to_world, zxy_angles
 from study.recordings.skeleton.anatomy import legs
@@ -50,6 +50,8 @@ _WORDS = {
 }
 """Words in the names of segments, by the part of the body that they belong to."""
 _LEFT, _FORWARD, _UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""Rotation from axes with z up to those with y up."""
 _TIP = 0.7
 """A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
 
@@ -114,16 +116,12 @@ def _bone(name: str, calibration: Calibration) -> Floats | None:
         above = np.mean(sides, axis=0) if sides else None
         ends = middle
     else:
-        ends = middle or list(below.values()) or _tip(calibration, name, above)
+        tip = limb_end(calibration.shape(name), above)
+        ends = middle or list(below.values()) or ([] if tip is None else [tip])
     if above is None or not ends:
         return None
     bone = np.mean(ends, axis=0) - above
     return bone if np.linalg.norm(bone) > 0.0 else None
-
-
-def _tip(calibration: Calibration, name: str, joint: Floats) -> list[Floats]:
-    tip = limb_end(calibration.shape(name), joint)
-    return [] if tip is None else [tip]
 
 
 def limb_end(shape: SegmentShape, joint: Floats) -> Floats | None:
@@ -135,12 +133,11 @@ def limb_end(shape: SegmentShape, joint: Floats) -> Floats | None:
 def _across(name: str, calibration: Calibration) -> Floats | None:
     """Direction from the right to the left (3,), in a segment's axes, from its joints on both sides; None without."""
     below = {place.joint.name: place.in_parent for place in calibration.joints if place.joint.parent == name}
-    pairs = {
-        one: [p for j, p in below.items() if side(j) == one and not np.isnan(p).any()] for one in ("left", "right")
-    }
-    if not (pairs["left"] and pairs["right"]):
+    below = {joint: point for joint, point in below.items() if not np.isnan(point).any()}
+    left, right = ([point for joint, point in below.items() if side(joint) == one] for one in ("left", "right"))
+    if not (left and right):
         return None
-    across = np.mean(pairs["left"], axis=0) - np.mean(pairs["right"], axis=0)
+    across = np.mean(left, axis=0) - np.mean(right, axis=0)
     return across if np.linalg.norm(across) > 0.0 else None
 
 
@@ -197,22 +194,16 @@ class ExportedMotion:
         """Rotation (3, 3) of each segment's axes in the pose without rotations, z up."""
         return rest_rotations(self.skeleton.calibration, self.upright, self.rest)
 
-    def joint_labels(self) -> tuple[str, ...]:
-        """Labels of the joints as points beside the markers: their names.
+    def with_joints(self) -> Recording:
+        """The recording with the joint centres as points behind its markers, in its own axes; NaN where unknown.
 
-        ``_regression`` is added where a joint is not by motion, ``_joint`` where a marker has the name.
+        ``_regression`` is added to the name of a joint that is not by motion, ``_joint`` where a marker has the name.
         """
         taken = {marker.lower() for marker in self.recording.markers}
-        names = [
-            place.joint.name + "_regression" * (place.status == JointStatus.REGRESSION)
-            for place in self.skeleton.calibration.joints
-        ]
-        return tuple(name + "_joint" * (name.lower() in taken) for name in names)
-
-    def with_joints(self) -> Recording:
-        """The recording with the joint centres as points behind its markers, in its own axes; NaN where unknown."""
         known = np.flatnonzero(~np.isnan(self.skeleton.centers[:, 0]).all(axis=1))
-        labels = tuple(self.joint_labels()[number] for number in known)
+        places = [self.skeleton.calibration.joints[number] for number in known]
+        names = [p.joint.name + "_regression" * (p.status == JointStatus.REGRESSION) for p in places]
+        labels = [name + "_joint" * (name.lower() in taken) for name in names]
         points = np.concatenate([self.recording.positions, self.skeleton.centers[known]])
         return Recording(self.recording.name, (*self.recording.markers, *labels), points, self.recording.rate)
 
@@ -234,11 +225,11 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     skeleton = motion.skeleton
     standing = rest_rotations(skeleton.calibration, motion.upright, RestPose.STANDING)
     turns = {name: _rotation(motion, name, standing[name].T @ ANATOMICAL.T) for name in skeleton.segments}
-    axes = {shape.segment: shape.anatomy for shape in skeleton.calibration.shapes if has_axes(shape)}
+    axes = {s.segment: s.anatomy for s in skeleton.calibration.shapes if not np.isnan(s.anatomy).any()}
     clinical = {name: _rotation(motion, name, columns) for name, columns in axes.items()}
     root = skeleton.segments[0]
     columns: dict[str, Floats] = {"time": np.arange(skeleton.frames) / skeleton.rate}
-    world = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]) @ motion.upright
+    world = Y_UP @ motion.upright
     angles = _zxy(np.einsum("ij,jkt->ikt", world @ motion.upright.T, (turns | clinical)[root]))
     for name, values in zip(("tilt", "list", "rotation"), angles, strict=True):
         columns[f"{root}_{name}"] = values
@@ -251,19 +242,15 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
             columns |= _ball(place.joint.name, turn, -1.0 if place.joint.name in bends else 1.0)
             continue
         turn = relative_rotation(turns[place.joint.parent], turns[place.joint.child])
-        columns |= _hinge(place, turn, standing) if _has_axis(place) else _ball(place.joint.name, turn)
+        hinge = place.joint.kind == "hinge" and not np.isnan(place.axis_in_parent).any()
+        columns |= _hinge(place, turn, standing) if hinge else _ball(place.joint.name, turn)
     return pd.DataFrame(columns)
-
-
-def has_axes(shape: SegmentShape) -> bool:
-    """True if points of the body give a segment anatomical axes."""
-    return not np.isnan(shape.anatomy).any()
 
 
 def clinical_joints(calibration: Calibration) -> list[str]:
     """Names of the joints whose angles are those of Grood and Suntay: both segments, of a leg, have anatomical axes."""
     segments = set(legs(calibration.markerset).values())
-    segments = {name for name in segments if has_axes(calibration.shape(name))}
+    segments = {name for name in segments if not np.isnan(calibration.shape(name).anatomy).any()}
     return [place.joint.name for place in calibration.joints if {place.joint.parent, place.joint.child} <= segments]
 
 
@@ -286,10 +273,6 @@ def angle_lines(calibration: Calibration) -> list[str]:
 def _rotation(motion: ExportedMotion, name: str, axes: Floats) -> Floats:
     """Rotation (3, 3, frames) of axes (3, 3), columns x, y, z, in a segment's axes, to the upright world."""
     return np.asarray(np.einsum("ij,jkt,kl->ilt", motion.upright, motion.skeleton.rotation(name), axes))
-
-
-def _has_axis(place: JointPlace) -> bool:
-    return place.joint.kind == "hinge" and not np.isnan(place.axis_in_parent).any()
 
 
 def _ball(name: str, turn: Floats, bends: float = 1.0) -> dict[str, Floats]:
@@ -397,9 +380,8 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
         if parent is not None:
             nodes[parent].children.append(nodes[segment.name])
     if root not in nodes:
-        raise RecordingError(
-            f"{motion.skeleton.name}: its {root} is known in no frame, and a hierarchy of joints starts from it"
-        )
+        words = f"its {root} is known in no frame, and a hierarchy of joints starts from it"
+        raise RecordingError(f"{motion.skeleton.name}: {words}")
     return nodes[root]
 
 

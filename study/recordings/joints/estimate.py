@@ -41,6 +41,7 @@ from study.arrays import Bools, Floats
 from study.fits.samples import Worded
 from study.recordings.joints.center import (
     CONDITION_LIMIT,
+    SHAPE_ERROR,
     CenterFit,
     LocalMarker,
     center_only,
@@ -48,7 +49,6 @@ from study.recordings.joints.center import (
     reject_off_sphere,
     reject_outliers,
 )
-from study.recordings.joints.moments import SHAPE_ERROR
 from study.recordings.joints.poses import PoseNoise, SegmentPoses, long_run_covariance, times
 from study.recordings.rigid import across, mean_rotated_covariance, relative_rotation
 

@@ -24,7 +24,7 @@ from study.recordings.joints.calibration import Calibration, JointPlace, Segment
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import MarkerSet
-from study.recordings.markersets.labels import mirrored, side
+from study.recordings.markersets.match import mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import fit_template, nearest_rotation
 from study.recordings.skeleton.anatomy import Hips, with_anatomy

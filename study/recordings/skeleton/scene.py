@@ -19,7 +19,7 @@ from study.arrays import Bytes, Floats
 from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE
 from study.recordings.markersets import Joint, MarkerSet
-from study.recordings.markersets.labels import mirrored, side
+from study.recordings.markersets.match import mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.calibrate import UNEVEN, hull_distances
 from study.recordings.skeleton.draw import Flag, Skeleton

@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings.markersets import Joint, MarkerSet, Segment
 from study.recordings.recording import Recording
-from study.recordings.synthetic.body import PARTS, body
-from study.recordings.synthetic.make import Motion, Recipe, draw_motion, marker_noise, skin_motion
+from study.recordings.synthetic.make import PARTS, Motion, Recipe, body, draw_motion, marker_noise, skin_motion
 
 PELVIS = {
     "LASI": (0.12, 0.13, 0.0),

@@ -15,8 +15,7 @@ from study.recordings.markersets.match import choose
 from study.recordings.recording import RecordingError
 from study.recordings.rigid import nearest_rotation
 from study.recordings.synthetic import make
-from study.recordings.synthetic.body import JOINTS, MARKERS, PARTS, body, nearest_pairs, unit
-from study.recordings.synthetic.make import SKIN, Recipe, draw_motion, synthesize, write_truth
+from study.recordings.synthetic.make import JOINTS, MARKERS, PARTS, SKIN, Recipe, body, synthesize, unit
 
 
 def test_noise():
@@ -123,7 +122,7 @@ def test_limbs_have_winters_proportions():
 
 
 def test_pairs_are_the_nearest():
-    pairs = nearest_pairs()
+    pairs = make.nearest_pairs()
     assert {("LBWT", "RBWT"), ("LWRA", "LWRB"), ("LTOE", "LMT5")} <= set(pairs)
     assert {marker for pair in pairs for marker in pair} == set(MARKERS)
     np.testing.assert_allclose(unit((3, 0, 4)), [0.6, 0, 0.8])
@@ -132,7 +131,7 @@ def test_pairs_are_the_nearest():
 def test_truth_beside_it(tmp_path):
     """There is a row per joint, and one per frame and joint; the segment poses give each joint its true place."""
     _, truth = synthesize(Recipe(frames=20))
-    paths = write_truth(truth, tmp_path / "walk.c3d")
+    paths = make.write_truth(truth, tmp_path / "walk.c3d")
     assert [path.name for path in paths] == ["walk.joints.parquet", "walk.truth.parquet"]
     joints, poses = map(pd.read_parquet, paths)
     assert list(joints.joint) == list(truth.joints)
@@ -151,10 +150,10 @@ def test_truth_beside_it(tmp_path):
 
 def test_the_same_bytes_twice_and_where_nothing_can_be_written(tmp_path):
     _, truth = synthesize(Recipe(frames=30))
-    once, twice = (tuple(path.read_bytes() for path in write_truth(truth, tmp_path / f"{i}.c3d")) for i in "ab")
+    once, twice = (tuple(path.read_bytes() for path in make.write_truth(truth, tmp_path / f"{i}.c3d")) for i in "ab")
     assert once == twice
     with pytest.raises(RecordingError, match="cannot be written"):
-        write_truth(truth, tmp_path / "none" / "walk.c3d")
+        make.write_truth(truth, tmp_path / "none" / "walk.c3d")
 
 
 PLACE = {part.name: i for i, part in enumerate(PARTS)}
@@ -163,7 +162,7 @@ STYLES = ["smooth", "independent"]
 
 
 def moving(frames=3000, reach=1.0, style="smooth"):
-    return draw_motion(frames, 120.0, 5, height=1.75, reach=reach, style=style)
+    return make.draw_motion(frames, 120.0, 5, height=1.75, reach=reach, style=style)
 
 
 def relative(rotations, part):
