@@ -94,16 +94,6 @@ def test_agrees_with_scipy(rng, moved, m):
         np.testing.assert_allclose(origin[:, t], shift, atol=1e-9)
 
 
-def test_without_noise_the_motion_is_exact(rng, moved):
-    """The true rotations and translations come back to rounding."""
-    template = rng.standard_normal((4, 3))
-    x, turns, shifts = moved(template)
-    rotation, origin, known = fit_rigid_motion(template, x)
-    assert known.all()
-    np.testing.assert_allclose(rotation, turns, atol=1e-12)
-    np.testing.assert_allclose(origin, shifts, atol=1e-12)
-
-
 def test_mirrored_points(rng, moved):
     """For mirrored points the fit is the best proper rotation, as in scipy."""
     template = rng.standard_normal((5, 3))
@@ -115,10 +105,14 @@ def test_mirrored_points(rng, moved):
     np.testing.assert_allclose(rotation[:, :, 0], wanted.as_matrix(), atol=1e-9)
 
 
-def test_missing_and_unused_points(rng, moved):
-    """Only points that are used enter a frame's fit; a frame with fewer than three is unknown."""
+def test_exact_motion_with_missing_and_unused_points(rng, moved):
+    """The true motion comes back to rounding from points that are used; a frame with fewer than three is unknown."""
     template = rng.standard_normal((4, 3))
-    x, turns, _ = moved(template)
+    x, turns, shifts = moved(template)
+    rotation, origin, known = fit_rigid_motion(template, x)
+    assert known.all()
+    np.testing.assert_allclose(rotation, turns, atol=1e-12)
+    np.testing.assert_allclose(origin, shifts, atol=1e-12)
     x[3] += 1.0
     used = np.ones((4, x.shape[2]), dtype=bool)
     used[3] = False
@@ -132,8 +126,8 @@ def test_missing_and_unused_points(rng, moved):
 
 def test_points_on_a_line(moved):
     """Points on a line leave the pose unknown, for the rotation about the line is open."""
-    x, _, _ = moved(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]]))
-    assert not fit_rigid_motion(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]]), x)[2].any()
+    line = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]])
+    assert not fit_rigid_motion(line, moved(line)[0])[2].any()
 
 
 def rotations(rng, frames=30):
@@ -276,16 +270,12 @@ def test_two_markers(seen):
 
 
 def test_marker_apart_from_the_others(seen):
-    """A marker that no frame shows with the others has no place; the others have."""
+    """A marker that no frame shows with the others has no place; the others have. Without samples there is no shape."""
     x = seen()
     x[3] = np.nan
     found = fit_template(x)
     assert np.isnan(found.points[3]).all()
     assert proper(found.points[:3], SHAPE[:3]) < 1e-6
-
-
-def test_nothing_seen():
-    """Without samples there is no shape, and no warning."""
-    found = fit_template(np.full((3, 3, 10), np.nan))
-    assert np.isnan(found.points).all()
-    assert not found.good.any()
+    nothing = fit_template(np.full((3, 3, 10), np.nan))
+    assert np.isnan(nothing.points).all()
+    assert not nothing.good.any()
