@@ -11,7 +11,7 @@ from scipy import stats
 import study
 from study import style
 from study.simulation.experiment.noise import gaussian
-from study.simulation.figures import NotApplicable, fig2_error, fig_efficiency, fig_map, fig_robustness
+from study.simulation.figures import fig2_error, fig_efficiency, fig_map, fig_robustness
 
 LEVELS = [1e-3, 1e-2, 0.1, 0.5, 2.0]
 
@@ -149,17 +149,17 @@ def test_other_axes(small, make_tables):
     assert frame.samples == 1000
 
 
-def test_reasons(small):
+def test_reasons(small, refused):
     """Each thing that is missing is told in a sentence that names the remedy."""
     tables = small()
-    with pytest.raises(NotApplicable, match='kind = "grid"'):
-        fig_efficiency.prepare(dataclasses.replace(tables, design="random"))
-    with pytest.raises(NotApplicable, match="without noise_shape"):
-        fig_efficiency.prepare(
-            dataclasses.replace(tables, noise_law=gaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)), 3))
-        )
-    with pytest.raises(NotApplicable, match="at least 4 levels of noise in the grid, not 3"):
-        fig_efficiency.prepare(small(levels=LEVELS[:3]))
+    refused(fig_efficiency, tables, 'kind = "grid"', design="random")
+    refused(
+        fig_efficiency,
+        tables,
+        "without noise_shape",
+        noise_law=gaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)), 3),
+    )
+    refused(fig_efficiency, small(levels=LEVELS[:3]), "at least 4 levels of noise in the grid, not 3")
 
 
 def test_drawn(small):
@@ -261,14 +261,13 @@ def test_medians_of_the_first_radius(grid):
     assert set(lost["level"]) == {10.0}
 
 
-def test_a_summary_alone_is_enough(grid):
+def test_a_summary_alone_is_enough(grid, refused):
     """A study that kept no errors has its map; figures of single errors say what they lack."""
     tables = grid()
     alone = dataclasses.replace(tables, rows=None)
     assert fig_map.prepare(alone).ratios.equals(fig_map.prepare(tables).ratios)
     for figure, design in ((fig_efficiency, "grid"), (fig2_error, "random")):
-        with pytest.raises(NotApplicable, match='keep = "errors"'):
-            figure.prepare(dataclasses.replace(alone, design=design))
+        refused(figure, alone, 'keep = "errors"', design=design)
 
 
 def test_a_panel_per_estimator_and_count(grid):
@@ -292,17 +291,15 @@ def test_a_panel_per_estimator_and_count(grid):
         ({"noise_law": gaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)), 3)}, "isotropic"),
     ],
 )
-def test_reasons_fig_map(grid, change, words):
+def test_reasons_fig_map(grid, change, words, refused):
     """A run that has no map says what it would need."""
-    with pytest.raises(NotApplicable, match=words):
-        fig_map.prepare(dataclasses.replace(grid(), **change))
+    refused(fig_map, grid(), words, **change)
 
 
 @pytest.mark.parametrize(("entries", "words"), [({"levels": [0.1]}, "levels of noise"), ({"angles": [90.0]}, "angles")])
-def test_too_small_a_grid(grid, entries, words):
+def test_too_small_a_grid(grid, entries, words, refused):
     """One level or one angle makes no map."""
-    with pytest.raises(NotApplicable, match=words):
-        fig_map.prepare(grid(**entries))
+    refused(fig_map, grid(**entries), words)
 
 
 LAWS = ["student(3)", "normal", "uniform", "student(2.5)", "laplace"]
@@ -379,7 +376,6 @@ def test_panels_fig_robustness(grid_of_fig_robustness):
         ({"shares": [0.1, 0.2, 0.3]}, {}, "3 values of outlier_share in the grid, with 0.0 among them"),
     ],
 )
-def test_reasons_fig_robustness(grid_of_fig_robustness, entries, change, words):
+def test_reasons_fig_robustness(grid_of_fig_robustness, entries, change, words, refused):
     """A run that cannot feed the figure says what it would need."""
-    with pytest.raises(NotApplicable, match=words):
-        fig_robustness.prepare(dataclasses.replace(grid_of_fig_robustness(**entries), **change))
+    refused(fig_robustness, grid_of_fig_robustness(**entries), words, **change)

@@ -192,24 +192,21 @@ def test_tables_as_stored(tables):
     np.testing.assert_array_equal(one.views[1].share, other.views[1].share)
 
 
-def test_reasons(tables):
+def test_reasons(tables, refused):
     """Each thing that is missing is told, with the command that makes posteriors."""
     made = tables([chain("c", 1)])
     for name in ("posterior", "draws"):
-        with pytest.raises(
-            NotApplicable, match=r"needs posteriors: \[posterior\] in the config, then `study posterior"
-        ):
-            fig_posterior.prepare(dataclasses.replace(made, **{name: None}))
+        refused(
+            fig_posterior, made, r"needs posteriors: \[posterior\] in the config, then `study posterior", **{name: None}
+        )
     missing = "needs a geometric chain with σ known that converged and whose draws were kept"
     for row in (
         chain("c", 1, status=int(ChainStatus.NOT_CONVERGED)),
         chain("c", 1, likelihood="whole_sphere"),
         chain("c", 1, noise_is="unknown"),
     ):
-        with pytest.raises(NotApplicable, match=missing):
-            fig_posterior.prepare(tables([row]))
-    with pytest.raises(NotApplicable, match=missing):
-        fig_posterior.prepare(tables([chain("c", 1)], kept=[]))
+        refused(fig_posterior, tables([row]), missing)
+    refused(fig_posterior, tables([chain("c", 1)], kept=[]), missing)
 
 
 def test_a_trial_that_no_estimator_answers(tables):
