@@ -188,7 +188,7 @@ def read_table(lines: list[str]) -> FileContents:
     notes: tuple[str, ...] = ()
     if low[0] in _COUNTERS:
         numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 2)
-    rate = _number_or_none(given["rate"]) if "rate" in given else rate_of_times(low, numbers, start + 2)
+    rate = number_or_none(given["rate"]) if "rate" in given else rate_of_times(low, numbers, start + 2)
     if rate is None and "rate" in given:
         raise RecordingError(f"its rate {given['rate']!r} is not a number")
     unit = given.get("unit") or (units.pop() if len(units) == 1 else "") or None
@@ -362,7 +362,7 @@ def read_columns(lines: list[str], axes: int, rate: float | None = None) -> File
     if others := len(places) - len(markers):
         notes += (f"{others} points hold angles, forces and the like, not markers: left out",)
     if rate is None:
-        rate = next((value for key in _RATES if (value := _number_or_none(given.get(key, ""))) and value > 0.0), None)
+        rate = next((value for key in _RATES if (value := number_or_none(given.get(key, ""))) and value > 0.0), None)
     columns = [column for i in markers for column in (i, i + 1, i + 2)]
     return FileContents(
         labels=[heads[i] for i in markers],
@@ -392,7 +392,7 @@ def _units(cells: list[str], places: list[int], labelled: bool) -> dict[int, str
     words = {i: (group or [""])[0] for i, group in groups.items()}
     several = any(len(group) > 1 for group in groups.values()) and all(len(set(group)) < 2 for group in groups.values())
     named = labelled or all(known_unit(word) or word.lower() in _NO_LENGTHS for word in words.values())
-    return words if several and named and all(_number_or_none(word) is None for word in words.values()) else {}
+    return words if several and named and all(number_or_none(word) is None for word in words.values()) else {}
 
 
 def _rows(lines: list[str], start: int, delimiter: str, cells: int) -> tuple[list[str], int]:
@@ -413,7 +413,7 @@ def _rows(lines: list[str], start: int, delimiter: str, cells: int) -> tuple[lis
     rows = until_blank(lines, start)
     end = start + len(rows)
     after = next((cells_of(line, delimiter) for line in lines[end:] if line.strip(" ,;\t")), [])
-    if len(after) == cells and _number_or_none(after[0]) is not None:
+    if len(after) == cells and number_or_none(after[0]) is not None:
         raise RecordingError(f"line {end + 1} is empty, and further rows follow; remove the line")
     return rows, start
 
@@ -422,7 +422,7 @@ def read_vicon(lines: list[str], start: int) -> FileContents:
     """Read an export of Vicon Nexus: Trajectories, rate, labels, axes, units, then rows up to an empty line."""
     if len(lines) < start + 6:
         raise RecordingError(f"the file is cut short: no rows after the line Trajectories (line {start + 1})")
-    rate = _number_or_none(lines[start + 1].strip(" ,;\t"))
+    rate = number_or_none(lines[start + 1].strip(" ,;\t"))
     if rate is None:
         raise RecordingError(f"line {start + 2}: {lines[start + 1][:40]!r} should be the rate")
     if find_axes(lines[start : start + 4]) != 3:
@@ -435,7 +435,7 @@ def _keys(lines: list[str], delimiter: str) -> dict[str, str]:
     given: dict[str, str] = {}
     table = [cells_of(line.lstrip("# "), delimiter) for line in lines]
     for cells, below in zip(table, [*table[1:], *[[]] * bool(table)], strict=True):
-        if len(cells) > 1 and _number_or_none(cells[0]) is None and (len(cells) == 2 or not any(cells[2:])):
+        if len(cells) > 1 and number_or_none(cells[0]) is None and (len(cells) == 2 or not any(cells[2:])):
             given.setdefault(_plain(cells[0]), cells[1])
         elif len(cells) == 1 and ":" in cells[0]:
             key, _, value = cells[0].partition(":")
@@ -450,7 +450,8 @@ def _plain(key: str) -> str:
     return re.sub(r"[^a-z]", "", re.sub(r"[(\[].*", "", key.lower()))
 
 
-def _number_or_none(text: str) -> float | None:
+def number_or_none(text: str) -> float | None:
+    """The number that a cell holds, if it holds one."""
     try:
         return float(text)
     except ValueError:
