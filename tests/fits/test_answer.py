@@ -237,8 +237,9 @@ def test_fits_without_points():
     assert "2 fits" in repr(fit)
     assert "center (" in repr(fit[0])
     assert len(fit.to_frame()) == 2
-    with pytest.raises(ValueError, match=r"study\.fit"):
-        _ = fit.residuals
+    for name in ("residuals", "outliers", "copies"):
+        with pytest.raises(ValueError, match=r"does not hold its points.*study\.fit"):
+            getattr(fit, name)
 
 
 def test_joint_answer(rng, on_cap):
