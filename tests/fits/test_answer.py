@@ -261,12 +261,6 @@ def test_joint_answer(rng, on_cap):
     assert "singular" in repr(study.mgdk([np.ones((9, 3))]))
 
 
-def test_names_are_offered():
-    """Completion offers the public names before they are imported."""
-    assert set(study.__all__) <= set(dir(study))
-    assert "import_module" not in dir(study)
-
-
 @pytest.mark.parametrize("d", [2, 3, 5])
 @pytest.mark.parametrize("lead", [(), (1,), (4,), (2, 3), (0,), (2, 0)])
 def test_shapes(rng, on_cap, estimator, lead, d):

@@ -121,13 +121,13 @@ def test_other_shapes_are_not_ok(name):
 
 
 def test_heavy_tails_do_no_harm():
-    """Student's t with 5 degrees of freedom speaks by its tails in 500 points, and the status stays ok."""
+    """Student's t with 5 degrees of freedom speaks by its tails in 500 points, and at least .85 of the fits stay ok."""
     rng = np.random.default_rng(7)
     noise = rng.normal(size=(200, 500, 3)) / np.sqrt(rng.chisquare(5, (200, 500, 1)) / 3.0)
     fit = study.fit(on_cap(rng, 200, 500, 60.0) + 0.01 * noise)
     speaks = (fit.goodness.first() == "tails") & ~fit.outliers.any(axis=1)
     assert speaks.sum() >= 20
-    assert fit.ok[speaks].mean() >= 0.9
+    assert share_at_least(fit.ok[speaks].mean(), speaks.sum(), 0.85)
 
 
 def test_what_is_seen_does_not_depend_on_unit_gaps_or_copies():
