@@ -191,7 +191,7 @@ def test_in_place_in_any_layout(rng):
     np.testing.assert_allclose(uniform[:, 1].ravel(), heights(flat, 2.0, 4), rtol=4 * EPS)
 
 
-@pytest.mark.parametrize("d", [4, 7])
+@pytest.mark.parametrize("d", [2, 4, 5, 7])
 @pytest.mark.parametrize("angle", [1e-6, 1.0, 3.0])
 def test_draws_have_the_heights_of_their_uniform_numbers(angle, d):
     """In three dimensions, on the whole sphere, the first row of a draw is twice its uniform numbers."""
