@@ -74,12 +74,8 @@ def test_limit_allows_for_the_choice():
 @pytest.mark.parametrize(
     ("n", "angle", "noise", "d", "sets"),
     [
-        (10, 60, 0.1, 3, 2000),
-        (10, 20, 0.2, 3, 3000),
-        (30, 180, 0.01, 3, 1000),
-        (30, 60, 0.1, 2, 1000),
-        (30, 20, 0.2, 3, 1500),
-        (100, 60, 0.01, 3, 400),
+        *[(10, 60, 0.1, 3, 2000), (10, 20, 0.2, 3, 3000), (30, 180, 0.01, 3, 1000)],
+        *[(30, 60, 0.1, 2, 1000), (30, 20, 0.2, 3, 1500), (100, 60, 0.01, 3, 400)],
     ],
 )
 def test_false_alarms(rng, on_cap, n, angle, noise, d, sets):
@@ -151,8 +147,7 @@ def test_exact_points_and_many_outliers(rng, on_cap, d):
     bad = spread(rng, points, 0.4)
     fit = study.fit(points, "robust")
     np.testing.assert_array_equal(fit.outliers, np.tile(np.arange(60) < bad, (3, 1)))
-    np.testing.assert_allclose(fit.center, center, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(fit.radius, 1.0, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(np.c_[fit.center - center, fit.radius - 1.0], 0.0, atol=1e-11)
 
 
 def test_without_outliers_it_is_mle(rng, on_cap):
@@ -206,6 +201,8 @@ def test_missing_samples_are_no_outliers(rng, on_cap):
     np.testing.assert_array_equal(fit.outliers[1, rest], study.fit(points[1, rest], "als").outliers)
     assert fit.outliers[:, 5].all()
     assert not fit.outliers[1, [2, 9]].any()
+    for n in (4, 5):  # of d + 2 points each is needed
+        assert not study.fit(rng.standard_normal((6, n, 3)), "robust").outliers.any()
 
 
 @pytest.mark.parametrize("missing", [False, True])
@@ -220,12 +217,6 @@ def test_errors_where_the_first_rows_do_not_count(rng, on_cap, missing):
     if missing:
         one, two = study.fit(points, "als"), study.fit(points[400:], "als")
         np.testing.assert_allclose(one.standard_errors, two.standard_errors, rtol=1e-9)
-
-
-@pytest.mark.parametrize("n", [4, 5])
-def test_too_few_points_have_no_outliers(rng, n):
-    """With d + 2 points each is needed."""
-    assert not study.fit(rng.standard_normal((6, n, 3)), "robust").outliers.any()
 
 
 def test_copies(rng, on_cap):
@@ -268,15 +259,11 @@ def test_copies_among_many_points(rng):
     assert 49 <= study.fit(many, "als").copies <= 50
 
 
-def test_outliers_that_were_converted_are_outliers_together(rng, on_cap):
-    """Copies of an outlier that are not exact are outliers, too."""
+def test_copies_and_outliers(rng, on_cap):
+    """Copies of an outlier, not exact ones too, are outliers; where half of the points are copies of few, none is."""
     points = on_cap(rng, 40, 90, noise=0.01)[0]
     points[[3, 7, 30]] = 4.0 + 1e-9 * rng.standard_normal((3, 3))
     np.testing.assert_array_equal(study.fit(points, "als").outliers.nonzero()[0], [3, 7, 30])
-
-
-def test_copies_do_not_make_outliers(rng, on_cap):
-    """Half of the points may be copies of a few; the others are no outliers for that. Copies of one are one too."""
     rows = on_cap(rng, 12, 90, noise=0.01)[0]
     points = np.concatenate([rows, np.repeat(rows[:2], 20, axis=0)])
     assert not study.fit(points, "als").outliers.any()
