@@ -78,7 +78,8 @@ def test_claims(ask, out, tmp_path):
 def test_status(ask, out):
     """The counts of the finished run: two units' fits, none failed or lost, three tables or more, none damaged."""
     told = ask("status", "out")
-    assert list(told) == ["run", "folder", "state", "finished", "writer", "units", "cells", "parts", "failures", "tables", "damaged", "made_by"]
+    keys = "run folder state finished writer units cells parts failures tables damaged made_by"
+    assert list(told) == keys.split()
     assert (told["run"], told["state"], told["finished"]) == (out.study.run_name(), "finished", True)
     assert told["units"]["total"] == told["units"]["done"] > 0 == told["units"]["missing"]
     assert told["failures"]["fits"] == 2 * 2 * 2 * 5
