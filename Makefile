@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
 
-.PHONY: paper article calibration skeleton test smoke lint numbers tables bench soak docs clean
+.PHONY: paper article calibration skeleton test smoke lint numbers tables bench docs clean
 .DELETE_ON_ERROR:
 
 # The paper's study, the studies that its claims need, figures (in figures/), verdicts, and one page about everything.
@@ -100,10 +100,6 @@ tables: paper
 # Speed as ratios to the limits of this machine and to other packages; stored in results/bench.csv.
 bench: $(VENV)/.bench
 	$(BIN)/python -m pytest -q benchmarks --benchmark-group-by=group --benchmark-columns=min,median,rounds
-
-# A hundred kills of runs at work, and a full disk at every write: all resumed, to equal bytes. Takes minutes.
-soak: $(VENV)/.dev
-	$(BIN)/python benchmarks/soak.py
 
 # The site of the documents, in site/. Every code block and command of a page is run, and prints what the page says.
 docs: $(VENV)/.docs

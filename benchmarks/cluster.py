@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 from itertools import islice
@@ -29,8 +29,8 @@ from study import instruction_set
 instruction_set.fix()
 
 import numpy as np
-import pandas as pd
 import psutil
+from studies import ROOT, store
 
 from study.simulation.experiment.compute import Errors, Result
 from study.simulation.experiment.config import Study, parse
@@ -40,7 +40,6 @@ from study.simulation.runs import jobs, runner, workers
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.workers import PER_SECOND, Parent, Workers
 
-RESULTS = Path(__file__).resolve().parents[1] / "results"
 CONFIG = """name = "cluster"
 seed = 2009
 estimators = ["mle", "lls", "gdke", "ugdk"]
@@ -60,9 +59,7 @@ _SECONDS, _TASKS, _EACH = 20.0, 3000, 2
 """Work of each worker in seconds; but no more tasks than so many, and no fewer than so many for each worker."""
 
 
-FACTORIAL = (Path(__file__).resolve().parents[1] / "configs" / "factorial.toml").read_text(encoding="utf-8")
-
-
+FACTORIAL = (ROOT / "configs" / "factorial.toml").read_text(encoding="utf-8")
 CASES = [(workers, task) for task in (0.5, 10.0) for workers in (10, 100, 1000)]
 """Number of workers, of one thread each, and least length of a task in seconds."""
 
@@ -219,7 +216,7 @@ def _cpu(process: psutil.Process) -> float:
     return float(times.user + times.system)
 
 
-def schedule() -> list[dict[str, float]]:
+def schedule() -> Iterator[dict[str, float]]:
     """Seconds that the study of 10¹³ samples takes by the weights of its units, the heaviest first; nothing is run.
 
     It is the factorial of configs/factorial.toml with a million trials a cell, fewer for large N, and summaries alone.
@@ -232,31 +229,23 @@ def schedule() -> list[dict[str, float]]:
     seconds = sorted((task.weight / PER_SECOND for task in some), reverse=True)
     fits = sum(group.width * study.design.trials_of(group.samples) for group in groups(study)) * len(study.estimators)
     samples = sum(task.batch.rows * task.batch.group.samples for task in some)
-    rows = []
     for count in (10, 100, 1000):
         busy = [0.0] * count
         for each in seconds:
             heapq.heapreplace(busy, busy[0] + each)
         row = {"workers": count, "units": len(some), "samples": samples, "rows": fits}
         row |= {"core_hours": sum(seconds) / 3600, "longest": seconds[0], "seconds": max(busy)}
-        rows.append(row | {"efficiency": sum(seconds) / count / max(busy)})
-    return rows
+        yield row | {"efficiency": sum(seconds) / count / max(busy)}
 
 
-def store(rows: list[dict[str, float]], name: str) -> None:
-    """Write rows to a table of the results, with four digits."""
-    pd.DataFrame(rows).to_csv(RESULTS / name, index=False, lineterminator="\n", float_format="%.4g")
-
-
-def main() -> None:
-    """Measure all cases, print them, and store them."""
-    store(schedule(), "cluster-study.csv")
-    speed, rows = pace(), []
+def measured() -> Iterator[dict[str, float]]:
+    """A row for each case, which is printed, too."""
+    speed = pace()
     for count, task in CASES:
         with tempfile.TemporaryDirectory() as name:
-            rows.append({"workers": count, "task": task} | measure(count, task, speed, Path(name)))
-        print(rows[-1], flush=True)
-    store(rows, "cluster.csv")
+            row = {"workers": count, "task": task} | measure(count, task, speed, Path(name))
+        print(row, flush=True)
+        yield row
 
 
 if __name__ == "__main__":
@@ -267,4 +256,5 @@ if __name__ == "__main__":
         print(json.dumps(parent(sys.argv[2], int(count), task, speed, Path(sys.argv[6]))))
     else:
         signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
-        main()
+        store("cluster-study", schedule(), "%.4g")
+        store("cluster", measured(), "%.4g")

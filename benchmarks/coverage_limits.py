@@ -7,14 +7,12 @@ its standard error.
 """
 
 import math
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from scipy.optimize import brentq
+from studies import caps, covered, store
 
 import study
-from study.fits.cap import sample_cap
 
 SEED, SETS = 18, 4000
 FEW = [(n, angle, noise) for n in (5, 6, 7, 8) for angle in (60.0, 180.0) for noise in (0.02, 0.1)]
@@ -39,37 +37,31 @@ def noise_of(n, width, ratio):
     return brentq(lambda s: s * math.sqrt((extent + s * s) / n) / extent - ratio * math.sqrt(extent), 1e-9, 10.0)
 
 
-def covered(points, estimator="corrected"):
+def shares(points, estimator):
     """Share of ok fits, and of intervals that hold the radius, 1, and the last coordinate of the centre, 0."""
     fit = study.fit(points, estimator)
-    radius, across = fit.interval("radius"), fit.interval("center")[:, -1]
-    hits = {
-        "radius": (radius[:, 0] <= 1.0) & (radius[:, 1] >= 1.0),
-        "across": (across[:, 0] <= 0.0) & (across[:, 1] >= 0.0),
-    }
+    hits = {"radius": covered(fit.interval("radius"), 1.0), "across": covered(fit.interval("center")[:, -1], 0.0)}
     ok = {f"{name}_ok": float(hit[fit.ok].mean()) if fit.ok.any() else math.nan for name, hit in hits.items()}
     return {"ok": float(fit.ok.mean())} | {name: float(hit.mean()) for name, hit in hits.items()} | ok
 
 
-def main():
-    """Measure every cell, and store a row for each as soon as it is known."""
-    rng, rows = np.random.default_rng(SEED), []
+def rows():
+    """A row for each cell."""
+    rng = np.random.default_rng(SEED)
     for kind, cells in (("few", FEW), ("belt", BELTS), ("near outliers", NEAR)):
         for n, angle, third in cells:
+            noise = third if kind == "few" else noise_of(n, angle, third) if kind == "belt" else 0.02
             if kind == "belt":
-                noise, directions = noise_of(n, angle, third), belt(rng, n, angle)
+                directions = belt(rng, n, angle)
+                points = directions + noise * rng.standard_normal(directions.shape)
             else:
-                noise = third if kind == "few" else 0.02
-                directions = sample_cap(rng, SETS * n, math.radians(angle)).reshape(SETS, n, 3)
-            points = directions + noise * rng.standard_normal(directions.shape)
+                points = caps(rng, SETS, n, angle, noise)
             moved = round(third * n) if kind == "near outliers" else 0
             points[:, :moved] += rng.standard_normal((SETS, moved, 3))
             row = {"kind": kind, "samples": n, "angle": angle, "noise_over_radius": noise}
             row |= {"ratio": math.nan if kind == "few" else third, "sets": SETS}
-            rows.append(row | covered(points, "robust" if kind == "near outliers" else "corrected"))
-            path = Path(__file__).parents[1] / "results" / "coverage-limits.csv"
-            pd.DataFrame(rows).to_csv(path, index=False, lineterminator="\n")
+            yield row | shares(points, "robust" if kind == "near outliers" else "corrected")
 
 
 if __name__ == "__main__":
-    main()
+    store("coverage-limits", rows())

@@ -6,14 +6,12 @@ there the noise is three times the depth of the cap.
 """
 
 import math
-from pathlib import Path
 
-import numpy as np
-import pandas as pd
+from studies import clean, store
 
-from study.fits import Samples, cap
+from study.fits import Samples
+from study.fits.random import lanes
 from study.fits.robust import outliers
-from study.fits.streams import lanes
 
 SEED = 17
 ANGLES, NOISES = (20.0, 60.0, 180.0), (0.01, 0.05, 0.1, 0.2)
@@ -21,42 +19,22 @@ SETS = {10: 10_000, 30: 10_000, 100: 10_000, 1000: 4000}
 """Data sets in each cell in space, by the number of points."""
 OTHERS = [(d, n, angle, 0.05, 10_000) for d in (2, 4) for n in (10, 100) for angle in ANGLES]
 """Dimension, points, angle, noise and data sets of the cells in the plane and in four dimensions."""
-LARGE = [
-    (3, 10_000, 60.0, 0.05, 2000),
-    (3, 10_000, 180.0, 0.2, 2000),
-    (3, 100_000, 60.0, 0.05, 500),
-    (3, 1_000_000, 60.0, 0.05, 100),
-]
+LARGE = [(3, 10_000, 60.0, 0.05, 2000), (3, 10_000, 180.0, 0.2, 2000), (3, 100_000, 60.0, 0.05, 500)]
+LARGE += [(3, 1_000_000, 60.0, 0.05, 100)]
 """Dimension, points, angle, noise and data sets of the few cells with many points."""
-TOGETHER = 200_000
-"""Points that are drawn at a time."""
+CELLS = [(3, n, angle, noise, sets) for n, sets in SETS.items() for angle in ANGLES for noise in NOISES]
 
 
-def alarms(d, n, angle, noise, sets):
-    """Number of data sets in which a point is named."""
-    state, found = lanes(SEED, "false alarms", d, n, angle, noise), 0
-    for begun in range(0, sets, max(TOGETHER // n, 1)):
-        size = min(max(TOGETHER // n, 1), sets - begun)
-        directions, unit_noise = np.empty((size, d, n)), np.empty((size, d, n))
-        cap.draw(state, math.radians(angle), directions, unit_noise)
-        directions[:, 0] = 1.0 - directions[:, 0]  # heights to cosines
-        found += int(outliers(Samples(directions + noise * unit_noise)).any(axis=1).sum())
-    return found
-
-
-def main():
-    """Measure every cell, and store a row for each as soon as it is known."""
-    cells = [(3, n, angle, noise, sets) for n, sets in SETS.items() for angle in ANGLES for noise in NOISES]
-    rows = []
-    for d, n, angle, noise, sets in cells + OTHERS + LARGE:
-        found = alarms(d, n, angle, noise, sets)
+def rows():
+    """A row for each cell: the number of data sets in which a point is named, and their share."""
+    for d, n, angle, noise, sets in CELLS + OTHERS + LARGE:
+        state = lanes(SEED, "false alarms", d, n, angle, noise)
+        found = sum(int(outliers(Samples(x)).any(axis=1).sum()) for x in clean(state, sets, n, angle, noise, d))
         share = found / sets
         error = math.sqrt(max(share, 1.0 / sets) * (1.0 - share) / sets)
         row = {"dimension": d, "samples": n, "angle": angle, "noise_over_radius": noise, "sets": sets}
-        rows.append({**row, "alarms": found, "share": share, "share_error": error})
-        path = Path(__file__).parents[1] / "results" / "false-alarms.csv"
-        pd.DataFrame(rows).to_csv(path, index=False, lineterminator="\n")
+        yield {**row, "alarms": found, "share": share, "share_error": error}
 
 
 if __name__ == "__main__":
-    main()
+    store("false-alarms", rows())

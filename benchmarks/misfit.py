@@ -1,10 +1,8 @@
 """The test of fit, and what follows from it, measured; `python benchmarks/misfit.py` stores results/misfit*.csv.
 
-misfit-level.csv has the level on clean data in the cells of configs/coverage.toml, misfit-audit.csv in others that no
-rule was tuned on. misfit.csv has the power for shapes and laws of noise. misfit-errors.csv has coverage and statuses
-with structured noise: a form (a Gaussian process on the directions), and noise with memory along a path.
-misfit-hinges.csv has circles in space, belts and caps. The name of a part (`power`) makes that part alone. A folder of
-scans (x, y, z in a row, metres) makes misfit-scans.csv.
+misfit-level.csv has the level on clean data in the cells of configs/coverage.toml. misfit.csv has the power for shapes
+and laws of noise, and misfit-hinges.csv circles in space, belts and caps. The name of a part (`power`) makes that part
+alone. A folder of scans (x, y, z in a row, metres) makes misfit-scans.csv.
 """
 
 import math
@@ -12,21 +10,18 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
+from studies import ROOT, clean, covered, store
 
 import study
 from study import Status
-from study.fits import Samples, cap
+from study.fits import Samples
 from study.fits.goodness import BLOCKS, Goodness, goodness
 from study.fits.intervals import intervals
-from study.fits.registry import fit_samples
-from study.fits.streams import lanes
+from study.fits.random import lanes
 from study.simulation.coverage import read_design
 
-ROOT = Path(__file__).parents[1]
-SEED, SETS, POWER_SETS = 17, 4000, 100
-TOGETHER, MOST = 200_000, 600_000
-"""Points that are drawn at a time, and points of a cell."""
+SEED, SETS, POWER_SETS, MOST = 17, 4000, 200, 600_000
+"""Seed, data sets of a clean cell and of another, and points of a clean cell."""
 SIZES, NOISES = (50, 200, 1000), (0.01, 0.05)
 
 
@@ -175,52 +170,14 @@ def statuses(status):
     return {member.name.lower(): float(np.mean(status == member)) for member in names}
 
 
-def covered(ends, truth):
-    """True where intervals (…, 2) hold the truth."""
-    return (ends[..., 0] <= truth) & (truth <= ends[..., 1])
-
-
-def draws(cell, sets, word):
-    """Clean data of a cell of a coverage study, in parts (b, 3, n)."""
-    state, left = lanes(SEED, word, cell.samples, cell.angle, cell.kappa), min(sets, MOST // cell.samples)
-    while left > 0:
-        size = min(left, max(TOGETHER // cell.samples, 1))
-        left -= size
-        directions, noise = np.empty((size, 3, cell.samples)), np.empty((size, 3, cell.samples))
-        cap.draw(state, math.radians(cell.angle), directions, noise)
-        directions[:, 0] = 1.0 - directions[:, 0]
-        yield directions + cell.sigma * noise
-
-
 def level(sets):
     """A row for each clean cell of the coverage study."""
     for cell in read_design(ROOT / "configs" / "coverage.toml").cells():
-        parts = [goodness(Samples(x)) for x in draws(cell, sets, "misfit")]
+        state = lanes(SEED, "misfit", cell.samples, cell.angle, cell.kappa)
+        sets_here = min(sets, MOST // cell.samples)
+        parts = [goodness(Samples(x)) for x in clean(state, sets_here, cell.samples, cell.angle, cell.sigma)]
         answer = Goodness(*(np.concatenate(block) for block in zip(*parts, strict=True)))
         yield row("clean", f"cap {cell.angle:g}°, kappa {cell.kappa:g}", cell.samples, cell.sigma, answer)
-
-
-def audit(sets):
-    """A row for each clean cell of a grid that no rule was tuned on: also statuses, coverage and width."""
-    others = {"samples": (13, 25, 70, 150, 450), "angle": (10.0, 33.0, 70.0, 130.0), "kappa": (2.0, 6.0, 20.0, 60.0)}
-    for cell in read_design(ROOT / "configs" / "coverage.toml").model_copy(update=others).cells():
-        fits = [fit_samples(Samples(x), "corrected") for x in draws(cell, sets, "audit")]
-        answer = Goodness(*(np.concatenate(block) for block in zip(*(fit.goodness for fit in fits), strict=True)))
-        before = [intervals(fit.samples) for fit in fits]
-        kept = np.concatenate([white.identified for white in before])
-        ok, status = (np.concatenate([getattr(fit, name) for fit in fits]) for name in ("ok", "status"))
-        white = np.concatenate([white.radius for white in before])
-        now = np.concatenate([fit.interval("radius") for fit in fits])
-        more = {"ok_before": float(kept.mean()), **statuses(status)}
-        more |= {"covers_before": float(covered(white, 1.0).mean()), "covers": float(covered(now, 1.0).mean())}
-        for name, which, ends in (("ok_covers_before", kept, white), ("ok_covers", ok, now)):
-            more[name] = float(covered(ends[which], 1.0).mean()) if which.any() else math.nan
-        both = np.isfinite(white).all(axis=1) & np.isfinite(now).all(axis=1)
-        more["median_width"] = (
-            float(np.median(np.ptp(now[both], axis=1) / np.ptp(white[both], axis=1))) if both.any() else math.nan
-        )
-        more["wider"] = float(np.mean((now != white).any(axis=1)))
-        yield row("audit", f"cap {cell.angle:g}°, kappa {cell.kappa:g}", cell.samples, cell.sigma, answer, **more)
 
 
 def power(sets):
@@ -235,60 +192,12 @@ def power(sets):
                 x = np.stack([draw(rng, n, s) for _ in range(sets)])
                 fit = study.fit(x, ordered="path" in name)
                 white = intervals(fit.samples)
-                more = {"ok_before": float(white.identified.mean()), **statuses(fit.status)}
+                kept = white.identified & (fit.goodness.p >= 0.01)
+                more = {"ok": float(white.identified.mean()), "ok_not_rejected": float(kept.mean())}
                 if kind == "noise":
                     more["covers"] = float(covered(white.radius, 1.0).mean())
                     more["covers_allowed"] = float(covered(fit.interval("radius"), 1.0).mean())
                 yield row(kind, name, n, s, fit.goodness, **more)
-
-
-def form(rng, u, length, size):
-    """A Gaussian process on directions (n, 3), squared-exponential in their chords."""
-    square = 2.0 - 2.0 * u @ u.T
-    covariance = np.exp(-0.5 * np.maximum(square, 0.0) / length**2) + 1e-9 * np.eye(len(u))
-    return size * np.linalg.cholesky(covariance) @ rng.normal(size=len(u))
-
-
-def structured():
-    """Laws of structured noise: name, whether rows are in order, and a function of (rng, n) that makes points."""
-    for angle in (30.0, 60.0, 120.0):
-        for length in (0.15, 0.4, 1.0):
-            for size in (0.3, 1.0, 3.0):
-
-                def draw(rng, n, angle=angle, length=length, size=size):
-                    u = on_cap(rng, n, angle)
-                    r = 1.0 + 0.01 * form(rng, u, length * math.radians(angle), size)
-                    return u * r[:, None] + 0.01 * rng.normal(size=(n, 3))
-
-                yield f"form, {angle:g}°, length {length:g}, size {size:g}", False, (500,), draw
-    for reach in (20.0, 45.0, 90.0):
-        for memory in (0.5, 0.8, 0.95):
-
-            def draw(rng, n, reach=reach, memory=memory):
-                return path(n, reach) + 0.01 * ar1(rng, n, memory)
-
-            for ordered in (True, False):
-                order = "in order" if ordered else "order not given"
-                yield f"path of ± {reach:g}°, memory {memory:g}, {order}", ordered, (100, 300, 1000, 3000), draw
-
-
-def errors(sets):
-    """A row for each law of structured noise: coverage of radius and centre, of all fits and of those that are ok."""
-    for number, (name, ordered, sizes, draw) in enumerate(structured()):
-        for n in sizes:
-            rng = np.random.default_rng([SEED, 100 + number, n])
-            count = sets if n < 3000 else sets // 2
-            fit = study.fit(np.stack([draw(rng, n) for _ in range(count)]), ordered=ordered)
-            white = intervals(fit.samples)
-            inside = covered(fit.interval("radius"), 1.0)
-            center = covered(fit.interval("center"), 0.0)
-            found = {"name": name, "samples": n, "sets": count, **statuses(fit.status)}
-            found |= {"covers_before": float(covered(white.radius, 1.0).mean()), "covers": float(inside.mean())}
-            found["covers_or_doubted"] = float((inside | ~fit.ok).mean())
-            for part, holds in (("ok_covers", inside), ("ok_covers_center", center.mean(axis=1))):
-                found[part] = float(holds[fit.ok].mean()) if fit.ok.any() else math.nan
-            found["covers_error"] = error_of(found["covers"], count)
-            yield found
 
 
 def belt(rng, n, reach, width):
@@ -351,31 +260,11 @@ def series_ratio(fit):
 
 PARTS = {
     "level": ("misfit-level", level, SETS),
-    "audit": ("misfit-audit", audit, 1000),
     "power": ("misfit", power, POWER_SETS),
+    "hinges": ("misfit-hinges", hinges, 100),
 }
-PARTS |= {"errors": ("misfit-errors", errors, 100), "hinges": ("misfit-hinges", hinges, 60)}
-
-
-def store(name, rows):
-    """Store rows, each as soon as it is known."""
-    known = []
-    for found in rows:
-        known.append(found)
-        path = ROOT / "results" / f"{name}.csv"
-        pd.DataFrame(known).to_csv(path, index=False, lineterminator="\n", float_format="%.5g")
-
-
-def main():
-    """Measure, and store each row as soon as it is known."""
-    chosen = sys.argv[1:] or list(PARTS)
-    for part in chosen:
-        if part in PARTS:
-            name, rows, sets = PARTS[part]
-            store(name, rows(sets))
-        else:
-            store("misfit-scans", scans(part))
-
 
 if __name__ == "__main__":
-    main()
+    for part in sys.argv[1:] or PARTS:
+        name, rows, sets = PARTS.get(part, ("misfit-scans", scans, part))
+        store(name, rows(sets), "%.5g")

@@ -5,6 +5,7 @@ import random
 import warnings
 
 import numpy as np
+import pytest
 from scipy import optimize
 
 
@@ -68,10 +69,25 @@ CIRCLES = {"circle-fit": ("circle_fit", circle_fit)}
 ROBUST = {"scikit-image": ("skimage", scikit_image, 2), "pyransac3d": ("pyransac3d", pyransac3d, 3)}
 
 
-def fit_of(name, table):
-    """A peer's fit, or None where it is not installed."""
-    module, make = table[name]
-    return make() if importlib.util.find_spec(module) else None
+def fit_of(name, table, *arguments):
+    """A peer's fit; the benchmark is skipped where it is not installed."""
+    module, make, *_ = table[name]
+    if not importlib.util.find_spec(module):
+        pytest.skip(f"{name} is not installed")
+    return make(*arguments)
+
+
+def each(fit, sets):
+    for x in sets:
+        fit(x)
+
+
+def half_sphere(rng, shape, noise):
+    """Noisy points on half a sphere about the origin."""
+    u = rng.standard_normal(shape)
+    u[..., 0] = np.abs(u[..., 0])
+    u /= np.linalg.norm(u, axis=2, keepdims=True)
+    return u + noise * rng.standard_normal(u.shape)
 
 
 def levenberg_marquardt(x):

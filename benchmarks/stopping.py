@@ -6,11 +6,9 @@ has no mean, as UGDK's error has none, and whose median is 1. Neither truth come
 at 8 targets, so that the first checkpoint is at different distances from them.
 """
 
-from pathlib import Path
-
 import numpy as np
-import pandas as pd
 from scipy import stats
+from studies import store
 
 from study.fits import Status
 from study.simulation.experiment.config import Precision
@@ -63,9 +61,8 @@ def fixed(name, count, repeats=4000):
     return held / repeats
 
 
-def table():
+def rows():
     """A row per law and quantity: real standard error over target, and shares of studies that hold the truth."""
-    rows = []
     for law in LAWS:
         away, error, target, factor, _ = studies(law)
         spread = [float(np.sqrt(np.mean((away / target)[factor == each] ** 2))) for each in FACTORS]
@@ -77,9 +74,8 @@ def table():
             "two_errors": float(np.mean(np.abs(away) <= 2.0 * error)),
         }
         found |= {f"fixed_{count}": fixed(law, count) for count in (250, 1000, 4000)}
-        rows += [{"law": law, "quantity": name, "value": value} for name, value in found.items()]
-    return pd.DataFrame(rows)
+        yield from ({"law": law, "quantity": name, "value": value} for name, value in found.items())
 
 
 if __name__ == "__main__":
-    table().to_csv(Path(__file__).parents[1] / "results" / "stopping.csv", index=False, lineterminator="\n")
+    store("stopping", rows())

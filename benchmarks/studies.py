@@ -1,13 +1,22 @@
-"""Studies that are timed: grids of one angle, computed as a run computes them."""
+"""Studies that are timed, as a run computes them; data sets that are measured, and tables of what they give."""
 
+import math
 from functools import partial
+from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
+from study.fits import cap
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch
 from study.simulation.experiment.sampling import units
 
+ROOT = Path(__file__).resolve().parents[1]
 FOUR = ["mle", "lls", "gdke", "ugdk"]
+TOGETHER = 200_000
+"""Points that are drawn at a time."""
 
 
 def grid(samples, trials, levels=(0.05,), estimators=FOUR, dimension=3, **entries):
@@ -22,3 +31,34 @@ def whole(study):
     """The study as one unit, ready to be computed in this thread."""
     first, *more = units(study)
     return partial(compute, study, Batch(first.group, 0, more[-1].last if more else first.last))
+
+
+def caps(rng, sets, n, angle, noise, dimension=3):
+    """Noisy points (sets, n, d) on caps of the unit sphere about the origin."""
+    directions = cap.sample_cap(rng, sets * n, math.radians(angle), dimension).reshape(sets, n, dimension)
+    return directions + noise * rng.standard_normal(directions.shape)
+
+
+def clean(state, sets, n, angle, noise, dimension=3):
+    """The same by the generator of the studies, in parts (b, d, n)."""
+    while sets > 0:
+        size = min(sets, max(TOGETHER // n, 1))
+        sets -= size
+        directions, unit_noise = np.empty((size, dimension, n)), np.empty((size, dimension, n))
+        cap.draw(state, math.radians(angle), directions, unit_noise)
+        directions[:, 0] = 1.0 - directions[:, 0]  # heights to cosines
+        yield directions + noise * unit_noise
+
+
+def covered(ends, truth):
+    """True where intervals (…, 2) hold the truth."""
+    return (ends[..., 0] <= truth) & (truth <= ends[..., 1])
+
+
+def store(name, rows, form=None):
+    """Store rows in a table of results/, each as soon as it is known."""
+    known = []
+    for row in rows:
+        known.append(row)
+        path = ROOT / "results" / f"{name}.csv"
+        pd.DataFrame(known).to_csv(path, index=False, lineterminator="\n", float_format=form)

@@ -8,22 +8,9 @@ import math
 import naive
 import numpy as np
 import pytest
-
-from study.simulation.experiment.compute import compute
-from study.simulation.experiment.config import Study
-from study.simulation.experiment.sampling import units
+from studies import FOUR, grid, whole
 
 SIGMA, ANGLE = 0.05, 60.0
-
-
-def whole_study(samples, trials):
-    """A grid of one cell, as one unit."""
-    design = {"kind": "grid", "trials": trials, "samples": [samples], "noise": SIGMA, "angle": ANGLE}
-    config = Study.model_validate(
-        {"name": "bench", "seed": 1, "estimators": ["mle", "lls", "gdke", "ugdk"], "design": design}
-    )
-    (unit,) = units(config)
-    return config, unit
 
 
 @pytest.mark.parametrize(("samples", "trials"), [(10, 2000), (1000, 200), (100_000, 4)])
@@ -39,7 +26,7 @@ def test_inner_loop(benchmark, loop, samples, trials):
         rows = benchmark(naive.study, rng, trials, samples, math.radians(ANGLE), SIGMA)
         medians = np.median(rows[:, :4] / rows[:, 4:], axis=0)
     else:
-        errors = benchmark(compute, *whole_study(samples, trials)).errors
+        errors = benchmark(whole(grid(samples, trials))).errors
         ratio = errors["error"] / errors["bound"]
-        medians = [np.median(ratio[errors["estimator"] == name]) for name in ("mle", "lls", "gdke", "ugdk")]
+        medians = [np.median(ratio[errors["estimator"] == name]) for name in FOUR]
     assert np.all((np.array(medians) > 0.3) & (np.array(medians) < 200.0))

@@ -5,6 +5,8 @@ MLE 50 times as fast as scipy's Levenberg-Marquardt, and one fit no slower than 
 those of peers are of as many sets as take a moment.
 """
 
+from functools import partial
+
 import numpy as np
 import peers
 import pytest
@@ -18,16 +20,7 @@ OURS = "study.fit, ten thousand at once"
 @pytest.fixture(scope="module")
 def points():
     """Sets (10 000, 100, 3) on half a sphere about (1, 2, 3), with noise of 5 % of the radius."""
-    rng = np.random.default_rng(1)
-    u = rng.standard_normal((SETS, SAMPLES, 3))
-    u[..., 0] = np.abs(u[..., 0])
-    u /= np.linalg.norm(u, axis=2, keepdims=True)
-    return [1.0, 2.0, 3.0] + u + 0.05 * rng.standard_normal(u.shape)
-
-
-def each(fit, sets):
-    for x in sets:
-        fit(x)
+    return np.array([1.0, 2.0, 3.0]) + peers.half_sphere(np.random.default_rng(1), (SETS, SAMPLES, 3), 0.05)
 
 
 @pytest.mark.parametrize("name", ["study", *peers.CLOSED])
@@ -38,10 +31,8 @@ def test_closed_forms(timed, points, name):
         timed(group, f"{OURS}, gdke", study.fit, points, "gdke", items=SETS, unit=True)
         return
     fit = peers.fit_of(name, peers.CLOSED)
-    if fit is None:
-        pytest.skip(f"{name} is not installed")
     np.testing.assert_allclose(fit(points[0]), study.fit(points[0], "gdke").center, atol=1e-6)
-    timed(group, f"{name}, in a loop", each, fit, points[:FEW], items=FEW, aim="≥ 60 (the fastest)", rounds=10)
+    timed(group, f"{name}, in a loop", peers.each, fit, points[:FEW], items=FEW, aim="≥ 60 (the fastest)", rounds=10)
 
 
 @pytest.mark.parametrize("name", ["study", *peers.CLOSED])
@@ -49,14 +40,11 @@ def test_one_fit(timed, points, name):
     """A single set of 100 points, the call included."""
     group = "one fit, 3-D, N = 100"
     if name == "study":
-        timed(
-            group, 'study.fit(points, "gdke")', each, lambda x: study.fit(x, "gdke"), points[:FEW], items=FEW, unit=True
-        )
+        ours = partial(study.fit, estimator="gdke")
+        timed(group, 'study.fit(points, "gdke")', peers.each, ours, points[:FEW], items=FEW, unit=True)
         return
     fit = peers.fit_of(name, peers.CLOSED)
-    if fit is None:
-        pytest.skip(f"{name} is not installed")
-    timed(group, name, each, fit, points[:FEW], items=FEW, aim="≥ 1", rounds=10)
+    timed(group, name, peers.each, fit, points[:FEW], items=FEW, aim="≥ 1", rounds=10)
 
 
 @pytest.mark.parametrize("name", ["study", "corrected", "levenberg_marquardt", "orthogonal_distance"])
@@ -74,7 +62,7 @@ def test_geometric_fits(timed, points, name):
         "orthogonal_distance": (peers.orthogonal_distance, "scipy.odr", "", 10),
     }[name]
     np.testing.assert_allclose(fit(points[0]), study.fit(points[0], "mle").center, atol=1e-4)
-    timed(group, f"{words}, in a loop", each, fit, points[:few], items=few, aim=aim, rounds=5)
+    timed(group, f"{words}, in a loop", peers.each, fit, points[:few], items=few, aim=aim, rounds=5)
 
 
 @pytest.mark.parametrize("name", ["study", *peers.CIRCLES])
@@ -85,7 +73,5 @@ def test_circles(timed, points, name):
         timed(group, f"{OURS}, taubin", study.fit, flat, "taubin", items=SETS, unit=True)
         return
     fit = peers.fit_of(name, peers.CIRCLES)
-    if fit is None:
-        pytest.skip(f"{name} is not installed")
     np.testing.assert_allclose(fit(flat[0]), study.fit(flat[0], "taubin").center, atol=1e-8)
-    timed(group, f"{name} taubinSVD, in a loop", each, fit, flat[:FEW], items=FEW, rounds=10)
+    timed(group, f"{name} taubinSVD, in a loop", peers.each, fit, flat[:FEW], items=FEW, rounds=10)

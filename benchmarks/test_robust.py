@@ -4,8 +4,6 @@ Of 100 points 30 are gross outliers, spread over ten radii; the rest have noise 
 ours is not. Errors are medians over sets, over those of the fit of the good points alone: they stand behind each name.
 """
 
-import importlib.util
-
 import numpy as np
 import peers
 import pytest
@@ -19,17 +17,9 @@ FEW = 40
 def contaminated(d):
     """Sets (200, 100, d) on half a sphere about the origin, the last 30 points of each anywhere within ten radii."""
     rng = np.random.default_rng(d)
-    u = rng.standard_normal((SETS, SAMPLES, d))
-    u[..., 0] = np.abs(u[..., 0])
-    u /= np.linalg.norm(u, axis=2, keepdims=True)
-    x = u + SIGMA * rng.standard_normal(u.shape)
+    x = peers.half_sphere(rng, (SETS, SAMPLES, d), SIGMA)
     x[:, -BAD:] = rng.uniform(-10.0, 10.0, (SETS, BAD, d))
     return x
-
-
-def each(fit, sets):
-    for x in sets:
-        fit(x)
 
 
 def words(name, centers, good):
@@ -50,11 +40,8 @@ def test_contaminated(timed, name, d):
         what = words("study.fit, two hundred at once, robust", study.fit(x, "robust").center, good)
         timed(group, what, study.fit, x, "robust", items=SETS, unit=True)
         return
-    module, make, dimension = peers.ROBUST[name]
-    if d != dimension:
-        pytest.skip(f"{name} fits {dimension} dimensions alone")
-    if not importlib.util.find_spec(module):
-        pytest.skip(f"{name} is not installed")
-    fit = make(SIGMA)
+    if d != peers.ROBUST[name][2]:
+        pytest.skip(f"{name} does not fit {d} dimensions")
+    fit = peers.fit_of(name, peers.ROBUST, SIGMA)
     what = words(f"{name} RANSAC, in a loop", np.array([fit(part) for part in x[:FEW]]), good[:FEW])
-    timed(group, what, each, fit, x[:FEW], items=FEW, aim="≥ 1", rounds=3)
+    timed(group, what, peers.each, fit, x[:FEW], items=FEW, aim="≥ 1", rounds=3)

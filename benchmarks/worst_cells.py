@@ -5,13 +5,11 @@ where most fits are not ok; and a cluster of 40 of 100 points, through which a s
 """
 
 import math
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
+from studies import caps, covered, store
 
 import study
-from study.fits.cap import sample_cap
 
 SEED = 41
 COVERAGE = [(3, 12, 115, 0.22, 12000), (5, 40, 180, 0.1, 1500), (5, 250, 160, 0.34, 600), (10, 100, 180, 0.1, 1000)]
@@ -22,12 +20,6 @@ BESIDE = [("als", 45, 7, 0.01, 4000), ("mle", 100, 160, 0.8, 2000), ("mle", 1000
 CLUSTERS = [(60, 0.0), (115, 0.0), (180, 0.0), (180, 0.5), (180, 2.0)]
 """Half angle of the cap of the other points, and place of the cluster along its axis."""
 CLUSTERED = 400
-
-
-def caps(rng, sets, n, angle, noise, dimension=3):
-    """Noisy points (sets, n, d) on caps of the unit sphere about the origin."""
-    directions = sample_cap(rng, sets * n, math.radians(angle), dimension).reshape(sets, n, dimension)
-    return directions + noise * rng.standard_normal(directions.shape)
 
 
 def share(hits):
@@ -45,11 +37,7 @@ def errors(fit):
 def coverage(rng, dimension, n, angle, noise, sets):
     """Coverage of the radius and of the centre's first coordinate, over all and over ok fits."""
     fit = study.fit(caps(rng, sets, n, angle, noise, dimension))
-    radius, first = fit.interval("radius"), fit.interval("center")[:, 0]
-    hits = {
-        "radius": (radius[:, 0] <= 1.0) & (radius[:, 1] >= 1.0),
-        "center": (first[:, 0] <= 0.0) & (first[:, 1] >= 0.0),
-    }
+    hits = {"radius": covered(fit.interval("radius"), 1.0), "center": covered(fit.interval("center")[:, 0], 0.0)}
     place = {"dimension": dimension, "samples": n, "angle": angle, "noise": noise, "sets": sets, "ok": fit.ok.mean()}
     for name, hit in hits.items():
         yield place | {"kind": name} | share(hit)
@@ -77,15 +65,13 @@ def clustered(rng, angle, where):
         yield place | {"kind": "cluster", "median_error": np.median(errors(fit))} | share(errors(fit) > 0.1)
 
 
-def main():
-    """Measure every cell, and store them."""
+def rows():
+    """A row for each measure of each cell."""
     rng = np.random.default_rng(SEED)
-    rows = [row for cell in COVERAGE for row in coverage(rng, *cell)]
-    rows += [row for cell in BESIDE for row in beside(rng, *cell)]
-    rows += [row for cell in CLUSTERS for row in clustered(rng, *cell)]
-    path = Path(__file__).parents[1] / "results" / "worst-cells.csv"
-    pd.DataFrame(rows).to_csv(path, index=False, lineterminator="\n")
+    for kind, cells in ((coverage, COVERAGE), (beside, BESIDE), (clustered, CLUSTERS)):
+        for cell in cells:
+            yield from kind(rng, *cell)
 
 
 if __name__ == "__main__":
-    main()
+    store("worst-cells", rows())

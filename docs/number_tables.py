@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from study.simulation import coverage
-from study.simulation.claims.readings import OpenChoice, Readings
+from study.simulation.claims.readings import Readings
 from study.simulation.claims.readings import read as read_readings
 
 MANY_POINTS = 10_000
@@ -89,23 +89,15 @@ def published(tables: Tables) -> str:
     return _markdown(["theirs", "here", "published", "here, 10⁴ MSE", "difference in errors", "10² bias"], rows)
 
 
-def _letters() -> dict[tuple[str, str], str]:
-    """Number and letter of each reading, by the names of its choice and its own."""
-    return {
-        (choice.name, one.name): f"{number}{letter}"
-        for number, choice in enumerate(_choices(), start=1)
-        for letter, one in zip("abcdefgh", choice.reading, strict=False)
-    }
-
-
-def _choices() -> list[OpenChoice]:
-    return read_readings(Path(__file__).parents[1] / "configs" / "readings.toml")
+def _readings(tables: Tables) -> Readings:
+    return Readings(read_readings(Path(__file__).parents[1] / "configs" / "readings.toml"), tables("readings"))
 
 
 def choices(tables: Tables) -> str:
     """What the paper leaves open, with the readings, the one that is used bold, and the claims that each changes."""
-    rows, letters, found = [], _letters(), Readings(_choices(), tables("readings"))
-    for choice in _choices():
+    rows, found = [], _readings(tables)
+    letters = found.letters
+    for choice in found.choices:
         ways = [
             f"{letters[choice.name, one.name]} " + (f"**{one.words}**" if one.name == choice.used else one.words)
             for one in choice.reading
@@ -119,23 +111,21 @@ def choices(tables: Tables) -> str:
 def readings(tables: Tables) -> str:
     """Verdicts on the claims under each reading; those that differ from the used one are bold."""
     short = {"reproduced": "yes", "partly": "part", "not reproduced": "no", "not evaluated": "–"}
-    table, letters = tables("readings"), _letters()
-    others = [(choice.name, one.name) for choice in _choices() for one in choice.reading if one.name != choice.used]
-    judged = {(row.claim, row.choice, row.reading): row.verdict for row in table.itertuples()}
+    found = _readings(tables)
     rows = []
     for row in tables("verdicts").to_dict("records"):
         cells = []
-        for key in others:
-            verdict = judged.get((row["name"], *key))
+        for key in found.others:
+            verdict = found.verdict(row["name"], *key)
             words = short[verdict] if verdict else "·"
             cells.append(f"**{words}**" if verdict and verdict != row["verdict"] else words)
         rows.append([f"{row['number']} {row['name']}", short[row["verdict"]], *cells])
-    return _markdown(["claim", "used", *(letters[key] for key in others)], rows)
+    return _markdown(["claim", "used", *(found.letters[key] for key in found.others)], rows)
 
 
 def readings_changed(tables: Tables) -> str:
     """Verdicts that another reading changes, with the first numbers behind them, and the claims that stand."""
-    found = Readings(_choices(), tables("readings"))
+    found = _readings(tables)
     numbers = tables("verdicts").set_index("name")["number"]
     stand = ", ".join(f"{numbers[name]} {name}" for name in sorted(found.standing, key=numbers.get))
     rows = []
@@ -169,7 +159,8 @@ def coverage_summary(tables: Tables) -> str:
 
 def coverage_cells(tables: Tables) -> str:
     """Coverage in every cell, by three methods."""
-    return _markdown(*_split(coverage.by_cell(tables("coverage"), ["mle", "als", "interval"])))
+    head, *rows = coverage.by_cell(tables("coverage"), ["mle", "als", "interval"])
+    return _markdown(head, rows)
 
 
 def decades(tables: Tables) -> str:
@@ -221,17 +212,12 @@ def outliers_robust(tables: Tables) -> str:
 
 def coverage_few(tables: Tables) -> str:
     """Fits of few points: the share that is ok, and how often the radius is held, over all and among the ok ones."""
-    table = tables("coverage_limits").query("kind == 'few'")
-    kinds = {
-        (angle, noise): part.set_index("samples")
-        for (angle, noise), part in table.groupby(["angle", "noise_over_radius"])
-    }
-    rows = []
-    for n in sorted(table["samples"].unique()):
-        cells = [part.loc[n] for part in kinds.values()]
-        rows.append(
-            [str(n), *(f"{_short(c['ok'], 3)} {_short(c['radius'], 3)}/{_short(c['radius_ok'], 3)}" for c in cells)]
-        )
+    kinds = dict(list(tables("coverage_limits").query("kind == 'few'").groupby(["angle", "noise_over_radius"])))
+    rows = [[str(n)] for n in sorted(tables("coverage_limits").query("kind == 'few'")["samples"].unique())]
+    for part in kinds.values():
+        for row, cell in zip(rows, part.sort_values("samples").to_dict("records"), strict=True):
+            ok, radius, radius_ok = (_short(cell[name], 3) for name in ("ok", "radius", "radius_ok"))
+            row.append(f"{ok} {radius}/{radius_ok}")
     return _markdown(["N", *(f"{angle:g}°, σ = {_short(noise)} r" for angle, noise in kinds)], rows)
 
 
@@ -252,13 +238,9 @@ def false_alarms(tables: Tables) -> str:
     rows = []
     for (angle, noise), part in table.groupby(["angle", "noise_over_radius"]):
         cells = part.set_index("samples")
-        shares = [_percent(cells.loc[n, "share"], cells.loc[n, "share_error"]) for n in numbers]
+        shares = [f"{100 * cells.share[n]:.2f} ± {_short(100 * cells.share_error[n])}" for n in numbers]
         rows.append([f"{angle:g}°, {_short(noise)}", *shares])
     return _markdown(["cap, σ/r", *[f"N = {n}" for n in numbers]], rows)
-
-
-def _percent(share: float, error: float) -> str:
-    return f"{100.0 * share:.2f} ± {_short(100.0 * error)}"
 
 
 def laws(tables: Tables) -> str:
@@ -301,19 +283,12 @@ def cluster(tables: Tables) -> str:
     """A simulated cluster: how busy its workers are, and what the scheduler and the parent take."""
     rows = []
     for row in tables("cluster").to_dict("records"):
-        busy = {name: row[f"{name}_cpu"] / row["tasks"] for name in ("scheduler", "parent")}
-        most = min(1.0, row["task_seconds"] / max(busy.values()) / row["workers"])
-        rows.append(
-            [
-                f"{row['workers']:,}",
-                f"{row['task_seconds']:.1f} s",
-                f"{100 * most:.0f} %",
-                f"{100 * row['efficiency']:.0f} %",
-                f"{1e3 * busy['scheduler']:.1f} / {1e3 * busy['parent']:.1f} ms",
-                f"{row['sent_kb']:.0f} / {row['came_kb']:.0f} kB",
-                f"{row['parent_mib']:.0f} / {row['finish_mib']:.0f} MiB",
-            ]
-        )
+        busy = {name: 1e3 * row[f"{name}_cpu"] / row["tasks"] for name in ("scheduler", "parent")}
+        most = min(1.0, 1e3 * row["task_seconds"] / max(busy.values()) / row["workers"])
+        rows.append([f"{row['workers']:,}", f"{row['task_seconds']:.1f} s", f"{100 * most:.0f} %"])
+        rows[-1] += [f"{100 * row['efficiency']:.0f} %", "{scheduler:.1f} / {parent:.1f} ms".format(**busy)]
+        rows[-1] += [f"{row['sent_kb']:.0f} / {row['came_kb']:.0f} kB"]
+        rows[-1] += [f"{row['parent_mib']:.0f} / {row['finish_mib']:.0f} MiB"]
     head = ["workers", "task", "at most", "efficiency here", "scheduler / parent, a task", "sent / back"]
     return _markdown([*head, "parent's peak, computing / joining"], rows)
 
@@ -346,20 +321,12 @@ def _by_angle(table: pd.DataFrame, key: str, values: list[float], names: list[st
         for name in names:
             title = "`gdke`, `lls`" if name == "gdke" else f"`{name}`"
             part = plain[(plain["angle"] == angle) & (plain["estimator"] == name)].set_index(key)
-            numbers = [
-                f"{part.loc[value, 'ratio_median'] / part.loc[value, 'median_cramer_rao']:.2f}" for value in values
-            ]
+            ratio = part["ratio_median"] / part["median_cramer_rao"]
+            numbers = [f"{ratio[value]:.2f}" for value in values]
             rows.append([f"**{angle:g}°** {title}" if name == "mle" else title, *numbers])
-    head = (
-        ["share of outliers", *[f"{100 * value:g} %" if value else "0" for value in values]]
-        if key == "outlier_share"
-        else [key, *values]
-    )
-    return _markdown([str(title) for title in head], rows)
-
-
-def _split(rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
-    return rows[0], rows[1:]
+    if key == "outlier_share":
+        return _markdown(["share of outliers", *(f"{100 * value:g} %" if value else "0" for value in values)], rows)
+    return _markdown([key, *map(str, values)], rows)
 
 
 def _with_error(value: float, error: float) -> str:

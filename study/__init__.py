@@ -34,9 +34,8 @@ if TYPE_CHECKING:
         minimum_zone,
         register,
     )
-    from study.fits.bounds import attainable_bound, crlb
+    from study.fits.bounds import attainable_bound, crlb, plan_fit
     from study.fits.given import GivenFit
-    from study.fits.planner import plan_fit
     from study.fits.spheres import CloudSpheres, fit_spheres
     from study.recordings.formats.read import read_recording
     from study.recordings.library import draw_skeleton, find_joint, find_joints
@@ -73,10 +72,8 @@ __all__ = [
 ]
 
 _PLACES = {
-    "attainable_bound": "study.fits.bounds",
-    "crlb": "study.fits.bounds",
+    **dict.fromkeys(["attainable_bound", "crlb", "plan_fit"], "study.fits.bounds"),
     "GivenFit": "study.fits.given",
-    "plan_fit": "study.fits.planner",
     **dict.fromkeys(["CloudSpheres", "fit_spheres"], "study.fits.spheres"),
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",

@@ -6,41 +6,19 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from study import __version__, instruction_set
-from study.options import ExitCode, GroupedHelp, shown, unchanged
+from study.options import ExitCode, GroupedHelp, echo, shown, unchanged
 from study.recordings.commands.joints import case_study, joint, joints, live
 from study.recordings.commands.skeleton import fetch, markersets, recording, skeleton, synthetic
-from study.simulation.commands import (
-    CONFIG_HELP,
-    RUNS,
-    Folder,
-    Jobs,
-    archive,
-    check,
-    claims,
-    configs,
-    cost,
-    coverage,
-    diff,
-    estimators,
-    plan,
-    readings,
-    regret,
-    report,
-    run_folder,
-    status,
-    summary,
-    verify,
-    with_plugins,
-    worker,
-    worst,
-)
+from study.simulation import commands
+from study.simulation.commands import CONFIG_HELP, RUNS, Folder, Jobs, opened, run_folder, with_plugins
+from study.text import did_you_mean, json_text
 
 app = typer.Typer(
     cls=GroupedHelp,
@@ -171,13 +149,11 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
     The config chooses the trials in [posterior]. The tables are stored, and their calibration is printed.
     """
     from study.simulation.posterior.run import compute, printed
-    from study.simulation.runs.run_folder import Run
 
-    run = Run.open(folder)
+    run = opened(folder)
     with _progress("posteriors") as advance:
         compute(run, jobs, advance)
-    for line in printed(run):
-        typer.echo(line)
+    echo(printed(run))
 
 
 def figures(words: Drawn, out: Pictures = None) -> None:
@@ -187,19 +163,16 @@ def figures(words: Drawn, out: Pictures = None) -> None:
     place in the code is printed, and the exit code is 1.
     """
     from study.simulation.figures import FAILED, FIGURES, draw_all
-    from study.simulation.runs.run_folder import Run
-    from study.text import did_you_mean
 
     names = [word for word in words if word in FIGURES]
     unknown = [word for word in words if word.startswith("fig") and word not in names and not Path(word).exists()]
     if unknown:
         raise typer.BadParameter(f"{', '.join(unknown)}: unknown; {did_you_mean(unknown, FIGURES)}")
-    runs = [Run.open(run_folder(word)) for word in words if word not in names]
+    runs = [opened(run_folder(word)) for word in words if word not in names]
     if not runs:
         raise typer.BadParameter(f"{' '.join(names)}: no run is given; give one before the figures")
     drawn, undrawn = draw_all(runs, out, names)
-    for path in drawn:
-        typer.echo(str(path))
+    echo(map(str, drawn))
     for name, reason in undrawn.items():
         typer.echo(f"{name}: {'' if reason.startswith(FAILED) else 'not drawn: '}{reason}", err=True)
     if any(reason.startswith(FAILED) for reason in undrawn.values()):
@@ -228,7 +201,7 @@ def fit(
     from study.fits import fitting
     from study.fits.fitting import choose, fit_all
     from study.fits.point_files import read_points
-    from study.fits.point_text import PointFileError
+    from study.fits.point_formats import PointFileError
 
     if as_json and as_csv:
         raise typer.BadParameter("give --json or --csv, not both")
@@ -250,22 +223,15 @@ def fit(
         except PointFileError as error:
             complaints.append(str(error))
     if not results:
-        raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
+        _end(complaints, True, ExitCode.USAGE)
     if as_json or as_csv:
         typer.echo(fitting.as_json(results) if as_json else fitting.as_csv(results))
     else:
-        for line in fitting.as_text(results, noise):
-            typer.echo(line)
+        echo(fitting.as_text(results, noise))
     if plot is not None:
-        from study.fits.fit_plot import draw, prepare
-        from study.style import save_picture
-
         (only,) = results
-        save_picture(draw(prepare(only.table.points, only.fits, only.table.names)), plot)
-    if complaints:
-        raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
-    if not all(each.ok() for each in results):
-        raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
+        _plot(only.table.points, only.fits, only.table.names, plot)
+    _end(complaints, all(each.ok() for each in results), ExitCode.TOO_MANY_FAILURES)
 
 
 def _fit_spheres(
@@ -273,9 +239,8 @@ def _fit_spheres(
 ) -> None:
     """Find spheres in each file, and print them."""
     from study.fits.point_files import read_points
-    from study.fits.point_text import PointFileError
+    from study.fits.point_formats import PointFileError
     from study.fits.spheres import as_rows, fit_spheres, printed
-    from study.text import json_text
 
     complaints, objects, complete = list[str](), list[dict[str, object]](), True
     for file in files:
@@ -291,18 +256,11 @@ def _fit_spheres(
             typer.echo(line if len(files) == 1 else f"{file}: {line}")
     if as_json:
         typer.echo(json_text(objects))
-    if complaints:
-        raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
-    if not complete:
-        raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
+    _end(complaints, complete, ExitCode.TOO_MANY_FAILURES)
 
 
 def certify(
-    folders: Pairs = None,
-    estimator: Certified = None,
-    limit: Limit = 1e-9,
-    out: PairsOut = None,
-    table: Errors = None,
+    folders: Pairs = None, estimator: Certified = None, limit: Limit = 1e-9, out: PairsOut = None, table: Errors = None
 ) -> None:
     """Compare fits with certified spheres.
 
@@ -324,14 +282,10 @@ def certify(
             results[name] = [certify.certificate(pair, name) for pair in pairs]
         if out is not None:
             certify.write_pairs(pairs, out / name)
-    for line in certify.printed(results, limit):
-        typer.echo(line)
+    echo(certify.printed(results, limit))
     if table is not None:
         save_frame(certify.frame(results, limit), table)
-    if complaints:
-        raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
-    if not all(one.passes(limit) for each in results.values() for one in each):
-        raise typer.Exit(ExitCode.FAILURE)
+    _end(complaints, all(one.passes(limit) for each in results.values() for one in each), ExitCode.FAILURE)
 
 
 def plan_fit(
@@ -347,18 +301,13 @@ def plan_fit(
 
     Of --error, --angle and --points two are given.
     """
-    from study.fits import planner
-    from study.text import json_text
+    from study.fits import bounds
 
     try:
-        plan = planner.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
+        plan = bounds.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
     except ValueError as fault:
         raise typer.BadParameter(str(fault)) from None
-    if as_json:
-        typer.echo(json_text(plan._asdict()))
-        return
-    for line in planner.printed(plan, noise, radius, error, of):
-        typer.echo(line)
+    echo([json_text(plan._asdict())] if as_json else bounds.plan_in_words(plan, noise, radius, error, of))
 
 
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:
@@ -370,47 +319,38 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
     from study.simulation.analysis.regret import fits, points, trial_printed
     from study.simulation.experiment.sampling import find, parse_name
     from study.simulation.runs.provenance import other_version
-    from study.simulation.runs.run_folder import Run
 
-    run = Run.open(folder)
+    run = opened(folder)
     drawn = find(run.study, *parse_name(cell, trial))
     if drawn.trial >= (count := run.trials().get(drawn.cell.name, drawn.trial + 1)):
         _complain(f"{folder}: cell {drawn.cell.name} has {count:,} trials; trial {drawn.trial} is not in its tables")
     if (warning := other_version(run.maker())) is not None:
         _complain(f"{folder}: {warning}")
-    for line in trial_printed(run.study, drawn):
-        typer.echo(line)
+    echo(trial_printed(run.study, drawn))
     if out is not None:
         save_frame(points(drawn), out)
     if plot is not None:
-        from study.fits.fit_plot import draw, prepare
-        from study.style import save_picture
-
         frame = points(drawn)
-        axes = [str(name) for name in frame.columns]
-        save_picture(draw(prepare(frame.to_numpy(), fits(run.study, drawn), axes)), plot)
+        _plot(frame.to_numpy(), fits(run.study, drawn), [*frame.columns], plot)
 
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Studies": (configs, plan, run, status, posterior, coverage, worker),
-    "Results": (summary, claims, readings, figures, report, worst, replay, regret, diff, verify, archive),
-    "Points and estimators": (fit, plan_fit, estimators, check, certify, cost),
+    "Studies": (commands.configs, commands.plan, run, commands.status, posterior, commands.coverage, commands.worker),
+    "Results": (
+        *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),
+        *(commands.regret, commands.diff, commands.verify, commands.archive),
+    ),
+    "Points and estimators": (fit, plan_fit, commands.estimators, commands.check, certify, commands.cost),
     "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
-    configs,
-    check,
-    certify,
-    cost,
-    coverage,
-    plan_fit,
-    worker,
+    *(commands.configs, commands.check, certify, commands.cost, commands.coverage, plan_fit, commands.worker),
     *_GROUPS["Recordings"],
 }
 _RESUMED = {"run", "posterior"}
 """Commands that go on where an interruption stopped them."""
-for _title, _commands in _GROUPS.items():
-    for _command in _commands:  # those that read configs, runs or names of estimators take --plugin
+for _title, _group in _GROUPS.items():
+    for _command in _group:  # those that read configs, runs or names of estimators take --plugin
         _entry = _command if _command in _NEEDS_NO_ESTIMATOR else with_plugins(_command)
         app.command(rich_help_panel=_title)(_entry)
 
@@ -436,7 +376,7 @@ def main(command: Callable[..., object] = app) -> None:
     """Entry point; see `ExitCode`."""
     instruction_set.fix()
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _interrupt)  # a batch system sends it when time is up
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # a batch system sends it when time is up
     for stream in (sys.stdout, sys.stderr):  # a terminal without Greek letters gets question marks
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -452,15 +392,14 @@ def main(command: Callable[..., object] = app) -> None:
         raise
     except Exception as error:
         from study.files import InputError, RunError
-        from study.fits.point_text import PointFileError
+        from study.fits.point_formats import PointFileError
         from study.fits.registry import PluginError
         from study.simulation.experiment.sampling import ReplayError
         from study.toml import ConfigError
 
-        if isinstance(error, ConfigError | PluginError | PointFileError | InputError | ReplayError):
-            raise SystemExit(_complain(str(error), ExitCode.USAGE)) from None
-        if isinstance(error, RunError):
-            raise SystemExit(_complain(str(error), ExitCode.FAILURE)) from None
+        if isinstance(error, ConfigError | PluginError | PointFileError | InputError | ReplayError | RunError):
+            code = ExitCode.FAILURE if isinstance(error, RunError) else ExitCode.USAGE
+            raise SystemExit(_complain(str(error), code)) from None
         if isinstance(error, OSError) and _output_is_lost():
             message = f"standard output: cannot be written: {error.strerror}"
             raise SystemExit(_complain(message, ExitCode.FAILURE)) from None
@@ -477,8 +416,20 @@ def _output_is_lost() -> bool:
     return False
 
 
-def _interrupt(number: int, frame: object) -> None:
-    raise KeyboardInterrupt
+def _end(complaints: Sequence[str], fine: bool, code: ExitCode) -> None:
+    """End with exit code 2 if there are complaints, which are printed, or with another code if not all is fine."""
+    if complaints:
+        raise typer.Exit(_complain("\n".join(complaints), ExitCode.USAGE))
+    if not fine:
+        raise typer.Exit(code)
+
+
+def _plot(points: Any, fits: Any, names: list[str], path: Path) -> None:
+    """Draw points and fits."""
+    from study.fits.fit_plot import draw, prepare
+    from study.style import save_picture
+
+    save_picture(draw(prepare(points, fits, names)), path)
 
 
 def _complain(message: str, code: int = ExitCode.COMPLETE) -> int:

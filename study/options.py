@@ -1,5 +1,6 @@
 """The ground of all commands: exit codes, ``--json``, help by groups, and streams that show control characters."""
 
+from collections.abc import Iterable
 from enum import IntEnum
 from typing import TYPE_CHECKING, Annotated, Any, TextIO, cast
 
@@ -10,6 +11,12 @@ if TYPE_CHECKING:
     from typer._click import Context, HelpFormatter
 
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object, with null where there is no number")]
+
+
+def echo(lines: Iterable[str]) -> None:
+    """Print lines."""
+    for line in lines:
+        typer.echo(line)
 
 
 class ExitCode(IntEnum):

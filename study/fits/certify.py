@@ -23,12 +23,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from study.arrays import Floats, Ints
 from study.files import InputError, explained, write
 from study.fits.form import minimum_zone
+from study.fits.random import stream
 from study.fits.registry import ESTIMATORS, fit
-from study.fits.streams import stream
 from study.text import columns, did_you_mean, number
 
 if TYPE_CHECKING:
@@ -106,34 +107,26 @@ class Certificate(NamedTuple):
         return self.error <= max(limit, min(self.resolution, _COARSEST))
 
 
-def _solve(matrix: list[list[Decimal]], right: list[Decimal]) -> list[Decimal]:
-    """Solution of a linear system by elimination with pivots; the arguments are used up."""
-    n = len(right)
-    for i in range(n):
-        pivot = max(range(i, n), key=lambda row: abs(matrix[row][i]))
-        matrix[i], matrix[pivot] = matrix[pivot], matrix[i]
-        right[i], right[pivot] = right[pivot], right[i]
-        for row in range(i + 1, n):
-            factor = matrix[row][i] / matrix[i][i]
-            matrix[row] = [a - factor * b for a, b in zip(matrix[row], matrix[i], strict=True)]
-            right[row] -= factor * right[i]
-    for i in reversed(range(n)):
-        rest = _dot(matrix[i][i + 1 :], right[i + 1 :])
-        right[i] = (right[i] - rest) / matrix[i][i]
-    return right
+Decimals = NDArray[np.object_]
+"""Array of decimal numbers, on which NumPy computes in the precision of the context."""
+_roots: Callable[[Decimals], Decimals] = np.frompyfunc(Decimal.sqrt, 1, 1)
 
 
-def _exact(points: Floats) -> list[list[Decimal]]:
-    """The points as decimal numbers, exactly."""
-    return [[Decimal(float(value)) for value in row] for row in points]
+def _decimals(values: ArrayLike) -> Decimals:
+    """Floating-point numbers as decimal ones, exactly."""
+    return np.asarray(np.frompyfunc(lambda value: Decimal(float(value)), 1, 1)(values))
 
 
-def _sum(values: Iterable[Decimal]) -> Decimal:
-    return sum(values, Decimal(0))
-
-
-def _dot(a: Iterable[Decimal], b: Iterable[Decimal]) -> Decimal:
-    return _sum(x * y for x, y in zip(a, b, strict=True))
+def _solve(matrix: Decimals, right: Decimals) -> Decimals:
+    """Solution of a linear system by elimination with pivots."""
+    system = np.column_stack([matrix, right])
+    for i in range(len(system)):
+        pivot = i + int(np.argmax(np.abs(system[i:, i])))
+        system[[i, pivot]] = system[[pivot, i]]
+        for row in range(len(system)):
+            if row != i:
+                system[row] -= system[row, i] / system[i, i] * system[i]
+    return np.asarray(system[:, -1] / system.diagonal())
 
 
 def least_squares(points: Floats, start: Floats) -> Sphere:
@@ -144,27 +137,17 @@ def least_squares(points: Floats, start: Floats) -> Sphere:
         start: a centre near the minimum (d,).
     """
     with localcontext(_WORKING):
-        x, center = _exact(points), [Decimal(float(value)) for value in start]
-        n, d = len(x), len(center)
+        x, center = _decimals(points), _decimals(start)
         while True:
-            rays = [[a - b for a, b in zip(row, center, strict=True)] for row in x]
-            lengths = [_dot(ray, ray).sqrt() for ray in rays]
-            units = [[value / length for value in ray] for ray, length in zip(rays, lengths, strict=True)]
-            radius = _sum(lengths) / n
-            mean = [_sum(unit[i] for unit in units) for i in range(d)]
-            slope = [_dot((length - radius for length in lengths), (unit[i] for unit in units)) for i in range(d)]
-            ratios = [radius / length for length in lengths]
-            curve = [
-                [
-                    _sum(q * unit[i] * unit[j] + (1 - q) * (i == j) for q, unit in zip(ratios, units, strict=True))
-                    - mean[i] * mean[j] / n
-                    for j in range(d)
-                ]
-                for i in range(d)
-            ]
-            step = _solve(curve, slope)
-            center = [a + b for a, b in zip(center, step, strict=True)]
-            if max(map(abs, step)) < radius.scaleb(-DIGITS - 2):
+            rays = x - center
+            lengths = _roots((rays * rays).sum(axis=1))
+            units, radius = rays / lengths[:, None], lengths.mean()
+            mean, ratios = units.sum(axis=0), radius / lengths
+            curve = (ratios[:, None] * units).T @ units - np.outer(mean, mean) / len(x)
+            curve += (1 - ratios).sum() * np.eye(len(mean), dtype=int)
+            step = _solve(curve, (lengths - radius) @ units)
+            center = center + step
+            if np.abs(step).max() < radius.scaleb(-DIGITS - 2):
                 return _rounded([*center, radius])
 
 
@@ -174,13 +157,12 @@ def linear_least_squares(points: Floats, start: Floats) -> Sphere:
     ``start`` is a point near the set (d,), from which coordinates are counted.
     """
     with localcontext(_WORKING):
-        near = [Decimal(float(value)) for value in start]
-        rows = [[a - b for a, b in zip(row, near, strict=True)] for row in _exact(points)]
-        design = [[*(2 * value for value in row), Decimal(1)] for row in rows]
-        squares = [_dot(row, row) for row in rows]
-        table = list(zip(*design, strict=True))
-        *center, rest = _solve([[_dot(a, b) for b in table] for a in table], [_dot(a, squares) for a in table])
-        return _rounded([*(a + b for a, b in zip(center, near, strict=True)), (rest + _dot(center, center)).sqrt()])
+        near = _decimals(start)
+        rows = _decimals(points) - near
+        design = np.column_stack([2 * rows, _decimals(np.ones(len(rows)))])
+        solution = _solve(design.T @ design, design.T @ (rows * rows).sum(axis=1))
+        center, rest = solution[:-1], solution[-1]
+        return _rounded([*(center + near), (rest + center @ center).sqrt()])
 
 
 def narrowest_zone(points: Floats, sides: Ints) -> Sphere:
@@ -193,14 +175,13 @@ def narrowest_zone(points: Floats, sides: Ints) -> Sphere:
         sides: 1 for a point outside the middle sphere, -1 for one inside it (d + 2,).
     """
     with localcontext(_WORKING):
-        first, *others = _exact(points)
-        lead, *signs = (int(side) for side in sides)
-        rays = [[a - b for a, b in zip(row, first, strict=True)] for row in others]
-        matrix = [[*(2 * v for v in ray), Decimal(2 * (sign - lead))] for ray, sign in zip(rays, signs, strict=True)]
-        *center, product_rt = _solve(matrix, [_dot(ray, ray) for ray in rays])
-        middle = _dot(center, center) - 2 * lead * product_rt  # r² + t²
+        x, signs = _decimals(points), sides.astype(object)
+        rays = x[1:] - x[0]
+        solution = _solve(np.column_stack([2 * rays, 2 * (signs[1:] - signs[0])]), (rays * rays).sum(axis=1))
+        center, product_rt = solution[:-1], solution[-1]
+        middle = center @ center - 2 * signs[0] * product_rt  # r² + t²
         radius = ((middle + 2 * product_rt).sqrt() + (middle - 2 * product_rt).sqrt()) / 2
-        return _rounded([*(a + b for a, b in zip(center, first, strict=True)), radius])
+        return _rounded([*(center + x[0]), radius])
 
 
 def _rounded(values: list[Decimal]) -> Sphere:
@@ -280,11 +261,11 @@ def reference_pairs(estimator: str) -> Iterator[ReferencePair]:
             residuals = layout.rng.uniform(-_INSIDE, _INSIDE, len(layout.directions))
             residuals[rows] = sides
             points = layout.points(0.5 * layout.form * layout.height * residuals)
-            yield ReferencePair(layout.name, points, narrowest_zone(points[rows], sides))
+            sphere = narrowest_zone(points[rows], sides)
         else:
             points = _least_squares_points(layout)
-            solve = SOLVERS[estimator]
-            yield ReferencePair(layout.name, points, solve(points, layout.center))
+            sphere = SOLVERS[estimator](points, layout.center)
+        yield ReferencePair(layout.name, points, sphere)
 
 
 SOLVERS: dict[str, Callable[[Floats, Floats], Sphere]] = {"mle": least_squares, "gdke": linear_least_squares}
@@ -296,15 +277,11 @@ CERTIFIED = (*SOLVERS, ZONE)
 def _resolution(pair: ReferencePair, zone: bool) -> float:
     """Change of centre and radius, in radii, if each coordinate moves by half a unit in its last place, at random."""
     *center, radius = pair.sphere
-    directions: list[list[float]] = []
-    ratios: list[float] = []
     with localcontext(_WORKING):
-        for point in _exact(pair.points):
-            ray = [a - b for a, b in zip(point, center, strict=True)]
-            length = _dot(ray, ray).sqrt()
-            directions.append([float(value / length) if length else 0.0 for value in ray])
-            ratios.append(float(length / radius))
-    units, lengths = np.array(directions), np.array(ratios)
+        rays = _decimals(pair.points) - np.array(center)
+        distance = _roots((rays * rays).sum(axis=1))
+        lengths = (distance / radius).astype(float)
+        units = (rays / (distance + (distance == 0))[:, None]).astype(float)
     base = np.column_stack([units, np.ones(len(units))])
     with np.errstate(over="ignore"):  # of a sphere that does not belong to the points
         moved = np.minimum(np.spacing(np.abs(pair.points)) / float(radius), 1.0) * 0.5 * units
@@ -323,13 +300,11 @@ def certificate(pair: ReferencePair, estimator: str) -> Certificate:
     else:
         fitted = fit(pair.points, estimator)
         answer = [*fitted.center, fitted.radius]
-    radius = pair.sphere[-1]
+    errors = (math.inf, math.inf)
     if np.isfinite(answer).all():
         with localcontext(_WORKING):
-            *across, along = (float((Decimal(float(a)) - b) / radius) for a, b in zip(answer, pair.sphere, strict=True))
-        errors = (math.hypot(*across), abs(along))
-    else:
-        errors = (math.inf, math.inf)
+            *across, along = ((_decimals(answer) - np.array(pair.sphere)) / pair.sphere[-1]).astype(float)
+        errors = (math.hypot(*across), float(abs(along)))
     return Certificate(pair.name, *errors, _resolution(pair, estimator == ZONE))
 
 
@@ -385,11 +360,8 @@ def frame(results: dict[str, list[Certificate]], limit: float) -> "pd.DataFrame"
     """Table of all errors: estimator, set, centre, radius, resolution, and if double precision tells the sphere."""
     import pandas as pd
 
-    rows = [
-        {"estimator": name, **one._asdict(), "told": one.is_told(limit)}
-        for name, each in results.items()
-        for one in each
-    ]
+    every = [(name, one) for name, part in results.items() for one in part]
+    rows = [{"estimator": name, **one._asdict(), "told": one.is_told(limit)} for name, one in every]
     return pd.DataFrame(rows, columns=["estimator", *Certificate._fields, "told"])
 
 

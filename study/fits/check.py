@@ -12,7 +12,6 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
@@ -165,16 +164,7 @@ def repeatable(fit: FitPoints, case: CheckCase) -> str:
     return "" if same else "another answer for the same points: use no random numbers but those of a fixed seed"
 
 
-PROPERTIES: dict[str, Property] = {
-    "answers": answers,
-    "exact": exact,
-    "shift": shift,
-    "rotation": rotation,
-    "scale": scale,
-    "permutation": permutation,
-    "batch": batch,
-    "repeatable": repeatable,
-}
+PROPERTIES: tuple[Property, ...] = (answers, exact, shift, rotation, scale, permutation, batch, repeatable)
 """The properties of sound data sets, in the order in which they are checked."""
 
 
@@ -184,8 +174,7 @@ def degenerate(fit: FitPoints, words: str, points: Floats) -> str:
         with np.errstate(all="ignore"):
             answer = fit(points, NOISE)
     except Exception as error:
-        line = str(error).split("\n")[0]
-        return f"raises on {words}: {type(error).__name__}: {line}"
+        return f"raises on {words}: {one_line(error)}"
     if answer.own_status == Status.OK and not (np.all(np.isfinite(answer.center)) and np.isfinite(answer.radius)):
         return f"says ok on {words}, and the centre or the radius is not finite: give such fits a status"
     return ""
@@ -194,10 +183,9 @@ def degenerate(fit: FitPoints, words: str, points: Floats) -> str:
 def _differs(words: str, answer: Fit, center: Floats, radius: float, size: float = 1.0) -> str:
     """Words for a sphere that is not the expected one; empty if it is, within the tolerance times the size."""
     limit = TOLERANCE * max(size, abs(radius))
-    away = float(np.linalg.norm(answer.center - center))
-    if not abs(float(answer.radius) - radius) <= limit:
-        value, expected = float(answer.radius), radius
-        return f"{words}: the radius is {_number(value, expected)} instead of {_number(expected, value)}"
+    away, value = float(np.linalg.norm(answer.center - center)), float(answer.radius)
+    if not abs(value - radius) <= limit:
+        return f"{words}: the radius is {_number(value, radius)} instead of {_number(radius, value)}"
     if not away <= limit:
         return f"{words}: the centre is {away:.3g} from where it should be, at radius {abs(radius):.3g}"
     return ""
@@ -249,7 +237,7 @@ def check_file(path: Path, budget: float = BUDGET, limit: float = LIMIT) -> list
 
 def check_estimator(name: str, budget: float = BUDGET, limit: float = LIMIT) -> CheckReport:
     """Check a registered estimator; see `check_file`."""
-    broken: dict[str, str] = {}
+    broken = dict[Callable[..., object], str]()
     sets, remarks, place = 0, [], ""
     unable = faults_of(name)
     end = perf_counter() + budget
@@ -271,17 +259,23 @@ def check_estimator(name: str, budget: float = BUDGET, limit: float = LIMIT) -> 
                     remarks.append(f"stopped after {budget:.3g} s at {case}: the estimator is slow")
                     break
                 sets, place = sets + 1, str(case)
-                for key, holds in PROPERTIES.items():
-                    if key not in broken and (words := _guarded(partial(holds, fitted, case))):
-                        broken[key] = f"{words} ({place})"
+                for holds in PROPERTIES:
+                    if holds in broken:
+                        continue
+                    try:
+                        words = holds(fitted, case)
+                    except Exception as error:
+                        words = f"raises on sound points: {one_line(error)}"
+                    if words:
+                        broken[holds] = f"{words} ({place})"
             for kind, points in degenerate_sets(d):
                 if perf_counter() > end:
                     break
                 place = f"{kind}, d = {d}"
-                if "degenerate" not in broken and (words := degenerate(fitted, kind, points)):
-                    broken["degenerate"] = f"{words} (d = {d})"
+                if degenerate not in broken and (words := degenerate(fitted, kind, points)):
+                    broken[degenerate] = f"{words} (d = {d})"
     except OvertimeError as error:  # every further data set might cost as much
-        broken["time"] = f"{error} ({place}); the check ends here"
+        broken[in_time] = f"{error} ({place}); the check ends here"
     return CheckReport(name, tuple(broken.values()), sets, tuple(remarks))
 
 
@@ -291,16 +285,6 @@ def printed(reports: list[CheckReport]) -> Iterator[str]:
         for words in report.violations:
             yield f"{report.estimator}: {words}"
         if not report.violations:
-            count = len(PROPERTIES) + 1
-            yield f"{report.estimator}: all {count} properties hold on {report.sets} data sets"
+            yield f"{report.estimator}: all {len(PROPERTIES) + 1} properties hold on {report.sets} data sets"
         for words in report.remarks:
             yield f"{report.estimator}: {words}"
-
-
-def _guarded(call: "partial[str]") -> str:
-    """Words of a property, or those of the exception that the estimator raised."""
-    try:
-        return call()
-    except Exception as error:
-        line = str(error).split("\n")[0]
-        return f"raises on sound points: {type(error).__name__}: {line}"

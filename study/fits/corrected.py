@@ -8,7 +8,7 @@ fit allows for. Here the equations for the centre have mean zero for *each* dire
 Every ν is consistent, and for ν = 0 the errors are least where the noise is small beside the points' extent, for ν = 1
 where it is not. `corrected` takes ν by what the points show, which changes the error in second order only.
 
-With ρ = R - r, s = σ² and the means of a noisy radius (`study.fits.radial`): D = E R - r, V = Var R, x₀₁ = λ₀₁ - r and
+With ρ = R - r, s = σ² and the means of a noisy radius (below): D = E R - r, V = Var R, x₀₁ = λ₀₁ - r and
 x₁₂ = λ₁₂ - r, the equations (theory 9.2) over N are
 
     h_c = c₁ mean ρe + ν mean ρ²e - c₀ ē,    c₁ = r - ν x₁₂,    c₀ = (1 - ν) r x₀₁ + ν r x₁₂ - α s/N,
@@ -21,6 +21,20 @@ and Ω the covariance of their terms. Given its direction u, a sample's terms ha
 E[f e eᵀ | u] = a uuᵀ + b (I - uuᵀ), with numbers A, a and b that are integrals over the noise. Hence J and Ω depend on
 the law of directions through m = E u and M = E uuᵀ alone, which follow from the mean and the covariance of the points:
 there is no further pass over them (theory §9.4).
+
+The means of a noisy radius are expectations of functions of R = |y|, y ~ N(r u, σ²I), for any dimension d ≥ 2.
+
+Noise lengthens a radius on average and shortens the mean of its direction e = y/R. All the means that corrected
+estimating equations need follow from two of them, both positive,
+
+    P = E 1/R    and    Q = E (e·u)/R²,
+
+by Stein's identity, with s = σ²:
+
+    E e·u = rP - sQ,    E R = r E e·u + (d-1) s P,    E R e·u = r,    E R² e·u = r E R + s E e·u.    (theory 9.1)
+
+P and Q are sums of positive terms where the noise is large, and a series in 1/t = 2σ²/r² where it is small, which
+gives differences such as E R - r without cancellation down to σ = 0.
 
 Source: theory §9.
 """
@@ -35,7 +49,6 @@ from study.arrays import Floats
 from study.fits.closed_forms import fuller_constant, root, shrunk
 from study.fits.geometric import CURVE, MEAN, PULL, SECOND, STRETCH, SphereSums, sphere_sums, sum_about
 from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, zeros
-from study.fits.radial import RadialMeans, angle_means, radial_means
 from study.fits.samples import Estimates, Samples, Status
 
 MOST_PASSES = 12
@@ -60,24 +73,138 @@ _FAR = 1e5
 """Distance from the origin, in units of the points' spread, beyond which they are moved to it: centres are rounded."""
 
 
-class RootStart(NamedTuple):
-    """Starting values of a batch, and the constants of its equations.
+_SERIES = 40.0
+"""Least t = r²/2σ² for the series in 1/t: its terms fall below e⁻ᵗ before they rise again."""
+_EPSILON = 2.0**-53
+_MOST_TERMS = 200
+
+
+class RadialMeans(NamedTuple):
+    """Means of a noisy radius and their derivatives by the radius r and the noise variance s = σ².
 
     Attributes:
-        origin: point near each set (b, d).
-        offset: centre relative to the origin (b, d).
-        radius: r (b,).
-        variance: s = σ² (b,), 0 where the start is the answer, because as few points leave no choice.
-        pair: ν, the share of the pair (R, R²) of powers beside (1, R) (b,).
-        fuller: α, Fuller's constant (b,).
+        lengthening: E R - r.
+        shortening: E e·u - 1, the derivative of E R by r less one.
+        variance: Var R.
+        excess01: λ₀₁ - r with λ₀₁ = r / E e·u, the radius at which E (R - λ) e = 0.
+        excess12: λ₁₂ - r with λ₁₂ = E R² e·u / r, the radius at which E (R - λ) R e = 0.
+        mean_by_s: ∂E R/∂s.
+        variance_by_r: ∂Var R/∂r.
+        variance_by_s: ∂Var R/∂s.
+        excess01_by_r: ∂λ₀₁/∂r - 1.
+        excess01_by_s: ∂λ₀₁/∂s.
+        excess12_by_r: ∂λ₁₂/∂r - 1.
+        excess12_by_s: ∂λ₁₂/∂s.
     """
 
-    origin: Floats
-    offset: Floats
-    radius: Floats
-    variance: Floats
-    pair: Floats
-    fuller: Floats
+    lengthening: float
+    shortening: float
+    variance: float
+    excess01: float
+    excess12: float
+    mean_by_s: float
+    variance_by_r: float
+    variance_by_s: float
+    excess01_by_r: float
+    excess01_by_s: float
+    excess12_by_r: float
+    excess12_by_s: float
+
+
+@compiled
+def _far_less_one(a: float, d: int, inverse: float) -> float:
+    """Σ_{k≥1} (a)_k ((3-d)/2)_k / k! t⁻ᵏ, ended where its terms vanish, given 1/t."""
+    term, total, least = 1.0, 0.0, math.inf
+    for k in range(_MOST_TERMS):
+        term *= (a + k) * (0.5 * (3 - d) + k) / (k + 1.0) * inverse
+        if abs(term) <= _EPSILON * abs(total) or (abs(term) >= least and abs(term) < _EPSILON):
+            break
+        least = abs(term)
+        total += term
+    return total
+
+
+@compiled
+def _near(a: float, b: float, t: float) -> float:
+    """e⁻ᵗ ₁F₁(b-a; b; t) for b > a: all terms are positive."""
+    term = total = math.exp(-t)
+    for k in range(10 * _MOST_TERMS):
+        term *= (b - a + k) / (b + k) * t / (k + 1.0)
+        total += term
+        if term <= _EPSILON * total:
+            break
+    return total
+
+
+@compiled
+def radial_means(radius: float, variance: float, dimension: int) -> RadialMeans:
+    """Means of a noisy radius.
+
+    Args:
+        radius: r > 0.
+        variance: s = σ² ≥ 0 of each coordinate, in the unit of r squared.
+        dimension: d ≥ 2.
+    """
+    r, s, d = radius, variance, dimension
+    inverse = 2.0 * s / (r * r)
+    if inverse * _SERIES < 1.0:
+        one, three = _far_less_one(0.5, d, inverse), _far_less_one(1.5, d, inverse)
+        p, q = (1.0 + one) / r, (1.0 + three) / (r * r)
+        shortening = one - s * q
+    else:
+        t, sigma = 1.0 / inverse, math.sqrt(s)
+        scale = math.exp(math.lgamma(0.5 * (d - 1)) - math.lgamma(0.5 * d)) * math.sqrt(0.5)
+        p = scale * _near(0.5, 0.5 * d, t) / sigma
+        q = scale * (r / d) * _near(1.5, 0.5 * d + 1.0, t) / (s * sigma)
+        shortening = r * p - s * q - 1.0
+    direction = 1.0 + shortening
+    lengthening = r * shortening + (d - 1) * s * p
+    mean = r + lengthening
+    spread = d * s - lengthening * (2.0 * r + lengthening)
+    mean_by_s = 0.5 * (d - 1) * p
+    by_r, by_s = (d - 1) * s * q / r, -0.5 * (d - 1) * q
+    return RadialMeans(
+        lengthening,
+        shortening,
+        spread,
+        -r * shortening / direction,
+        lengthening + s * direction / r,
+        mean_by_s,
+        -2.0 * (r * shortening + lengthening * direction),
+        d - 2.0 * mean * mean_by_s,
+        -shortening / direction - r * by_r / (direction * direction),
+        -r * by_s / (direction * direction),
+        shortening + s * by_r / r - s * direction / (r * r),
+        mean_by_s + direction / r + s * by_s / r,
+    )
+
+
+@compiled
+def angle_means(concentration: Floats, dimension: int, density: Floats, cosine: Floats) -> None:
+    """Means of the angle between a noisy sample and its direction, given the sample's radius R.
+
+    The angle has a von Mises-Fisher law whose concentration is κ = Rr/σ², by the density of y ~ N(r u, σ²I).
+
+    Args:
+        concentration: κ > 0 (b, k).
+        dimension: d ≥ 2.
+        density: receives √κ e^-κ I_ν(κ), ν = d/2 - 1 (b, k).
+        cosine: receives E[e·u | R] = I_{ν+1}(κ) / I_ν(κ) (b, k).
+    """
+    d, order = dimension, 0.5 * dimension - 1.0
+    scale = math.exp(-math.lgamma(order + 1.0) - order * math.log(2.0))
+    for t in range(concentration.shape[0]):
+        for k in range(concentration.shape[1]):
+            kappa = concentration[t, k]
+            inverse = 0.5 / kappa
+            if inverse * _SERIES < 1.0:
+                density[t, k] = (1.0 + _far_less_one(0.5 * (d - 1), d, inverse)) / math.sqrt(2.0 * math.pi)
+                higher = 1.0 + _far_less_one(0.5 * (d + 1), d + 2, inverse)
+                cosine[t, k] = higher / (density[t, k] * math.sqrt(2.0 * math.pi))
+            else:
+                here = _near(0.5 * (d - 1), d - 1.0, 2.0 * kappa)
+                density[t, k] = scale * kappa ** (order + 0.5) * here
+                cosine[t, k] = kappa / d * _near(0.5 * (d + 1), d + 1.0, 2.0 * kappa) / here
 
 
 class Member(NamedTuple):
@@ -274,35 +401,41 @@ def _fit(samples: Samples, eta: Floats, pair: float | Floats) -> Estimates:
     fit = shrunk(samples, eta, alpha)
     fit.condition.fill(np.nan)
     variance = np.where(n > d + 1.0, np.maximum(eta, _ROUNDING * regression.square) * (n - 1.0) / n, 0.0)
-    start = RootStart(origin, fit.center - origin, fit.radius.copy(), variance, pair + np.zeros_like(eta), alpha)
-    _fit_all(samples.rows, start, fit, zeros(d), zeros(d, d))
+    constants = np.stack([variance, pair + np.zeros_like(eta), alpha])
+    _fit_all(samples.rows, origin, constants, fit, zeros(d), zeros(d, d))
     return fit
 
 
 @compiled
-def _fit_all(x: Floats, start: RootStart, fit: Estimates, zero: Sums, square: Sums) -> None:
+def _fit_all(x: Floats, origins: Floats, constants: Floats, fit: Estimates, zero: Sums, square: Sums) -> None:
     """Solve the equations for each set of a batch (b, d, n), and write the roots that are near the starts.
 
-    ``fit`` holds the starts. ``zero`` and ``square`` are d and d² sums at zero.
+    Args:
+        x: the points.
+        origins: point near each set (b, d).
+        constants: s to start from, 0 where the start is the answer, as so few points leave no choice; ν and α (3, b).
+        fit: holds the starts, receives the roots.
+        zero: d sums at zero.
+        square: d² sums at zero.
     """
     b, d, n = x.shape
     scratch = Scratch(np.empty((1, d, CHUNK)), zero, square)
     room = RootRoom(np.empty(d), sphere_sums(d), np.empty(d + 2), np.empty((d + 2, d + 2)))
-    center = room.center
+    center, first = room.center, np.empty(d)
     for t in range(b):
-        if not (start.variance[t] > 0.0 and start.radius[t] > 0.0):
+        if not (constants[0, t] > 0.0 and fit.radius[t] > 0.0):
             continue
         for i in range(d):
-            center[i] = start.offset[t, i]
-        points, member = SampleBlock(x, t, 0, n), Member(n, start.pair[t], start.fuller[t])
-        r, s = start.radius[t], start.variance[t]
-        found, fit.iterations[t], r, s = _iterate(points, start.origin[t], r, s, member, room, scratch)
+            center[i] = first[i] = fit.center[t, i] - origins[t, i]
+        points, member = SampleBlock(x, t, 0, n), Member(n, constants[1, t], constants[2, t])
+        r, s = fit.radius[t], constants[0, t]
+        found, fit.iterations[t], r, s = _iterate(points, origins[t], r, s, member, room, scratch)
         away = 0.0
         for i in range(d):
-            away += (center[i] - start.offset[t, i]) ** 2
-        if found and away <= (_NEAR * start.radius[t]) ** 2:
+            away += (center[i] - first[i]) ** 2
+        if found and away <= (_NEAR * fit.radius[t]) ** 2:
             for i in range(d):
-                fit.center[t, i] = start.origin[t, i] + center[i]
+                fit.center[t, i] = origins[t, i] + center[i]
             fit.radius[t], fit.noise_variance[t] = r, s * n / (n - d - 1)
         elif fit.status[t] == Status.OK:
             fit.status[t] = Status.NOT_CONVERGED
@@ -375,10 +508,8 @@ def sandwich(samples: Samples, estimates: Estimates, pair: float | Floats) -> Fl
         if not good.any():
             return result
         r, regression = estimates.radius[good, None], samples.regression
-        variance, pair = (
-            np.maximum(estimates.noise_variance[good, None] / r**2, _LEAST_NOISE),
-            np.broadcast_to(pair, b)[good, None],
-        )
+        variance = np.maximum(estimates.noise_variance[good, None] / r**2, _LEAST_NOISE)
+        pair = np.broadcast_to(pair, b)[good, None]
         means = RadialMeans._make(np.transpose([radial_means(1.0, s, d) for s in variance[:, 0]])[..., None])
         mean = (regression.origin[good] + regression.mean[good] - estimates.center[good]) / r
         scatter = regression.covariance[good] / r[..., None] ** 2 - variance[..., None] * np.eye(d)

@@ -128,21 +128,25 @@ def as_html(fit: ShownFits) -> str:
 
 def statuses(status: Ints) -> str:
     """The statuses of fits in a few words: "ok" for one, "198 ok, 2 singular" for several."""
-    found, counts = np.unique(status, return_counts=True)
-    words = [Status(int(each)).name.lower().replace("_", " ") for each in found]
+    numbers, counts = np.unique(status, return_counts=True)
+    words = [Status(int(own)).name.lower().replace("_", " ") for own in numbers]
     if np.ndim(status) == 0:
         return words[0]
     return ", ".join(f"{count:,} {word}" for word, count in zip(words, counts, strict=True)) or "none"
+
+
+def meanings(texts: dict[str, str]) -> Iterator[str]:
+    """A line for each status in a few words, with its text."""
+    yield from (text if text.startswith(words) else f"{words}: {text}" for words, text in texts.items())
 
 
 def _rows(fit: ShownFits) -> Iterator[list[str]]:
     """Centre, radius, σ̂ and status of each fit, as texts."""
     errors, known = _errors(fit)
     flat = fit.estimates.reshape(-1)
-    for center, radius, sigma, status, error in zip(
-        flat.center, flat.radius, fit.sigma.ravel(), fit.status.ravel(), errors, strict=True
-    ):
-        measured = [_measured(*pair, known) for pair in zip([*center, radius], error, strict=True)]
+    for i, (sigma, status) in enumerate(zip(fit.sigma.ravel(), fit.status.ravel(), strict=True)):
+        sphere = [*flat.center[i], flat.radius[i]]
+        measured = [_measured(*pair, known) for pair in zip(sphere, errors[i], strict=True)]
         yield [*measured, number(float(sigma)), statuses(np.asarray(status))]
 
 

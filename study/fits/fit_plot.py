@@ -92,11 +92,9 @@ def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> FitFrame:
         basis = np.linalg.eigh(np.cov(away.T / (np.abs(away).max() or 1.0)))[1]  # ascending: the least is the depth
         basis *= np.sign(basis[np.abs(basis).argmax(axis=0), np.arange(d)])
         called = {d - 1: "greatest", d - 2: "middle" if d == 3 else "second greatest", 0: "least"}
-        words = {i: f"axis of {each} spread{_combination(basis[:, i], names)}" for i, each in called.items()}
-        views = [
-            _view(shown - origin, centers - origin, axes, basis[:, [i, 0]], (words[i], words[0]))
-            for i in (d - 1, d - 2)
-        ]
+        words = {i: f"axis of {rank} spread{_combination(basis[:, i], names)}" for i, rank in called.items()}
+        planes = [(basis[:, [i, 0]], (words[i], words[0])) for i in (d - 1, d - 2)]
+        views = [_view(shown - origin, centers - origin, axes, *plane) for plane in planes]
     extent = float(np.ptp(points, axis=0).max())
     fits_in = radii <= min(5.0 * float(np.median(radii)), 20.0 * extent) if len(radii) else np.zeros(0, dtype=bool)
     caption = f"{n:,} points" if len(shown) == n else f"{len(shown):,} of {n:,} points"
@@ -104,12 +102,10 @@ def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> FitFrame:
         caption += ", coordinates from their mean"
     if np.isfinite(axes).all(axis=(1, 2)).any():
         caption += "; ellipses: " + ("joint 95 % of the centre" if d == 2 else "shadows of the centre's 95 % ellipsoid")
-    notes = [
-        f"{_label(group)}: circle off the scale, radius {style.number(radius)}"
-        for group, radius, inside in zip(groups, radii, fits_in, strict=True)
-        if not inside
-    ]
-    return FitFrame(views, groups, radii, fits_in, caption, _statuses(fits, usable) + notes)
+    notes = _statuses(fits, usable)
+    for i in np.flatnonzero(~fits_in):
+        notes.append(f"{_label(groups[i])}: circle off the scale, radius {style.number(radii[i])}")
+    return FitFrame(views, groups, radii, fits_in, caption, notes)
 
 
 def _groups(fits: dict[str, Fit]) -> list[list[str]]:
@@ -201,18 +197,10 @@ def _words(figure: Figure, frame: FitFrame) -> None:
     columns = max(1, min(len(labels), 110 // (8 + max(map(len, labels), default=0))))
     lines = sum(label.count("\n") + 1 for label in labels) / columns + len(notes)
     figure.set_figheight(figure.get_figheight() + 0.14 * lines)
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=style.color(group[0]),
-            marker=style.marker(group[0]),
-            linestyle=_dashes(place),
-            markersize=4,
-            label=label,
-        )
-        for place, (group, label) in enumerate(zip(frame.groups, labels, strict=True))
-    ]
+    handles = []
+    for place, (group, label) in enumerate(zip(frame.groups, labels, strict=True)):
+        look = _look(place, frame) | {"linewidth": None}
+        handles.append(Line2D([], [], marker=style.marker(group[0]), markersize=4, label=label, **look))
     if handles:
         figure.legend(handles=handles, loc="outside upper left", ncols=columns)
     if notes:
@@ -226,10 +214,10 @@ def _whole(ax: Axes, view: Projection, frame: FitFrame) -> None:
     drawn = zip(frame.groups, view.centers, frame.radii, frame.fits_in, strict=True)
     for place, (group, center, radius, inside) in enumerate(drawn):
         if inside:
-            color, width = style.color(group[0]), _width(place, frame)
-            look: dict[str, Any] = {"linewidth": width, "linestyle": _dashes(place), "color": color}
+            look = _look(place, frame)
             ax.add_patch(Circle(tuple(center), radius, fill=False, zorder=3, **look))
-            ax.plot(*center, marker=style.marker(group[0]), color=color, markersize=2.2 * width, zorder=5)
+            size = 2.2 * look["linewidth"]
+            ax.plot(*center, marker=style.marker(group[0]), color=look["color"], markersize=size, zorder=5)
     reach = [view.points.min(axis=0), view.points.max(axis=0)]
     centers, radii = view.centers[frame.fits_in], frame.radii[frame.fits_in, None]
     low, high = np.min([*reach, *(centers - radii)], axis=0), np.max([*reach, *(centers + radii)], axis=0)
@@ -253,23 +241,20 @@ def _enlarged(ax: Axes, view: Projection, frame: FitFrame, shape: float) -> tupl
     half = np.array([wide, wide * shape])
     low, high = middle - half, middle + half
     for place, (group, center, axes) in enumerate(zip(frame.groups, view.centers, view.ellipses, strict=True)):
-        color, width = style.color(group[0]), _width(place, frame)
-        ax.plot(*center, marker=style.marker(group[0]), color=color, markersize=3.0 * width, zorder=5, linestyle="none")
+        look = _look(place, frame)
+        point = {"color": look["color"], "markersize": 3.0 * look["linewidth"], "linestyle": "none", "zorder": 5}
+        ax.plot(*center, marker=style.marker(group[0]), **point)
         if np.isfinite(axes).all():
             long, short = 2.0 * np.linalg.norm(axes, axis=0)
             turn = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
-            line = {"fill": False, "color": color, "linewidth": width, "linestyle": _dashes(place), "zorder": 4}
-            ax.add_patch(Ellipse((center[0], center[1]), long, short, angle=turn, **line))
+            ax.add_patch(Ellipse((center[0], center[1]), long, short, angle=turn, fill=False, zorder=4, **look))
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
     ax.set_title("centres and 95 % ellipses", loc="left")
     return low, high
 
 
-def _dashes(place: int) -> Any:
-    """Line style of a fit; that of the first, which may lie under others, is solid."""
-    return style.DASHES[place % len(style.DASHES)]
-
-
-def _width(place: int, frame: FitFrame) -> float:
-    """Width of a line; lines drawn first are wider, so that later ones do not hide them."""
-    return 0.8 + 1.2 * (1.0 - (place + 1) / len(frame.groups))
+def _look(place: int, frame: FitFrame) -> dict[str, Any]:
+    """Colour, dashes and width of a fit's lines: the first, which may lie under others, are solid and the widest."""
+    width = 0.8 + 1.2 * (1.0 - (place + 1) / len(frame.groups))
+    dashes = style.DASHES[place % len(style.DASHES)]
+    return {"color": style.color(frame.groups[place][0]), "linestyle": dashes, "linewidth": width}

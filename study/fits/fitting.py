@@ -16,10 +16,10 @@ import numpy as np
 
 from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
-from study.fits.display import statuses
+from study.fits.display import meanings, statuses
 from study.fits.given import GivenFit, takes
 from study.fits.point_files import PointTable
-from study.fits.point_text import PointFileError
+from study.fits.point_formats import PointFileError
 from study.fits.registry import load
 from study.fits.samples import explain
 from study.text import columns, did_you_mean, inert, json_text, number, with_error
@@ -52,15 +52,9 @@ def doubts(fit: Fit) -> Iterator[str]:
         yield f"{planned - samples} of {planned} rows lack a coordinate and are left out"
     if rows:
         named = ", ".join(str(row) for row in rows[:_NAMED]) + (" …" if len(rows) > _NAMED else "")
-        one = len(rows) == 1
-        points = (
-            f"1 of {samples} points is an outlier (row"
-            if one
-            else f"{len(rows)} of {samples} points are outliers (rows"
-        )
-        it = "it" if one else "them"
+        are, it = ("is an outlier (row", "it") if len(rows) == 1 else ("are outliers (rows", "them")
         use = f"leaves {it} out" if fit.without_outliers else f"uses {it}; -e robust leaves {it} out"
-        yield f"{points} {named}): the fit {use}"
+        yield f"{len(rows)} of {samples} points {are} {named}): the fit {use}"
     copies = int(fit.copies)
     if copies:
         repeat, they = ("repeats an earlier one", "it is") if copies == 1 else ("repeat earlier ones", "they are")
@@ -116,7 +110,6 @@ def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
 
 
 def _between(low: float, high: float) -> str:
-    low, high = float(low), float(high)
     return f"{_digits(low, high - low)} to {_digits(high, high - low)}"
 
 
@@ -302,10 +295,8 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
             yield from first.remarks()
     else:
         yield from _table(files)
-    chosen = [
-        f"coordinates are {', '.join(table.names)}; columns left out: {', '.join(table.left)}"
-        for table in _tables(files)
-    ]
+    tables = [one.table for one in files if one.table.left]
+    chosen = [f"coordinates are {', '.join(t.names)}; columns left out: {', '.join(t.left)}" for t in tables]
     yield from dict.fromkeys(chosen)
     idle = [] if noise is None else [name for name, fit in files[0].fits.items() if not fit.noise_is_known]
     if idle:
@@ -313,17 +304,12 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
     yield STANDARD_UNCERTAINTY
 
 
-def _tables(files: list[FileFits]) -> list[PointTable]:
-    """The tables of which columns were left out."""
-    return [each.table for each in files if each.table.left]
-
-
 def _table(files: list[FileFits]) -> Iterator[str]:
     """A line per file and estimator, and the meaning of statuses that are not ok."""
     most = max(files, key=lambda each: len(each.table.names)).table.names
     same = all(each.table.names == most for each in files)
     axes = most if same else [f"center {i}" for i in range(1, len(most) + 1)]
-    cells, meanings, remarks = [], {}, 0
+    cells, texts, remarks = [], {}, 0
     for each in files:
         for (estimator, answer), row in zip(each.fits.items(), each.rows(), strict=True):
             names = each.table.names
@@ -332,22 +318,23 @@ def _table(files: list[FileFits]) -> Iterator[str]:
             radius, noise = with_error(row["radius"], row["radius_error"]), number(row["noise"])
             status, said = statuses(answer.status), len(list(doubts(answer)))
             if not answer.ok:
-                meanings[status] = row["status"]
+                texts[status] = row["status"]
             remarks += said
-            cells.append(
-                [str(each.path), estimator, *center, radius, noise, str(row["samples"]), str(said or "-"), status]
-            )
+            counts = [str(row["samples"]), str(said or "-")]
+            cells.append([str(each.path), estimator, *center, radius, noise, *counts, status])
     yield from columns(cells, ["file", "estimator", *axes, "radius", "noise", "samples", "remarks", "status"])
-    yield from (
-        meaning if meaning.startswith(status) else f"{status}: {meaning}" for status, meaning in meanings.items()
-    )
+    yield from meanings(texts)
     if remarks:
         yield "study fit with one of the files prints the remarks on it, such as its outliers"
 
 
 def as_json(files: list[FileFits]) -> str:
     """A list of objects, one per file and estimator, with the library's names; null where there is no number."""
-    return json_text([_object(each, fit) for each in files for fit in each.fits.values()])
+    rows = []
+    for one in files:
+        file = {"file": one.path, "coordinates": one.table.names, "columns_left_out": one.table.left}
+        rows += [file | fit.to_dict() for fit in one.fits.values()]
+    return json_text(rows)
 
 
 def as_csv(files: list[FileFits]) -> str:
@@ -358,14 +345,6 @@ def as_csv(files: list[FileFits]) -> str:
     writer = csv.DictWriter(text, list(titles), lineterminator="\n")
     writer.writerow(titles)
     for row in rows:
-        writer.writerow({name: "" if _is_no_number(value) else inert(value) for name, value in row.items()})
+        empty = {name for name, value in row.items() if isinstance(value, float) and not math.isfinite(value)}
+        writer.writerow({name: "" if name in empty else inert(value) for name, value in row.items()})
     return text.getvalue().rstrip("\n")
-
-
-def _object(each: FileFits, fit: Fit) -> dict[str, object]:
-    more = {"file": each.path, "coordinates": each.table.names, "columns_left_out": each.table.left}
-    return more | fit.to_dict()
-
-
-def _is_no_number(value: object) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)

@@ -1,7 +1,7 @@
 """Fits with what is known beforehand: the radius, or the noise of each point.
 
 `study.fit` hands points here when a radius is given, or a noise for each point. Which estimators take which is in
-`WAYS`. Their answer is a `GivenFit`: a `Fit` whose covariances and intervals use what is known.
+`check_way`. Their answer is a `GivenFit`: a `Fit` whose covariances and intervals use what is known.
 
 Closed forms are unbiased linear equations (theory 9.8). With y = x - x̄ about the weighted centroid, weights p of mean 1
 and a noise covariance T of each point, ĉ = x̄ + a solves
@@ -17,7 +17,7 @@ one equation in θ.
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -31,16 +31,7 @@ from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness
 from study.fits.intervals import Intervals
 from study.fits.samples import Estimates, Samples, Status, blank
-from study.fits.weighted import (
-    Spheres,
-    Weighted,
-    center_ends,
-    cost,
-    covariance,
-    profile,
-    radius_ends,
-    solve,
-)
+from study.fits.weighted import Spheres, Weighted, center_ends, cost, covariance, profile, radius_ends, solve
 from study.text import number, with_error
 
 _FULLER = 2.0
@@ -58,23 +49,9 @@ _FALSE_ALARMS = 0.01
 """Share of clean data sets in which a point with a noise of its own is named an outlier."""
 
 
-class Way(NamedTuple):
-    """Things that an estimator takes beforehand: a radius, a noise σ for each point, a covariance for each."""
-
-    radius: bool
-    sigmas: bool
-    covariances: bool
-
-
-_CLOSED = ("gdke", "ugdk", "als")
-WAYS = {
-    "corrected": Way(True, True, True),
-    "mle": Way(True, True, True),
-    "als": Way(True, True, False),
-    "ugdk": Way(True, True, True),
-    "gdke": Way(True, True, True),
-}
-"""Estimators that take what is known beforehand."""
+_CLOSED = ("als", "ugdk", "gdke")
+_ITERATED = ("corrected", "mle")
+"""Estimators that take what is known beforehand: all of it, while the closed forms do not take every covariance."""
 
 
 class Given(NamedTuple):
@@ -126,30 +103,20 @@ def given_of(shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike 
                 f"({n},), ({n}, {d}) or ({n}, {d}, {d})"
             )
         return Given(known, None, False, None if array is None else float(array))
-    each = array.ndim - (1 if array.shape[-1:] == (n,) else 2 if array.shape[-2:] == (n, d) else 3)
-    try:
-        array = np.broadcast_to(array, (*lead, *array.shape[each:])).reshape(b, *array.shape[each:])
-    except ValueError:
-        words = f"its leading axes must be those of the points, {tuple(lead)}"
-        raise ValueError(f"noise has shape {array.shape}: {words}") from None
-    return Given(known, point_noise(array), scale == "estimated", None)
+    return Given(known, point_noise(array, shape), scale == "estimated", None)
 
 
 def check_way(estimator: str, given: Given) -> None:
     """Raise a ValueError, which names those that can, if an estimator does not take what is known."""
-    needs = {
-        "radius": bool(np.isfinite(given.radius).any()),
-        "sigmas": given.noise is not None and given.noise.ndim == 2,
-        "covariances": given.noise is not None and given.noise.ndim == 4,
-    }
-    words = {"radius": "known radius", "sigmas": "noise for each point", "covariances": "covariance for each point"}
-    wanted = [name for name, needed in needs.items() if needed]
-    able = [name for name, way in WAYS.items() if all(getattr(way, each) for each in wanted)]
-    if needs["radius"] and needs["covariances"]:
-        able = [name for name in able if name in ("corrected", "mle")]
+    able, known = [*_ITERATED, *_CLOSED], ["known radius"] * bool(np.isfinite(given.radius).any())
+    if given.noise is not None and given.noise.ndim == 4:
+        able = [*_ITERATED] if known else [name for name in able if name != "als"]
+        known.append("covariance for each point")
+    elif given.noise is not None:
+        known.append("noise for each point")
     if estimator not in able:
-        both = " and a ".join(words[each] for each in wanted)
-        raise ValueError(f"estimator = {estimator!r}: takes no {both}; {_listed(able)} do")
+        names = f"{', '.join(able[:-1])} and {able[-1]}"
+        raise ValueError(f"estimator = {estimator!r}: takes no {' and a '.join(known)}; {names} do")
     if estimator == "ugdk" and given.relative:
         raise ValueError("estimator = 'ugdk': subtracts the noise, so that its scale must be given; als finds it")
     if estimator == "ugdk" and given.noise is None and given.sigma is None:
@@ -165,11 +132,6 @@ def takes(estimator: str, shape: tuple[int, ...], *known: Any) -> bool:
     return True
 
 
-def _listed(names: Iterable[str]) -> str:
-    *first, last = names
-    return f"{', '.join(first)} and {last}" if first else last
-
-
 def weighted(x: Floats, given: Given, estimator: str) -> Weighted:
     """The points (b, d, n) with the weights that are given."""
     noise, known = given.noise, not given.relative
@@ -180,14 +142,14 @@ def weighted(x: Floats, given: Given, estimator: str) -> Weighted:
 
 
 def estimate(sets: Weighted, estimator: str) -> Estimates:
-    """Fit a batch by an estimator of `WAYS`, in the unit of the points."""
+    """Fit a batch by an estimator that takes what is given, in the unit of the points."""
     b, _, d = sets.points.shape
-    result, some = blank(b, d), np.flatnonzero(sets.usable)
+    result, places = blank(b, d), np.flatnonzero(sets.usable)
     result.status[:] = np.where(sets.size < d + 1, Status.TOO_FEW_POINTS, Status.NOT_FINITE)
     result.status[(sets.size > d) & (sets.unit == 0.0)] = Status.SINGULAR
-    if not len(some):
+    if not len(places):
         return result
-    part = sets.take(some)
+    part = sets.take(places)
     with np.errstate(all="ignore"):
         extent = np.linalg.eigvalsh(np.einsum("bn,bni,bnj->bij", part.weights, part.points, part.points))
         sphere = _closed(part, estimator if estimator in _CLOSED else "gdke")
@@ -204,8 +166,8 @@ def estimate(sets: Weighted, estimator: str) -> Estimates:
         numbers = [part.origin + sphere.center * part.unit[:, None], sphere.radius * part.unit, size]
     for whole, values in zip(result, numbers, strict=False):
         values[lost] = np.nan
-        whole[some] = values
-    result.status[some] = status
+        whole[places] = values
+    result.status[places] = status
     return result
 
 
@@ -220,7 +182,7 @@ def _closed(sets: Weighted, estimator: str) -> Spheres:
         scale[~known] = _least_root(sets.take(np.flatnonzero(~known)))
     if estimator == "ugdk":  # the centroid takes one degree of freedom
         scale = np.where(known, scale, scale * (n - 1.0) / n)
-    noise = sets.covariances if sets.covariances is not None else _isotropic(sets)
+    noise = sets.variances[..., None, None] * np.eye(d) if sets.covariances is None else sets.covariances
     trace, share = np.einsum("bnii->bn", noise), p / n[:, None]
     matrix = np.einsum("bn,bni,bnj->bij", share, y, y) - scale[:, None, None] * np.einsum("bn,bnij->bij", share, noise)
     third = np.einsum("bn,bni->bi", share * (square - scale[:, None] * trace), y)
@@ -236,17 +198,10 @@ def _closed(sets: Weighted, estimator: str) -> Spheres:
         radius[known] = sets.radius[known]
     spare = np.maximum(n - d - ~known, 1.0)
     deviation = cost(sets, np.nan_to_num(center), np.nan_to_num(radius)) / spare
-    settled = np.isfinite(sets.scale) | (estimator == "als")
-    scale = np.where(np.isfinite(sets.scale), sets.scale, np.where(settled, scale, deviation))
     if estimator == "als":  # a fit of d + 1 parameters leaves so much of the variance
-        scale = np.where(np.isfinite(sets.scale) | known, scale, scale * n / spare)
-    found = np.isfinite(center).all(axis=1) & np.isfinite(radius)
-    return Spheres(center, radius, scale, found)
-
-
-def _isotropic(sets: Weighted) -> Floats:
-    """Covariances I/p of points whose noise is isotropic (b, n, d, d)."""
-    return np.asarray(sets.variances[..., None, None] * np.eye(sets.points.shape[2]))
+        deviation = np.where(known, scale, scale * n / spare)
+    scale = np.where(np.isfinite(sets.scale), sets.scale, deviation)
+    return Spheres(center, radius, scale, np.isfinite(center).all(axis=1) & np.isfinite(radius))
 
 
 def _least_root(sets: Weighted) -> Floats:
@@ -372,14 +327,9 @@ class GivenFit(Fit):
         sets, flat = self._sets, self._estimates.reshape(-1)
         with np.errstate(all="ignore"):
             center = (flat.center - sets.origin) / sets.unit[:, None]
-            scale = np.where(np.isfinite(sets.scale), sets.scale, self._scale)
+            scale = flat.noise_variance / sets.unit**2 / sets.mean_variance
+            scale = np.where(np.isfinite(sets.scale), sets.scale, scale)
         return Spheres(center, flat.radius / sets.unit, scale, np.isfinite(flat.radius))
-
-    @cached_property
-    def _scale(self) -> Floats:
-        """The scale s that the noise variances stand for, in the units of the sets."""
-        sets = self._sets
-        return np.asarray(self._estimates.reshape(-1).noise_variance / sets.unit**2 / sets.mean_variance)
 
     @property
     def noise_is_known(self) -> bool:
@@ -389,9 +339,9 @@ class GivenFit(Fit):
     @cached_property
     def own_covariance(self) -> Floats:
         """Covariance of (ĉ, r̂) for white noise (…, d+1, d+1), unit squared; a known radius has none (theory 9.6)."""
-        found = covariance(self._sets, self._spheres, self._estimator == "corrected")
-        found[~self._spheres.found] = np.nan
-        return (found * (self._sets.unit**2)[:, None, None]).reshape(*self.shape, *found.shape[1:])
+        result = covariance(self._sets, self._spheres, self._estimator == "corrected")
+        result[~self._spheres.found] = np.nan
+        return (result * (self._sets.unit**2)[:, None, None]).reshape(*self.shape, *result.shape[1:])
 
     @cached_property
     def allowance(self) -> Floats:
@@ -409,14 +359,10 @@ class GivenFit(Fit):
         with np.errstate(all="ignore"):
             square = cost(sets, sphere.center, sphere.radius) / (sets.size - sphere.center.shape[1] - free)
             given = np.where(np.isfinite(sets.scale), sets.scale, np.nan if self._given.noise is None else 1.0)
-            unit = np.where(np.isfinite(sets.scale), 1.0, sets.unit**2 / self._size)
+            known = weighted(self._points.samples.x, self._given._replace(relative=False), self._estimator)
+            size = known.scale * known.unit**2  # of a point of weight 1, as its noise was given
+            unit = np.where(np.isfinite(sets.scale), 1.0, sets.unit**2 / size)
             return np.asarray(np.sqrt(square * unit / given).reshape(self.shape))
-
-    @cached_property
-    def _size(self) -> Floats:
-        """Noise variance of a point of weight 1, as it was given (b,)."""
-        known = weighted(self._points.samples.x, self._given._replace(relative=False), self._estimator)
-        return np.asarray(known.scale * known.unit**2)
 
     @cached_property
     def radius_test(self) -> RadiusTest:
@@ -429,17 +375,15 @@ class GivenFit(Fit):
         free = known._replace(radius=np.full(len(known.radius), np.nan))
         with np.errstate(all="ignore"):
             start = self._spheres
-            found = solve(free, solve(free, start, corrected=False), corrected=True, fuller=_FULLER)
+            sphere = solve(free, solve(free, start, corrected=False), corrected=True, fuller=_FULLER)
             score = profile(known, known.radius, start).score
-            error = np.sqrt(covariance(free, found)[:, -1, -1])
+            error = np.sqrt(covariance(free, sphere)[:, -1, -1])
             spare = np.maximum(known.size - start.center.shape[1] - 1, 1.0)
             exact = np.isfinite(known.scale)
-            p = np.where(
-                exact, 2.0 * scipy.special.ndtr(-np.abs(score)), 2.0 * scipy.special.stdtr(spare, -np.abs(score))
-            )
-            lost = ~np.isfinite(known.radius)
-        numbers = [found.radius * known.unit, error * known.unit, p]
-        return RadiusTest(*(np.where(lost, np.nan, each).reshape(self.shape) for each in numbers))
+            tail = np.where(exact, scipy.special.ndtr(-np.abs(score)), scipy.special.stdtr(spare, -np.abs(score)))
+        numbers = [sphere.radius * known.unit, error * known.unit, 2.0 * tail]
+        lost = ~np.isfinite(known.radius)
+        return RadiusTest(*(np.where(lost, np.nan, array).reshape(self.shape) for array in numbers))
 
     def remarks(self) -> Iterator[str]:
         """Lines about what was given, and whether the points agree; for a single fit."""
@@ -462,16 +406,14 @@ class GivenFit(Fit):
         sets, sphere = self._sets, self._spheres
         with np.errstate(all="ignore"):
             away = sets.points - sphere.center[:, None]
-            distance = np.linalg.norm(away, axis=2)
-            weights = sets.weights
+            distance, weights = np.linalg.norm(away, axis=2), sets.weights
             if sets.covariances is not None:
                 e = away / distance[..., None]
                 weights = 1.0 / np.einsum("bni,bnij,bnj->bn", e, sets.covariances, e)
             size = np.abs(distance - sphere.radius[:, None]) * np.sqrt(weights / sphere.scale[:, None])
-            limit = scipy.special.stdtrit(np.maximum(sets.size - 4.0, 1.0), 1.0 - 0.5 * _FALSE_ALARMS / sets.size)
-            limit = np.where(np.isfinite(sets.scale), scipy.special.ndtri(1.0 - 0.5 * _FALSE_ALARMS / sets.size), limit)
-            found = sets.present & (size > limit[:, None])
-        return np.asarray(found.reshape(*self.shape, found.shape[1]))
+            limit = _quantile(sets, np.maximum(sets.size - 4.0, 1.0), 1.0 - 0.5 * _FALSE_ALARMS / sets.size)
+            named = sets.present & (size > limit[:, None])
+        return np.asarray(named.reshape(*self.shape, named.shape[1]))
 
     @cached_property
     def goodness(self) -> Goodness:
@@ -517,20 +459,21 @@ def given_intervals(sets: Weighted, level: float) -> Intervals:
     result.radius[:], result.center[:] = (0.0, np.inf), (-np.inf, np.inf)
     known = np.isfinite(sets.radius)
     with np.errstate(all="ignore"):
-        for some, ends_of in ((known, _with_radius), (~known, _without_radius)):
-            enough = np.flatnonzero(some & sets.usable & (sets.size > d + 1))
+        for alike, ends_of, fitted in ((known, _with_radius, d), (~known, _without_radius, d + 1)):
+            enough = np.flatnonzero(alike & sets.usable & (sets.size > d + 1))
             if len(enough):
                 part = sets.take(enough)
-                spare = part.size - d - 1.0 + some[enough[0]] * known[enough[0]]
-                tail = 0.5 * (1.0 + level)
-                quantile = np.where(
-                    np.isfinite(part.scale), scipy.special.ndtri(tail), scipy.special.stdtrit(spare, tail)
-                )
-                ends = ends_of(part, quantile)
+                ends = ends_of(part, _quantile(part, part.size - fitted, 0.5 * (1.0 + level)))
                 result.radius[enough] = ends.radius * part.unit[:, None]
                 result.center[enough] = part.origin[..., None] + ends.center * part.unit[:, None, None]
                 result.noise_share[enough] = ends.noise_share
     return result
+
+
+def _quantile(sets: Weighted, spare: Floats, level: Floats | float) -> Floats:
+    """Quantile of the normal law where the scale of the noise is known, else of Student's t (b,)."""
+    quantile = np.where(np.isfinite(sets.scale), scipy.special.ndtri(level), scipy.special.stdtrit(spare, level))
+    return np.asarray(quantile)
 
 
 def _with_radius(sets: Weighted, quantile: Floats) -> Intervals:
@@ -542,9 +485,8 @@ def _with_radius(sets: Weighted, quantile: Floats) -> Intervals:
     other = solve(sets, least._replace(center=-least.center), corrected=False)
     apart = np.linalg.norm(other.center - least.center, axis=1) > 1e-3 * sets.radius
     excess = cost(sets, other.center, sets.radius) - cost(sets, least.center, sets.radius)
-    beside = apart & other.found
-    both = beside & (excess <= quantile**2 * at.sphere.scale)
-    doubt = beside & (excess <= _SIDES**2 * at.sphere.scale)
+    both = apart & other.found & (excess <= quantile**2 * at.sphere.scale)
+    doubt = apart & other.found & (excess <= _SIDES**2 * at.sphere.scale)
     second = profile(sets, sets.radius, other)
     half = quantile[:, None] * second.errors
     center[both, :, 0] = np.fmin(center[..., 0], second.sphere.center - half)[both]
@@ -562,12 +504,11 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     fine = sphere.found & (sphere.radius < _FAR)
     radius, center = np.tile([0.0, np.inf], (len(fine), 1)), np.empty_like(sets.origin[..., None].repeat(2, axis=2))
     center[:] = -np.inf, np.inf
-    some = np.flatnonzero(fine)
-    part, sphere = sets.take(some), sphere.take(some)
-    radius[some] = radius_ends(part, sphere, quantile[some])
-    center[some] = center_ends(part, sphere, radius[some], quantile[some])
+    part, sphere = sets.take(fine), sphere.take(fine)
+    radius[fine] = radius_ends(part, sphere, quantile[fine])
+    center[fine] = center_ends(part, sphere, radius[fine], quantile[fine])
     share = np.full(len(fine), np.nan)
-    share[some] = np.sqrt(sphere.scale) / sphere.radius
+    share[fine] = np.sqrt(sphere.scale) / sphere.radius
     return Intervals(radius, center, share)
 
 
@@ -580,8 +521,8 @@ def fit_given(points: Floats, estimator: str, given: Given, ordered: bool = Fals
         unknown = given.noise <= 0.0 if given.noise.ndim == 2 else np.einsum("bnii->bn", given.noise) <= 0.0
         x[np.broadcast_to(unknown[:, None], x.shape)] = np.nan
     infinite = np.isinf(x).any(axis=(1, 2))
-    found = estimate(weighted(np.where(infinite[:, None, None], np.nan, x), given, estimator), estimator)
-    found.status[infinite] = Status.NOT_FINITE
-    fitted = np.isfinite(found.radius) & np.isfinite(given.radius)
-    found.radius[fitted] = given.radius[fitted]
-    return GivenFit(found.reshape(*lead), Samples(x), estimator, given, ordered)
+    answer = estimate(weighted(np.where(infinite[:, None, None], np.nan, x), given, estimator), estimator)
+    answer.status[infinite] = Status.NOT_FINITE
+    fitted = np.isfinite(answer.radius) & np.isfinite(given.radius)
+    answer.radius[fitted] = given.radius[fitted]
+    return GivenFit(answer.reshape(*lead), Samples(x), estimator, given, ordered)

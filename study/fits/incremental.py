@@ -17,7 +17,7 @@ from study.fits.bounds import noise_covariance
 from study.fits.closed_forms import residual_noise
 from study.fits.jit import compiled
 from study.fits.moments import Moments
-from study.fits.samples import Estimates, Estimator, Samples, Status, blank, is_ordinary
+from study.fits.samples import Estimates, Estimator, Samples, Status, blank, is_ordinary, remove
 
 
 class Running(NamedTuple):
@@ -100,9 +100,7 @@ def igdk(samples: Samples) -> Estimates:
     fit.noise_variance[:] = residual_noise(samples.regression, fit.center - samples.moments.mean)
     fit.status[~regular] = Status.SINGULAR
     fit.status[~np.isfinite(samples.moments.fourth)] = Status.NOT_FINITE
-    lost = fit.status != Status.OK
-    fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
-    return fit
+    return remove(fit, fit.status != Status.OK)
 
 
 class Incremental:
@@ -191,11 +189,11 @@ class Incremental:
         if noise is not None:
             noise_covariance(noise, self.dimension)
         if self.moments is None or self.moments.n[0] < self.dimension + 1:
-            fit = blank(1, self.dimension)
-            fit.status[:] = Status.TOO_FEW_POINTS
+            status = Status.TOO_FEW_POINTS
         elif np.trace(self.moments.second[0]) > 0.0 and not is_ordinary(self.moments.fourth):
-            fit = blank(1, self.dimension)
-            fit.status[:] = Status.NOT_FINITE
+            status = Status.NOT_FINITE
         else:
-            fit = estimator(Samples.of_moments(self.moments, noise))
+            return Fit(estimator(Samples.of_moments(self.moments, noise)).reshape())
+        fit = blank(1, self.dimension)
+        fit.status[:] = status
         return Fit(fit.reshape())

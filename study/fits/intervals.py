@@ -20,7 +20,7 @@ import numpy as np
 from study.arrays import Bools, Floats, Ints
 from study.fits.closed_forms import als
 from study.fits.jit import Sums, compiled, zeros
-from study.fits.samples import FARTHEST, Samples, binary_size, is_ordinary, scaled
+from study.fits.samples import FARTHEST, Samples, is_ordinary
 from study.fits.score import PointSet, Profile, new_profile, place, score, solve_profile
 
 NOISY = 0.35
@@ -100,17 +100,12 @@ def intervals(samples: Samples, level: float = 0.95, stretch: Floats | None = No
     if is_ordinary(samples.moments.fourth):
         _compute(samples, level, stretch, result)
         return result
-    for sets, present in samples.by_count():
-        if present.shape[2] <= d + 1:
-            continue
-        powers = binary_size(present.x)
-        for power in np.unique(powers[np.abs(powers) <= FARTHEST]):  # a unit of their own size
-            alike = np.flatnonzero(powers == power)
-            part = Intervals(*(array[sets[alike]] for array in result))
-            _compute(scaled(present.take(alike), -int(power)), level, stretch[sets[alike]], part)
-            result.radius[sets[alike]] = np.ldexp(part.radius, power)
-            result.center[sets[alike]] = np.ldexp(part.center, power)
-            result.noise_share[sets[alike]] = part.noise_share
+    for sets, part, power in samples.alike():
+        if part.shape[2] > d + 1 and abs(power) <= FARTHEST:
+            own = Intervals(*(array[sets] for array in result))
+            _compute(part, level, stretch[sets], own)
+            result.radius[sets], result.center[sets] = np.ldexp(own.radius, power), np.ldexp(own.center, power)
+            result.noise_share[sets] = own.noise_share
     return result
 
 

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from study.arrays import Bools, Floats
+from study.arrays import Floats
 from study.fits.closed_forms import noise_of_residuals, residual_noise
 from study.fits.jit import (
     CHUNK,
@@ -41,7 +41,7 @@ from study.fits.jit import (
     zeros,
 )
 from study.fits.linalg import eigenbasis
-from study.fits.samples import Estimates, Samples, Status, blank
+from study.fits.samples import Estimates, Samples, Status, blank, remove
 
 _EPS = 2.0**-52
 _AT_ONCE = 2 * CHUNK
@@ -59,10 +59,7 @@ def lls(samples: Samples) -> Estimates:
     values, _ = eigenbasis(scatter)
     fit.status[~(values[:, 0] > d * _EPS * values[:, -1])] = Status.SINGULAR  # the rule of `gdke`
     fit.status[~np.isfinite(residual)] = Status.NOT_FINITE
-    lost = fit.status != Status.OK
-    if lost.any():
-        fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
-    return fit
+    return remove(fit, fit.status != Status.OK)
 
 
 @compiled
@@ -116,23 +113,17 @@ def _append(triangle: Floats, rows: Floats, m: int, products: Floats) -> None:
 
 
 @compiled
-def _scatter(triangle: Floats, scatter: Floats) -> None:
-    """The scatter of the centred columns y₁ … y_d."""
+def _solve(triangle: Floats, beta: Floats, scatter: Floats) -> None:
+    """Back substitution for β (d + 1,), and the scatter of the centred columns y₁ … y_d (d, d)."""
     d = scatter.shape[0]
     for i in range(d):
         for j in range(d):
             scatter[i, j] = 0.0
             for k in range(min(i, j) + 1):
                 scatter[i, j] += triangle[k + 1, i + 1] * triangle[k + 1, j + 1]
-
-
-@compiled
-def _solve(triangle: Floats, beta: Floats) -> None:
-    """Back substitution for β (d + 1,)."""
-    p = beta.size
-    for i in range(p - 1, -1, -1):
-        beta[i] = triangle[i, p]
-        for j in range(i + 1, p):
+    for i in range(d, -1, -1):
+        beta[i] = triangle[i, d + 1]
+        for j in range(i + 1, d + 1):
             beta[i] -= triangle[i, j] * beta[j]
         beta[i] /= triangle[i, i]
 
@@ -173,8 +164,7 @@ def _fit_all(x: PointSets, fit: Estimates, residual: Floats, scatter: Floats, ze
             for j in range(1, q):
                 products[j] = total(rows[j, :m])
             _append(triangle, rows, m, products)
-        _scatter(triangle, scatter[t])
-        _solve(triangle, beta)
+        _solve(triangle, beta, scatter[t])
         residual[t] = triangle[d + 1, d + 1] ** 2 / n
         radius_squared = beta[0]
         for i in range(d):
@@ -223,16 +213,16 @@ def lls_single(samples: Samples) -> Estimates:
         finite = np.asarray(np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(right).all(axis=1))
         extent = np.linalg.eigvalsh(np.where(finite[:, None, None], matrix[:, :d, :d], np.float32(0.0)))
         regular = np.asarray(extent[:, 0] > d * np.finfo(np.float32).eps * extent[:, -1])
-        beta = np.linalg.solve(
-            np.where(regular[:, None, None], matrix, np.eye(d + 1, dtype=np.float32)), right[..., None]
-        )
+        matrix = np.where(regular[:, None, None], matrix, np.eye(d + 1, dtype=np.float32))
+        beta = np.linalg.solve(matrix, right[..., None])
         offset = 0.5 * beta[:, :d, 0].astype(float)
         squared = beta[:, d, 0] + np.einsum("bi,bi->b", offset, offset)
         fit.radius[:] = np.sqrt(np.where(squared >= 0.0, squared, np.nan))
     fit.center[:] = samples.moments.mean + offset
     fit.noise_variance[:] = residual_noise(samples.regression, offset)
     fit.status[~regular] = Status.SINGULAR
-    return _without(fit, ~(finite & regular), finite)
+    fit.status[~finite] = Status.NOT_FINITE
+    return remove(fit, fit.status != Status.OK)
 
 
 def _cut(samples: Samples, tolerance: float, origin: Floats) -> Estimates:
@@ -252,11 +242,5 @@ def _cut(samples: Samples, tolerance: float, origin: Floats) -> Estimates:
         fit.radius[:] = np.sqrt(np.where(squared >= 0.0, squared, np.nan))
         fit.center[:] = origin + offset
         fit.noise_variance[:] = residual_noise(samples.regression, fit.center - samples.moments.mean)
-    return _without(fit, ~finite, finite)
-
-
-def _without(fit: Estimates, lost: Bools, finite: Bools) -> Estimates:
-    """Remove the numbers of lost fits, and give those of points that are not finite their status."""
     fit.status[~finite] = Status.NOT_FINITE
-    fit.center[lost], fit.radius[lost], fit.noise_variance[lost] = np.nan, np.nan, np.nan
-    return fit
+    return remove(fit, ~finite)

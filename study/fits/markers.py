@@ -123,10 +123,8 @@ class JointFit:
         radii = ", ".join(number(float(radius), ".6g") for radius in self.radii[:10])
         more = f", … {len(self.radii) - 10} more" if len(self.radii) > 10 else ""
         words = self.status.name.lower().replace("_", " ")
-        sigma = number(self.sigma)
-        return (
-            f"JointFit(center ({center}), radii ({radii}{more}), sigma {sigma}, {self.count.sum():,} points, {words})"
-        )
+        rest = f"sigma {number(self.sigma)}, {self.count.sum():,} points, {words}"
+        return f"JointFit(center ({center}), radii ({radii}{more}), {rest})"
 
 
 ROUNDS = 5
@@ -154,13 +152,9 @@ class MarkersMoments(NamedTuple):
     def of(cls, markers: Sequence[Moments]) -> Self:
         """Stack the moments of the markers, each of the same number of samples in all data sets."""
         n = np.array([m.n[:1] for m in markers])
-        return cls(
-            n,
-            np.array([m.mean for m in markers]),
-            np.array([m.second for m in markers]) / n[..., None, None],
-            np.array([m.third for m in markers]) / n[..., None],
-            np.array([m.fourth for m in markers]) / n,
-        )
+        names = ("mean", "second", "third", "fourth")
+        mean, second, third, fourth = (np.array([getattr(m, name) for m in markers]) for name in names)
+        return cls(n, mean, second / n[..., None, None], third / n[..., None], fourth / n)
 
     def subtracted(self, noise: Floats) -> Floats:
         """Subtract so much from the covariances C_p for a noise of covariance Σ (d, d): (M, b, d, d)."""
@@ -236,25 +230,29 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
     arrays = [array[np.logical_not(np.isnan(array).any(axis=1))] for array in given]
     if not arrays or len({array.shape[1] for array in arrays}) != 1:
         raise ValueError(f"markers of shapes {[a.shape for a in arrays]}: give at least one, all of the same dimension")
-    d = arrays[0].shape[1]
+    d, count = arrays[0].shape[1], np.array([len(array) for array in arrays])
     known = None if noise is None else noise_covariance(noise, d)
-    if not all(np.isfinite(array).all() for array in arrays):
-        return replace(_nothing(d, np.array([len(array) for array in arrays]), Status.NOT_FINITE), markers=given)
     # in a unit of their size, a power of two, if the points are so large or small that their powers leave float64
-    power = int(binary_size(np.concatenate(arrays).T[None])[0]) if any(map(len, arrays)) else 0
-    if power == 0:
-        return replace(_common_center(arrays, known, weighted), markers=given)
-    if abs(power) > FARTHEST:
-        return replace(_nothing(d, np.array([len(array) for array in arrays]), Status.NOT_FINITE), markers=given)
-    unit = [np.ldexp(array, -power) for array in arrays]
-    unit_fit = _common_center(unit, None if known is None else np.asarray(scaled_noise(known, -power)), weighted)
+    power = int(binary_size(np.concatenate(arrays).T[None])[0]) if count.any() else 0
+    if not all(np.isfinite(array).all() for array in arrays) or abs(power) > FARTHEST:
+        return replace(_nothing(d, count, Status.NOT_FINITE), markers=given)
+    if power:
+        arrays = [np.ldexp(array, -power) for array in arrays]
+        known = None if known is None else np.asarray(scaled_noise(known, -power))
+    used = [array for array in arrays if len(array) >= 2]  # one sample fixes its marker's radius and no more
+    moments = [Moments.of(np.ascontiguousarray(array.T)[None]) for array in used]
+    unit_noise = np.eye(d) if known is None else known
+
+    def bound(_: MarkersMoments, solution: _Solution) -> Floats:
+        return _unit_bound(arrays, solution[0], unit_noise)
+
+    result = replace(_fit_moments(moments, count, d, known, weighted, bound), markers=given)
     return replace(
-        unit_fit,
-        center=np.ldexp(unit_fit.center, power),
-        radii=np.ldexp(unit_fit.radii, power),
-        noise_variance=float(np.ldexp(unit_fit.noise_variance, 2 * power)),
-        covariance=np.ldexp(unit_fit.covariance, 2 * power),
-        markers=given,
+        result,
+        center=np.ldexp(result.center, power),
+        radii=np.ldexp(result.radii, power),
+        noise_variance=float(np.ldexp(result.noise_variance, 2 * power)),
+        covariance=np.ldexp(result.covariance, 2 * power),
     )
 
 
@@ -272,51 +270,30 @@ def mgdk_so_far(markers: Sequence[Incremental]) -> JointFit:
     used = [m for m in moments if m is not None and m.n[0] >= 2]
 
     def bound(joint: MarkersMoments, solution: _Solution) -> Floats:
-        information = np.einsum("p,pij->ij", solution.weights, joint.c[:, 0] - solution.subtracted)
+        _, subtracted, weights = solution
+        information = np.einsum("p,pij->ij", weights, joint.c[:, 0] - subtracted)
         return np.asarray(np.linalg.pinv(information, hermitian=True))
 
-    return _fit_moments(_Sets(used, count, markers[0].dimension), None, True, bound)
+    return _fit_moments(used, count, markers[0].dimension, None, True, bound)
 
 
-def _common_center(arrays: list[Floats], known: Floats | None, weighted: bool) -> JointFit:
-    """Fit points of ordinary size (n_p, d), none of which is missing, with a covariance Σ of the noise or None."""
-    d = arrays[0].shape[1]
-    used = [array for array in arrays if len(array) >= 2]  # one sample fixes its marker's radius and no more
-    moments = [Moments.of(np.ascontiguousarray(array.T)[None]) for array in used]
-    noise = np.eye(d) if known is None else known
-    sets = _Sets(moments, np.array([len(array) for array in arrays]), d)
-    return _fit_moments(sets, known, weighted, lambda _, solution: _unit_bound(arrays, solution.center, noise))
-
-
-class _Sets(NamedTuple):
-    """The moments of the markers with two samples or more, the number of samples of each marker (M,), and d."""
-
-    moments: list[Moments]
-    samples: Ints
-    dimension: int
-
-
-class _Solution(NamedTuple):
-    """Centre (d,), what was subtracted from each C (M, d, d), and the weights (M,)."""
-
-    center: Floats
-    subtracted: Floats
-    weights: Floats
+_Solution = tuple[Floats, Floats, Floats]
+"""Centre (d,), what was subtracted from each C (M, d, d), and the weights (M,)."""
+_Bound = Callable[[MarkersMoments, _Solution], Floats]
+"""Covariance of the centre for the noise as given, or for noise of size 1."""
 
 
 def _fit_moments(
-    sets: _Sets, known: Floats | None, weighted: bool, bound: Callable[[MarkersMoments, _Solution], Floats]
+    moments: list[Moments], count: Ints, d: int, known: Floats | None, weighted: bool, bound: _Bound
 ) -> JointFit:
-    """Fit moments; ``bound`` gives the covariance of the centre for the noise as given, or for noise of size 1."""
-    moments, count, d = sets.moments, sets.samples, sets.dimension
+    """Fit the moments of the markers with two samples or more, given the number of samples of each marker (M,)."""
     if not moments or sum(int(m.n[0]) for m in moments) < d + len(moments):
         return _nothing(d, count, Status.TOO_FEW_POINTS)
     if not all(np.isfinite(m.fourth[0]) for m in moments):
         return _nothing(d, count, Status.NOT_FINITE)
     joint = MarkersMoments.of(moments)
     n, c = joint.n[:, 0], joint.c[:, 0]
-    spread = np.einsum("p,pij->ij", n, c)
-    values = np.linalg.eigvalsh(spread)
+    values = np.linalg.eigvalsh(np.einsum("p,pij->ij", n, c))
     if not values[0] > d * np.finfo(float).eps * values[-1]:
         return _nothing(d, count, Status.SINGULAR)
     solution = _solve(joint, known, weighted)
@@ -332,22 +309,16 @@ def _fit_moments(
         covariance = variance * bound(joint, solution)
     else:
         variance, covariance = float(np.trace(known)) / d, bound(joint, solution)
-    return JointFit(
-        center=center,
-        radii=np.sqrt(np.where(squares >= 0.0, squares, np.nan)),
-        noise_variance=variance,
-        status=Status.OK if condition < 1.0 else Status.NOT_POSITIVE_DEFINITE,
-        condition=condition,
-        covariance=covariance,
-        count=count,
-    )
+    radii, status = np.sqrt(np.where(squares >= 0.0, squares, np.nan)), Status.NOT_POSITIVE_DEFINITE
+    status = Status.OK if condition < 1.0 else status
+    return JointFit(center, radii, variance, status, condition, covariance, count)
 
 
 def _solve(joint: MarkersMoments, known: Floats | None, weighted: bool) -> _Solution:
     """Solve for the centre of one data set, with the noise as known or found."""
     if known is not None:
         center, weights = joint.known(known, weighted)
-        return _Solution(center[0], joint.subtracted(known)[:, 0], weights[:, 0])
+        return center[0], joint.subtracted(known)[:, 0], weights[:, 0]
     weights, subtracted = joint.n, np.zeros_like(joint.c)
     center = joint.center(subtracted, weights)
     for _ in range(ROUNDS):
@@ -355,7 +326,7 @@ def _solve(joint: MarkersMoments, known: Floats | None, weighted: bool) -> _Solu
             weights = joint.weights(center)
         subtracted = np.zeros_like(joint.c) + _root(joint, weights[:, 0]) * np.eye(len(center[0]))
         center = joint.center(subtracted, weights)
-    return _Solution(center[0], subtracted[:, 0], weights[:, 0])
+    return center[0], subtracted[:, 0], weights[:, 0]
 
 
 def _root(joint: MarkersMoments, weights: Floats) -> float:
@@ -415,8 +386,6 @@ def _points(marker: ArrayLike, place: int) -> Floats:
     return array
 
 
-def _nothing(dimension: int, count: Ints, status: Status) -> JointFit:
-    nan = np.full(dimension, np.nan)
-    return JointFit(
-        nan, np.full(len(count), np.nan), np.nan, status, np.nan, np.full((dimension, dimension), np.nan), count
-    )
+def _nothing(d: int, count: Ints, status: Status) -> JointFit:
+    center, radii, covariance = np.full(d, np.nan), np.full(len(count), np.nan), np.full((d, d), np.nan)
+    return JointFit(center, radii, np.nan, status, np.nan, covariance, count)

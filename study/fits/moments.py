@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.arrays import Floats
+from study.arrays import Floats, Ints
 from study.fits.jit import (
     BLOCK,
     CHUNK,
@@ -265,10 +265,9 @@ class Regression(NamedTuple):
         _central(moments, result)
         return result
 
-    def only(self, index: int) -> "Regression":
-        """The regression of one set of the batch."""
-        one = slice(index, index + 1)
-        return Regression(self.numbers[:, one].copy(), self.vectors[:, one].copy(), self.covariance[one])
+    def take(self, places: Ints) -> "Regression":
+        """The regression of sets of the batch, by their places (k,)."""
+        return Regression(self.numbers[:, places], self.vectors[:, places], self.covariance[places])
 
     @property
     def n(self) -> Floats:

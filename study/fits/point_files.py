@@ -1,41 +1,38 @@
 """Points from a file or from standard input, in the formats of scanners, spreadsheets and programs."""
 
 import csv
+import os
+import stat
+import sys
+import zipfile
 from collections.abc import Callable, Sequence
+from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
 from study.arrays import Floats
-from study.fits.point_clouds import (
-    read_las,
-    read_numpy,
-    read_obj,
-    read_parquet,
-    read_pcd,
-    read_ply,
-    read_stl,
-    read_workbook,
-)
-from study.fits.point_text import Columns, PointFileError, Wanted, opened, read_text, unpacked_names
+from study.fits import point_formats
+from study.fits.point_formats import Columns, PointFileError, Wanted, read_text
 
-Reader = Callable[[Path, BinaryIO, Wanted], Columns]
+Reader = Callable[[BinaryIO, Wanted], Columns]
 _READERS: dict[str, Reader] = {
-    ".npy": read_numpy,
-    ".npz": read_numpy,
-    ".parquet": read_parquet,
-    ".pq": read_parquet,
-    ".ply": read_ply,
-    ".pcd": read_pcd,
-    ".obj": read_obj,
-    ".stl": read_stl,
-    ".las": read_las,
-    ".laz": read_las,
-    ".xlsx": read_workbook,
-    ".xlsm": read_workbook,
+    ".pts": partial(read_text, pts=True),
+    **dict.fromkeys([".npy", ".npz"], point_formats.read_numpy),
+    **dict.fromkeys([".parquet", ".pq"], point_formats.read_parquet),
+    ".ply": point_formats.read_ply,
+    ".pcd": point_formats.read_pcd,
+    ".obj": point_formats.read_obj,
+    ".stl": point_formats.read_stl,
+    **dict.fromkeys([".las", ".laz"], point_formats.read_las),
+    **dict.fromkeys([".xlsx", ".xlsm"], point_formats.read_workbook),
 }
-"""Readers of the formats that are no tables of text."""
+"""Readers of the formats that are not any table of text."""
+STDIN = "-"
+_MOST_BYTES = 1_000_000_000
+"""Most that is read from standard input or unpacked, whose length cannot be known beforehand."""
 _STARTS = {
     b"\x93NUMPY": ".npy",
     b"PAR1": ".parquet",
@@ -61,31 +58,23 @@ _REFUSED = {
     ".rcp": ("a ReCap project", _CLOUD),
     ".rcs": ("a ReCap point cloud", _CLOUD),
     ".fls": ("a FARO scan", _CLOUD),
-    ".gltf": ("a glTF scene", _MESH),
-    ".glb": ("a glTF scene", _MESH),
+    **dict.fromkeys([".gltf", ".glb"], ("a glTF scene", _MESH)),
     ".fbx": ("an FBX scene", _MESH),
     ".3mf": ("a 3MF mesh", _MESH),
-    ".step": ("a STEP model", _MESH),
-    ".stp": ("a STEP model", _MESH),
-    ".iges": ("an IGES model", _MESH),
-    ".igs": ("an IGES model", _MESH),
+    **dict.fromkeys([".step", ".stp"], ("a STEP model", _MESH)),
+    **dict.fromkeys([".iges", ".igs"], ("an IGES model", _MESH)),
     ".dxf": ("a DXF drawing", _MESH),
     ".dwg": ("a DWG drawing", _MESH),
-    ".vtk": ("a VTK file", _MESH),
-    ".vtp": ("a VTK file", _MESH),
-    ".c3d": ("a motion recording", _MOTION),
-    ".trc": ("a motion recording", _MOTION),
-    ".bvh": ("a motion recording", _MOTION),
+    **dict.fromkeys([".vtk", ".vtp"], ("a VTK file", _MESH)),
+    **dict.fromkeys([".c3d", ".trc", ".bvh"], ("a motion recording", _MOTION)),
     ".xls": ("an old Excel workbook", "save it as .xlsx or CSV"),
     ".ods": ("an OpenDocument spreadsheet", "save it as .xlsx or CSV"),
     ".mat": ("a MATLAB file", "save the points with writematrix(points, 'points.csv')"),
-    ".h5": ("an HDF5 file", "save its points as .npy or CSV"),
-    ".hdf5": ("an HDF5 file", "save its points as .npy or CSV"),
+    **dict.fromkeys([".h5", ".hdf5"], ("an HDF5 file", "save its points as .npy or CSV")),
     ".json": ("a JSON file", "save its points as CSV"),
     ".pkl": ("a Python pickle", "save its points with numpy.save"),
-    ".gz": ("a compressed file", "unpack it"),
+    **dict.fromkeys([".gz", ".7z"], ("a compressed file", "unpack it")),
     ".zip": ("a ZIP archive", "unpack it"),
-    ".7z": ("a compressed file", "unpack it"),
     ".pdf": ("a PDF document", _AS_TEXT),
 }
 """Formats that are not read: a name, and a way out."""
@@ -125,67 +114,87 @@ def read_points(path: Path, columns: Sequence[str] | None = None, dimension: int
         PointFileError: with the row and column at fault; or with the format's name and a way out, if it is not read.
     """
     try:
-        with opened(path) as file:
-            kind = _kind(path, file)
-            if kind in _REFUSED:
-                what, way_out = _REFUSED[kind]
-                raise PointFileError(f"{path}: {what}, which is not read here: {way_out}")
-            reader = _READERS.get(kind, read_text)
-            table = reader(path, file, Wanted(columns, dimension))
-            noise, columns_of_noise = _noise(path, file, reader, table)
+        with _opened(path) as file:
+            return _read(file, path.suffix.lower(), Wanted(columns, dimension))
     except OSError as error:
         raise PointFileError(f"{path}: cannot be read: {error.strerror or error}") from None
     except csv.Error as error:
         raise PointFileError(f"{path}: not a table of numbers: {error}") from None
-    points, names, left = table
-    d = points.shape[1]
+    except PointFileError as error:
+        raise PointFileError(f"{path}: {error}") from None
+
+
+def _opened(path: Path) -> BinaryIO:
+    """Open a regular file, or standard input for ``-``, of which all is read.
+
+    Raises:
+        PointFileError: if it is something else, such as a pipe, which may never end, or too long.
+        OSError: if it cannot be opened.
+    """
+    if str(path) == STDIN:
+        contents = sys.stdin.buffer.read(_MOST_BYTES + 1)
+        if len(contents) > _MOST_BYTES:
+            raise PointFileError(f"more than {_MOST_BYTES:,} bytes on standard input; store it in a file")
+        return BytesIO(contents)
+    kind = os.stat(path).st_mode
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):  # to open a folder fails by itself, with the system's words
+        raise PointFileError("not a regular file; for a pipe, give - and let it be standard input")
+    return open(path, "rb")
+
+
+def _read(file: BinaryIO, suffix: str, wanted: Wanted) -> PointTable:
+    """Read an open file whose name has a suffix."""
+    kind = _kind(file, suffix)
+    if kind in _REFUSED:
+        what, way_out = _REFUSED[kind]
+        raise PointFileError(f"{what}, which is not read here: {way_out}")
+    reader = _READERS.get(kind, read_text)
+    points, names, left = reader(file, wanted)
+    noise, columns_of_noise = _noise(file, reader, points.shape[1], left)
+    d, missing = points.shape[1], np.isnan(points)
     if d < 2:
-        raise PointFileError(f"{path}: 1 column ({names[0]}); a point needs at least 2 coordinates")
-    missing = np.isnan(points)
+        raise PointFileError(f"1 column ({names[0]}); a point needs at least 2 coordinates")
     if len(points) and missing.all(axis=0).any():
-        raise PointFileError(f"{path}: column {names[int(missing.all(axis=0).argmax())]} has no number in it")
+        raise PointFileError(f"column {names[int(missing.all(axis=0).argmax())]} has no number in it")
     complete = int(np.isfinite(points).all(axis=1).sum())
     if complete < d + 1:
-        raise PointFileError(f"{path}: {complete} points of {d} coordinates; a sphere needs at least {d + 1}")
+        raise PointFileError(f"{complete} points of {d} coordinates; a sphere needs at least {d + 1}")
     return PointTable(points, names, [name for name in left if name not in columns_of_noise], noise)
 
 
-def _noise(path: Path, file: BinaryIO, reader: Reader, table: Columns) -> tuple[Floats | None, list[str]]:
+def _noise(file: BinaryIO, reader: Reader, d: int, left: list[str]) -> tuple[Floats | None, list[str]]:
     """Standard deviations in a column called sigma, or in those called sx, sy, sz, and the names of these columns.
 
     Raises:
         PointFileError: with the row of a point whose standard deviation is not positive.
     """
-    points, _, left = table
-    of_axes = [f"s{axis}" for axis in "xyz"[: points.shape[1]]] if points.shape[1] <= 3 else []
-    wanted = [["sigma"], of_axes]
-    names = next((names for names in wanted if names and all(left.count(name) == 1 for name in names)), [])
+    wanted = [["sigma"], [f"s{axis}" for axis in "xyz"[:d]]][: 1 + (d <= 3)]
+    names = next((names for names in wanted if all(left.count(name) == 1 for name in names)), [])
     if not names:
         return None, []
     file.seek(0)
-    noise, _, _ = reader(path, file, Wanted(names))
-    wrong = np.argwhere(~((noise > 0.0) | np.isnan(noise)))
-    if len(wrong):
-        row, column = wrong[0]
+    noise, _, _ = reader(file, Wanted(names))
+    for row, column in np.argwhere(~((noise > 0.0) | np.isnan(noise))):
         value = f"{names[column]} = {noise[row, column]:g} at point {row + 1}"
-        raise PointFileError(
-            f"{path}: {value}: a standard deviation must be positive; an empty cell leaves the point out"
-        )
+        raise PointFileError(f"{value}: a standard deviation must be positive; an empty cell leaves the point out")
     return noise[:, 0] if names == ["sigma"] else noise, names
 
 
-def _kind(path: Path, file: BinaryIO) -> str:
+def _kind(file: BinaryIO, suffix: str) -> str:
     """The suffix that stands for a file's format: by its first bytes, or by its name."""
     start = file.read(8)
     file.seek(0)
-    if start.startswith(b"PK\x03\x04"):
-        names = unpacked_names(path, file)
-        if any(name.startswith("xl/") for name in names):
-            return ".xlsx"
-        return ".npz" if any(name.endswith(".npy") for name in names) else _of_name(path, ".zip")
-    return next((kind for known, kind in _STARTS.items() if start.startswith(known)), path.suffix.lower())
-
-
-def _of_name(path: Path, otherwise: str) -> str:
-    """The suffix of a file's name, if it is that of a format that is refused, else another."""
-    return path.suffix.lower() if path.suffix.lower() in _REFUSED else otherwise
+    if not start.startswith(b"PK\x03\x04"):
+        return next((kind for known, kind in _STARTS.items() if start.startswith(known)), suffix)
+    try:
+        members = zipfile.ZipFile(file).infolist()
+    except (zipfile.BadZipFile, ValueError, NotImplementedError):
+        raise PointFileError("a ZIP archive that cannot be read") from None
+    if sum(member.file_size for member in members) > _MOST_BYTES:
+        raise PointFileError(f"unpacks to more than {_MOST_BYTES:,} bytes; save its points as .npy or text")
+    file.seek(0)
+    if any(member.filename.startswith("xl/") for member in members):
+        return ".xlsx"
+    if any(member.filename.endswith(".npy") for member in members):
+        return ".npz"
+    return suffix if suffix in _REFUSED else ".zip"

@@ -1,19 +1,25 @@
-"""Random words in compiled loops: generators side by side, of which a processor steps several at a time.
+"""Random streams by name, and random words and normal numbers in compiled loops. No generator is made anywhere else.
 
-Each is SFC64, as in NumPy, and its state is a column of an array. They give their words in turn. One more generator,
-the spare, gives the words that are needed now and then, so that the others never wait.
+The name of a stream is the study's seed, a purpose, and words or numbers that distinguish it from similar streams. It
+is hashed into a `SeedSequence` spawn key. So no number depends on the order of work, the number of workers or other
+results, and any stream can be made again from its name. SFC64 is the fastest of NumPy's bit generators.
+
+In compiled loops generators stand side by side, of which a processor steps several at a time. Each is SFC64, as in
+NumPy, and its state is a column of an array. They give their words in turn. One more generator, the spare, gives the
+words that are needed now and then, so that the others never wait.
 
 Source: SFC64 by C. Doty-Humphrey (PractRand).
 
 Normal numbers from random words, in compiled loops: NumPy's method and tables, in a fifth of its time.
 
 The sign of a number is read from the table of layers instead of being a branch that no processor can predict, and the
-words are made many at a time (`study.fits.random`). One number in ninety lies outside its layer's rectangle;
+words are made many at a time. One number in ninety lies outside its layer's rectangle;
 the further words that it needs come from the spare generator.
 
 Source: Marsaglia & Tsang, J. Stat. Softw. 5 (2000) 8, in 256 layers, as NumPy's `standard_normal` has it.
 """
 
+import hashlib
 import math
 
 import numpy as np
@@ -21,6 +27,42 @@ from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat
 
 from study.arrays import Floats, Ints, Words
 from study.fits.jit import compiled, float_of
+
+Name = tuple[str | int | float, ...]
+OldStream = np.random.RandomState
+
+
+def stream(seed: int, *name: str | int | float) -> np.random.Generator:
+    """Make the generator of a named stream.
+
+    Args:
+        seed: the study's seed.
+        name: words and numbers; 1 and 1.0 are different names, floats count to the last bit.
+
+    Returns:
+        A fresh generator at the start of its stream.
+    """
+    return np.random.Generator(np.random.SFC64(_sequence(seed, name)))
+
+
+def lanes(seed: int, *name: str | int | float) -> Words:
+    """Make the state of a named stream for compiled loops: the parallel generators below.
+
+    Every word of the first state is a hash of the name, which costs less than a `SeedSequence`.
+    """
+    return seeded(np.frombuffer(hashlib.shake_128(repr((seed, *name)).encode()).digest(8 * WORDS), dtype="<u8"))
+
+
+def old_stream(seed: int, *name: str | int | float) -> OldStream:
+    """Make the generator of a named stream for emcee, which draws from NumPy's old kind of generator."""
+    return OldStream(np.random.MT19937(_sequence(seed, name)))
+
+
+def _sequence(seed: int, name: Name) -> np.random.SeedSequence:
+    digest = hashlib.blake2b(repr(name).encode(), digest_size=16).digest()
+    key = tuple(int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4))
+    return np.random.SeedSequence(seed, spawn_key=key)
+
 
 Lane = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 """State of one generator: a, b, c and the counter."""

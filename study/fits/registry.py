@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 from study.arrays import Floats, real_array
 from study.fits.answer import Fit
 from study.fits.bounds import is_per_point, noise_covariance
-from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk
+from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk, ugdk_cov
 from study.fits.corrected import corrected, corrected_01, corrected_02, corrected_12, corrected_covariance, sandwich
 from study.fits.geometric import mle, mle_centroid, mle_mirror
 from study.fits.given import fit_given, given_of
@@ -45,7 +45,6 @@ from study.fits.incremental import igdk
 from study.fits.lls import lls, lls_nr, lls_nr_raw, lls_single
 from study.fits.robust import robust
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
-from study.fits.unknown_covariance import ugdk_cov
 from study.text import did_you_mean
 
 Function = Callable[..., object]
@@ -351,28 +350,6 @@ def remove(names: Iterable[str]) -> None:
             del ESTIMATORS[name]
 
 
-@contextlib.contextmanager
-def registering(origin: Origin) -> Iterator[Callable[[], tuple[str, ...]]]:
-    """Note what is registered meanwhile as from an origin; after an exception it is taken out again.
-
-    Yields:
-        A function that gives the names registered so far.
-    """
-    before = set(ORIGINS)
-
-    def names() -> tuple[str, ...]:
-        return tuple(name for name in ORIGINS if name not in before)
-
-    _source.append(origin)
-    try:
-        yield names
-    except BaseException:
-        remove(names())
-        raise
-    finally:
-        _source.pop()
-
-
 def origins(estimators: Iterable[str]) -> list[dict[str, object]]:
     """The origins of those among some estimators that are not shipped, as a manifest has them."""
     by_origin: dict[Origin, list[str]] = {}
@@ -500,11 +477,14 @@ def load_text(plugin: PluginFile, shown: str = "") -> tuple[str, ...]:
     if before == plugin:
         return names
     unload(plugin.path)
-    with registering(plugin.origin) as registered:
+    known = set(ORIGINS)
+    _source.append(plugin.origin)
+    try:
         _execute(plugin, shown)
-        if not registered():
+        names = tuple(name for name in ORIGINS if name not in known)
+        if not names:
             raise PluginError(f"{shown}: registers no estimator; it should call study.register(name, function)")
-        for name in registered():
+        for name in names:
             try:
                 with in_time(LIMIT), contextlib.redirect_stdout(sys.stderr):
                     faults = faults_of(name)
@@ -512,8 +492,13 @@ def load_text(plugin: PluginFile, shown: str = "") -> tuple[str, ...]:
                 raise PluginError(f"{shown}: {name}: {error} on 20 sound points") from None
             if len(faults) == 2:
                 raise PluginError(f"{shown}: {name}: fails on 20 sound points: {faults[3]}")
-        _loaded[plugin.path] = plugin, registered()
-    return registered()
+    except BaseException:
+        remove([name for name in ORIGINS if name not in known])
+        raise
+    finally:
+        _source.pop()
+    _loaded[plugin.path] = plugin, names
+    return names
 
 
 def unload(path: str) -> None:
@@ -528,7 +513,17 @@ def loaded() -> tuple[tuple[str, str], ...]:
 
 def faults_of(name: str) -> dict[int, str]:
     """Call an estimator on sound points in the plane and in space; what went wrong, by the dimension."""
-    return {d: fault for d in (2, 3) if (fault := fault_on(name, sound_samples(d)))}
+    function, faults = ESTIMATORS[name].function, {}
+    for d in (2, 3):
+        samples = sound_samples(d)
+        try:
+            if isinstance(function, SimpleForm):
+                faults[d] = next(iter(function.attempt(samples)[1].values()), "")
+            else:
+                faults[d] = _shape_fault(function(samples), samples)
+        except (Exception, SystemExit) as error:
+            faults[d] = one_line(error)
+    return {d: fault for d, fault in faults.items() if fault}
 
 
 def sound_samples(d: int, sets: int = 2, n: int = 20) -> Samples:
@@ -539,22 +534,9 @@ def sound_samples(d: int, sets: int = 2, n: int = 20) -> Samples:
     return Samples(points.swapaxes(1, 2), 0.01)
 
 
-def fault_on(name: str, samples: Samples) -> str:
-    """Words for an estimator that raises or answers in the wrong shape; empty if it does neither."""
-    function = ESTIMATORS[name].function
-    try:
-        if isinstance(function, SimpleForm):
-            return next(iter(function.attempt(samples)[1].values()), "")
-        answer = function(samples)
-    except (Exception, SystemExit) as error:
-        return one_line(error)
-    return shape_fault(answer, samples)
-
-
-def shape_fault(answer: object, samples: Samples) -> str:
+def _shape_fault(answer: object, samples: Samples) -> str:
     """Words for what is no answer to these samples; empty if it is one."""
-    b, d, _ = samples.shape
-    model = blank(b, d)
+    model = blank(*samples.shape[:2])
     if not isinstance(answer, tuple) or getattr(answer, "_fields", None) != model._fields:
         return f"returned {type(answer).__name__}, expected a {type(model).__name__}"
     for field, value, expected in zip(Estimates._fields, answer, model, strict=True):

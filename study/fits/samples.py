@@ -75,6 +75,13 @@ def blank(batch: int, dimension: int) -> Estimates:
     return Estimates(numbers[: batch * dimension].reshape(batch, dimension), *rest, *whole)
 
 
+def remove(fit: Estimates, lost: Bools) -> Estimates:
+    """Take the numbers of lost fits (b,) out; their status stays."""
+    for numbers in (fit.center, fit.radius, fit.noise_variance, fit.condition):
+        numbers[lost] = np.nan
+    return fit
+
+
 @dataclass(frozen=True)
 class Samples:
     """A batch of point sets.
@@ -111,17 +118,19 @@ class Samples:
 
     def only(self, index: int) -> "Samples":
         """One set of the batch."""
-        one = slice(index, index + 1)
-        noise = self._noise_of(one)
-        if self.shape[2] or "regression" not in self.__dict__:
-            return self._part(self.x[one], noise, np.array([index]))
-        return Samples.of_regression(self.regression.only(index), noise)
+        return self.take(np.array([index]))
 
     def take(self, places: Ints) -> "Samples":
-        """Some sets of the batch, by their places (k,)."""
-        if len(places) == 1:
-            return self.only(int(places[0]))
-        return self._part(self.x[places], self._noise_of(places), places)
+        """Sets of the batch, by their places (k,); if the points are lent, with the moments that they had."""
+        noise = self._noise_of(places)
+        if not self.shape[2] and "regression" in self.__dict__:
+            return Samples.of_regression(self.regression.take(places), noise)
+        one = len(places) == 1  # of which the array need not be copied
+        part = Samples(self.x[int(places[0]) :][:1] if one else self.x[places], noise, self.lent)
+        if self.lent:
+            numbers, vectors, second = self.moments
+            part.__dict__["moments"] = Moments(numbers[:, places], vectors[:, places], second[places])
+        return part
 
     def unchanged(self) -> "Samples":
         """These samples.
@@ -135,15 +144,7 @@ class Samples:
             )
         return self
 
-    def _part(self, source: Floats, noise: float | Floats | None, places: Ints) -> "Samples":
-        """Some sets; if they are lent, with the moments that they had."""
-        part = Samples(source, noise, self.lent)
-        if self.lent:
-            numbers, vectors, second = self.moments
-            part.__dict__["moments"] = Moments(numbers[:, places], vectors[:, places], second[places])
-        return part
-
-    def _noise_of(self, places: slice | Ints) -> float | Floats | None:
+    def _noise_of(self, places: Ints) -> float | Floats | None:
         """The noise of some sets."""
         return self.noise[places] if isinstance(self.noise, np.ndarray) and self.noise.ndim == 1 else self.noise
 
@@ -161,6 +162,18 @@ class Samples:
             else:
                 complete = [np.ascontiguousarray(self.x[t][:, present[t]]) for t in sets]
                 yield sets, Samples(np.stack(complete), self._noise_of(sets))
+
+    def alike(self) -> Iterator[tuple[Ints, "Samples", int]]:
+        """Sets with equally many samples and of one size: their places (k,), the samples in a unit, its power of two.
+
+        Sets of ordinary size keep their unit, and so their bits.
+        """
+        for sets, present in self.by_count():
+            powers = binary_size(present.x) if present.shape[2] else np.zeros(len(sets), dtype=np.int64)
+            for power in np.unique(powers):
+                places = np.flatnonzero(powers == power)
+                part = present if len(places) == len(sets) else present.take(places)
+                yield sets[places], scaled(part, -int(power)), int(power)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -308,27 +321,21 @@ def is_ordinary(fourth: Floats) -> bool:
 
 
 def careful_fit(estimator: Estimator, samples: Samples) -> Estimates:
-    """Fit each set without its missing samples, in a unit of its own size where it is very large or small.
-
-    The unit is a power of two, so that points of ordinary size keep their bits. Sets with equally many samples and of
-    one unit are fitted together.
-    """
+    """Fit each set without its missing samples, in a unit of its own size where it is very large or small."""
     b, d, _ = samples.shape
     result = blank(b, d)
-    for sets, present in samples.by_count():
-        if present.shape[2] < d + 1:
+    for sets, part, power in samples.alike():
+        if part.shape[2] < d + 1:
             result.status[sets] = Status.TOO_FEW_POINTS
-            continue
-        powers = binary_size(present.x)
-        for power in np.unique(powers):
-            some = np.flatnonzero(powers == power)
-            if abs(power) > FARTHEST:
-                result.status[sets[some]] = Status.NOT_FINITE
-                continue
-            part = present if len(some) == len(sets) else present.take(some)
-            found = estimator(part if power == 0 else scaled(part, -int(power)))
-            for whole, values in zip(result, found if power == 0 else _rescaled(found, int(power)), strict=True):
-                whole[sets[some]] = values
+        elif abs(power) > FARTHEST:
+            result.status[sets] = Status.NOT_FINITE
+        else:
+            answer = estimator(part)
+            with np.errstate(all="ignore"):
+                lengths = np.ldexp(answer.center, power), np.ldexp(answer.radius, power)
+                variance = np.ldexp(answer.noise_variance, 2 * power)
+            for whole, values in zip(result, (*lengths, variance, *answer[3:]), strict=True):
+                whole[sets] = values
     return result
 
 
@@ -342,6 +349,8 @@ def binary_size(x: Floats) -> Ints:
 
 def scaled(samples: Samples, power: int) -> Samples:
     """The samples times 2^power, with their noise."""
+    if power == 0:
+        return samples
     with np.errstate(all="ignore"):
         return Samples(np.ldexp(samples.x, power), scaled_noise(samples.noise, power))
 
@@ -357,16 +366,6 @@ def scaled_noise(noise: float | Floats | None, power: int) -> float | Floats | N
         largest = float(np.sqrt(np.max(noise)))
         factor = min(np.ldexp(1.0, power), _LARGEST_NOISE / largest)
         return np.asarray(noise * factor * factor)
-
-
-def _rescaled(found: Estimates, power: int) -> Estimates:
-    """The estimates times 2^power."""
-    with np.errstate(all="ignore"):
-        return found._replace(
-            center=np.ldexp(found.center, power),
-            radius=np.ldexp(found.radius, power),
-            noise_variance=np.ldexp(found.noise_variance, 2 * power),
-        )
 
 
 def plug_in_bound(directions: Floats, present: Bools, noise: float | Floats | None, variance: Floats) -> Floats:
@@ -391,12 +390,12 @@ def unless_missing(
 ) -> Floats:
     """Covariances (b, d+1, d+1) by an estimator's own rule, without the missing samples; NaN at fewer than d + 1."""
     b, d, _ = samples.shape
-    found = np.full((b, d + 1, d + 1), np.nan)
+    result = np.full((b, d + 1, d + 1), np.nan)
     with np.errstate(all="ignore"):
         for sets, present in samples.by_count():
             if present.shape[2] > d:
-                found[sets] = covariance_of(present, Estimates._make([array[sets] for array in estimates]))
-    return found
+                result[sets] = covariance_of(present, Estimates._make([array[sets] for array in estimates]))
+    return result
 
 
 def semi_axes(covariance: Floats, level: float, spare: Ints | None) -> Floats:

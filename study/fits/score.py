@@ -1,7 +1,7 @@
 """The score of a hypothetical radius: a studentised sum of deviations that noise and directions leave with mean zero.
 
 Given the radius r₀, centre and noise variance are profiled out. With R = |x - c|, e = (x - c)/R, and ρ = E R,
-λ = r₀/E e·u, V = Var R at (r₀, s) (`study.fits.radial`), they solve
+λ = r₀/E e·u, V = Var R at (r₀, s) (`radial_means`), they solve
 
     Σ (R - λ) e = 0,        Σ (R - ρ)²/(N - d) = V                                                (theory 10.1)
 
@@ -26,9 +26,9 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Floats
+from study.fits.corrected import RadialMeans, radial_means
 from study.fits.jit import Sums, compiled, fill, fresh, put
 from study.fits.linalg import diagonalise, eliminate
-from study.fits.radial import RadialMeans, radial_means
 
 _MAX_STEPS = 30
 _TINY = 1e-280

@@ -24,7 +24,9 @@ from scipy.spatial import cKDTree
 
 from study.arrays import Bools, Floats, Ints, real_array
 from study.fits import ESTIMATORS, Fit, Status, fit
-from study.fits.streams import stream
+from study.fits.display import meanings, statuses
+from study.fits.random import stream
+from study.fits.samples import explain
 from study.text import columns, did_you_mean, with_error
 from study.text import number as text_number
 
@@ -130,9 +132,8 @@ class CloudSpheres:
         """A row per sphere: the columns of `Fit.to_frame`, with the status that counts here."""
         import pandas as pd  # takes as long to load as the rest of the library
 
-        frames = [
-            fit.to_frame().assign(status=Status(int(s)).text) for fit, s in zip(self.fits, self.status, strict=True)
-        ]
+        pairs = zip(self.fits, self.status, strict=True)
+        frames = [fit.to_frame().assign(status=Status(int(status)).text) for fit, status in pairs]
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
 
 
@@ -184,9 +185,8 @@ def fit_spheres(points: ArrayLike, count: int, *, estimator: str = "corrected") 
     labels = np.full(len(x), -1)
     for number, one in enumerate(candidates):
         labels[one.members] = number
-    return CloudSpheres(
-        tuple(one.fit for one in candidates), labels, np.array([one.alone for one in candidates], np.bool_)
-    )
+    alone = np.array([one.alone for one in candidates], np.bool_)
+    return CloudSpheres(tuple(one.fit for one in candidates), labels, alone)
 
 
 class _Candidate(NamedTuple):
@@ -329,11 +329,11 @@ def printed(spheres: CloudSpheres, names: list[str], wanted: int) -> Iterator[st
         errors = one.standard_errors
         ball = [with_error(*pair) for pair in zip(one.center, errors, strict=False)]
         ball.append(with_error(float(one.radius), float(errors[-1]) if len(errors) > len(ball) else 0.0))
-        word = Status(int(status)).name.lower().replace("_", " ")
+        word = statuses(status)
         rows.append([str(number), *ball, text_number(float(one.sigma)), str(spheres.count[number - 1]), word])
-        texts[word] = Status(int(status)).text
+        texts[word] = explain(int(status))
     yield from columns(rows, ["sphere", *names, "radius", "noise", "points", "status"])
-    yield from (text if text.startswith(word) else f"{word}: {text}" for word, text in texts.items() if word != "ok")
+    yield from meanings({word: text for word, text in texts.items() if word != "ok"})
     if len(spheres) < wanted:
         yield f"{len(spheres)} of {wanted} spheres were found"
     yield f"{spheres.left} of {len(spheres.labels)} points belong to no sphere"
@@ -341,8 +341,8 @@ def printed(spheres: CloudSpheres, names: list[str], wanted: int) -> Iterator[st
 
 def as_rows(spheres: CloudSpheres) -> list[dict[str, object]]:
     """A JSON object for each sphere: that of its fit, with its number and the status that counts here."""
-    status = [Status(int(each)) for each in spheres.status]
-    return [
-        {"sphere": number} | one.to_dict() | {"ok": own == Status.OK, "status": own.name, "status_text": own.text}
-        for number, (one, own) in enumerate(zip(spheres, status, strict=True), 1)
-    ]
+    rows = []
+    for number, (one, status) in enumerate(zip(spheres, map(Status, spheres.status), strict=True), 1):
+        own = {"ok": status == Status.OK, "status": status.name, "status_text": status.text}
+        rows.append({"sphere": number} | one.to_dict() | own)
+    return rows

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Bools, Floats, Ints
+from study.fits.corrected import RadialMeans, radial_means
 from study.fits.jit import compiled
-from study.fits.radial import radial_means
 
 _STEPS = 50
 _TOLERANCE = 1e-12
@@ -140,34 +140,22 @@ class Spheres(NamedTuple):
         return Spheres(self.center[places], self.radius[places], self.scale[places], self.found[places])
 
 
-class _Means(NamedTuple):
-    """Means of a noisy radius at each point (b, n), or (b, 1) where all are alike; see `RadialMeans`."""
-
-    lengthening: Floats
-    shortening: Floats
-    variance: Floats
-    excess01: Floats
-    mean_by_s: Floats
-    variance_by_s: Floats
-    excess01_by_r: Floats
-    excess01_by_s: Floats
-
-    @classmethod
-    def without_bias(cls, variance: Floats) -> "_Means":
-        """Means of a radius that noise does not lengthen."""
-        zero = np.zeros_like(variance)
-        return cls(zero, zero, variance, zero, zero, np.ones_like(variance), zero, zero)
-
-
 @compiled
 def _radial(radius: Floats, variance: Floats, dimension: int, result: Floats) -> None:
-    """Means of a noisy radius (8, b, n) for radii (b,) and variances (b, n), in the order of `_Means`."""
+    """Those means of a noisy radius that are used (12, b, n), in the order of `RadialMeans`.
+
+    Args:
+        radius: r (b,).
+        variance: s of each point (b, n).
+        dimension: d.
+        result: receives the means.
+    """
     for t in range(variance.shape[0]):
         for k in range(variance.shape[1]):
             means = radial_means(radius[t], variance[t, k], dimension)
             result[0, t, k], result[1, t, k], result[2, t, k] = means.lengthening, means.shortening, means.variance
-            result[3, t, k], result[4, t, k], result[5, t, k] = means.excess01, means.mean_by_s, means.variance_by_s
-            result[6, t, k], result[7, t, k] = means.excess01_by_r, means.excess01_by_s
+            result[3, t, k], result[5, t, k], result[7, t, k] = means.excess01, means.mean_by_s, means.variance_by_s
+            result[8, t, k], result[9, t, k] = means.excess01_by_r, means.excess01_by_s
 
 
 class _At(NamedTuple):
@@ -177,51 +165,45 @@ class _At(NamedTuple):
         distance: R (b, n).
         direction: e (b, n, d), 0 where a point is missing.
         weights: p (b, n).
-        means: means of a noisy radius.
+        means: means of a noisy radius at each point (b, n), or (b, 1) where all are alike.
         aside: mean of (R - λ) e across e (b, n, d); None where it is nil.
     """
 
     distance: Floats
     direction: Floats
     weights: Floats
-    means: _Means
+    means: RadialMeans
     aside: Floats | None = None
 
 
 def _about(sets: Weighted, center: Floats, radius: Floats, scale: Floats, corrected: bool) -> _At:
-    """Distances and directions of the points from trial spheres, and the means of each."""
+    """Distances and directions of the points from trial spheres, and the means of each.
+
+    Where each point has a covariance, the means are those of second order in the noise (theory 9.7); where the
+    equations are not the corrected ones, those of a radius that noise does not lengthen.
+    """
+    noise, present, p, s, r = sets.covariances, sets.present, sets.weights, scale[:, None], radius[:, None]
     away = sets.points - center[:, None]
     distance = np.sqrt(np.einsum("bni,bni->bn", away, away) + 1e-300)
-    e = np.where(sets.present[..., None], away / distance[..., None], 0.0)
-    if sets.covariances is not None:
-        return _about_covariances(sets, distance, e, radius, scale, corrected)
-    p = sets.weights
-    equal = not (p != np.where(sets.present, 1.0, 0.0)).any()
-    variance = scale[:, None] if equal else scale[:, None] * sets.variances
-    if not corrected:
-        return _At(distance, e, p, _Means.without_bias(variance))
-    numbers = np.empty((len(_Means._fields), *variance.shape))
-    _radial(radius, variance, center.shape[1], numbers)
-    return _At(distance, e, p, _Means(*numbers))
-
-
-def _about_covariances(
-    sets: Weighted, distance: Floats, e: Floats, radius: Floats, scale: Floats, corrected: bool
-) -> _At:
-    """The same where each point has a covariance, to second order in the noise (theory 9.7)."""
-    noise = np.zeros(0) if sets.covariances is None else sets.covariances
-    turned = np.einsum("bnij,bnj->bni", noise, e)
-    normal = np.where(sets.present, np.einsum("bni,bni->bn", e, turned), 1.0)
-    p, s, r = np.where(sets.present, 1.0 / normal, 0.0), scale[:, None], radius[:, None]
-    means = _Means.without_bias(np.where(sets.present, s * normal, 0.0))
-    if not corrected:
-        return _At(distance, e, p, means)
+    e = np.where(present[..., None], away / distance[..., None], 0.0)
+    if noise is not None:
+        turned = np.einsum("bnij,bnj->bni", noise, e)
+        normal = np.where(present, np.einsum("bni,bni->bn", e, turned), 1.0)
+        p, variance = np.where(present, 1.0 / normal, 0.0), np.where(present, s * normal, 0.0)
+    else:
+        variance = s * sets.variances if (p != np.where(present, 1.0, 0.0)).any() else s
+    numbers = np.zeros((len(RadialMeans._fields), *variance.shape))
+    numbers[2], numbers[7] = variance, 1.0  # in the order of their names
+    if corrected and noise is None:
+        _radial(radius, variance, center.shape[1], numbers)
+    if noise is None or not corrected:
+        return _At(distance, e, p, RadialMeans._make(numbers))
     square = np.einsum("bni,bni->bn", turned, turned) - normal**2
     by_s = ((np.einsum("bnii->bn", noise) - normal) / 2.0 - 2.0 * p * square) / r
-    longer = np.where(sets.present, s * by_s, 0.0)
-    means = means._replace(lengthening=longer, excess01=longer, mean_by_s=by_s, excess01_by_s=by_s)
+    numbers[0] = numbers[3] = np.where(present, s * by_s, 0.0)
+    numbers[5] = numbers[9] = by_s
     aside = (s / r)[..., None] * (turned - normal[..., None] * e)
-    return _At(distance, e, p, means, np.where(sets.present[..., None], aside, 0.0))
+    return _At(distance, e, p, RadialMeans._make(numbers), np.where(present[..., None], aside, 0.0))
 
 
 def scale_of(sets: Weighted, at: _At, radius: Floats, scale: Floats, fitted: Ints) -> Floats:

@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.streams import stream
+from study.fits.random import stream
 from study.recordings.joints.calibration import Calibration, JointPlace
 from study.recordings.joints.estimate import USABLE, Estimate
 from study.recordings.recording import Recording, RecordingError

@@ -22,6 +22,7 @@ axes, repeat.
 Source: Kabsch 1976, 1978; Torgerson 1952 (scaling); Gower 1975 (Procrustes), without change of size.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -108,6 +109,51 @@ def distance_outliers(x: Floats, middle: Floats, limit: Floats) -> Bools:
 def _present(x: Floats, frames: Ints) -> Bools:
     """Samples that are not missing, of some frames (m, len(frames))."""
     return ~np.isnan(x[:, 0][:, frames])
+
+
+_EXCHANGE = 0.01
+"""Metres: least distance between the places of two markers, as the others show them, that tells them apart."""
+_BETTER = 0.5
+"""Misfit with two labels exchanged, as a share of that without, below which a frame has them exchanged."""
+_OFTEN = 0.05
+"""Share of the frames from which an exchange is no stray outlier."""
+
+
+def exchanged_labels(x: Floats) -> tuple[int, int, Bools] | None:
+    """Find the two markers of a rigid segment whose labels are exchanged in a part of the frames.
+
+    Distances to the other markers tell the two apart. In the frames of the smaller part they are those of the other.
+    An exchange is clear in most frames, so it is not mistaken for a segment that bends.
+
+    Args:
+        x: markers of one segment (m, 3, frames), metres; NaN where missing.
+
+    Returns:
+        The two markers' numbers, and the frames in which their labels are exchanged (frames,); None if no two are in
+        a twentieth of the frames that show all markers.
+    """
+    seen = ~np.isnan(x).any(axis=(0, 1))
+    best, least = None, _OFTEN * max(seen.sum(), 1)
+    between = np.linalg.norm(x[:, None] - x[None], axis=2)[:, :, seen]
+    for i, j in itertools.combinations(range(len(x)), 2):
+        others = [k for k in range(len(x)) if k not in (i, j)]
+        one, two = between[i, others], between[j, others]
+        apart = one - two
+        if not apart.size or np.sqrt((apart**2).sum(axis=0).mean()) < _EXCHANGE:
+            continue
+        main = np.linalg.svd(apart, full_matrices=False)[2][0] > 0.0  # an exchange changes the sign of all differences
+        main = main if 2 * main.sum() >= len(main) else ~main
+        places = np.median(one[:, main], axis=1)[:, None], np.median(two[:, main], axis=1)[:, None]
+        plain, crossed = (np.abs(one - a).sum(axis=0) + np.abs(two - b).sum(axis=0) for a, b in (places, places[::-1]))
+        frames = crossed < _BETTER * plain
+        unclear = ~frames & (plain > _BETTER * crossed)  # where skin moves as far as the two are apart
+        if frames.sum() > max(least, unclear.sum()):
+            best, least = (i, j, frames), frames.sum()
+    if best is None:
+        return None
+    exchanged = np.zeros(x.shape[2], dtype=np.bool_)
+    exchanged[seen] = best[2]
+    return best[0], best[1], exchanged
 
 
 _LOCKED = 1e-9

@@ -4,9 +4,13 @@ Each trial has its own axes for a segment. Kabsch's fit of the markers that two 
 the other's; a segment with fewer than three markers takes the joint above it as one more point.
 
 A joint has one place from all trials. The trials whose estimate is reliable are weighted by the inverse of their
-covariances, so a trial that did not move the joint counts for next to nothing. A hinge counts across its axis only.
-Trials that contradict each other are named as segments that do are (`check_against_sides`): the best one's place stays,
-and its covariance covers the other.
+covariances. A hinge counts across its axis only. Trials that contradict each other are named as segments that do are
+(`check_against_sides`): the best one's place stays, and its covariance covers the other.
+
+A trial that does not move a joint has no vote on it. Skin that slides by s over a joint that turns by θ looks like a
+centre that is s/θ elsewhere, and on a leg that stands the stated error does not cover that. So each trial's covariance
+has an allowance for s = 1 mm; where that exceeds a centimetre, as for 6° root mean square, the trial does not count. A
+joint that no trial moved is unsure by the allowance, too, and beyond 5 cm it has no place.
 
 A functional calibration moves one joint after the other, each in a trial of its own. The merged calibration has all of
 them. A static trial may give the shapes of the segments, and with medial markers, which are off during motion, the
@@ -25,12 +29,20 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
-from study.recordings.joints.estimate import SHORT_TEXTS, USABLE, JointStatus, SideDifference
+from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, USABLE, JointStatus, SideDifference, largest_error
+from study.recordings.joints.find import find_joints
 from study.recordings.joints.report import joint_table
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import fit_rigid_motion
-from study.recordings.skeleton.calibrate import calibrate, overruled, require_same_subject
+from study.recordings.skeleton.calibrate import (
+    calibrate,
+    hull_distances,
+    overruled,
+    require_same_subject,
+    with_checks,
+    with_doubts,
+)
 from study.recordings.skeleton.draw import draw_skeleton
 from study.text import columns, number
 
@@ -53,6 +65,12 @@ class AxesChange(NamedTuple):
 UNKNOWN = AxesChange(np.full((3, 3), np.nan), np.full(3, np.nan))
 """Change of axes where a trial and the reference share too little: places become NaN."""
 SAME = AxesChange(np.eye(3), np.zeros(3))
+_SLIDES = 0.001
+"""Metres: how far skin slides along with a joint, beyond what the stated error covers."""
+_NO_MOTION = 0.001
+"""Radians: rotation that is none; skin of a millimetre would hide a joint to a metre."""
+_NOWHERE = 0.05
+"""Metres: error from which a joint that no trial moved has no place."""
 
 
 @dataclass
@@ -130,10 +148,34 @@ def moved(place: JointPlace, changes: Mapping[str, AxesChange]) -> JointPlace:
         in_parent=parent.place(place.in_parent),
         in_child=child.place(place.in_child),
         covariance=owner.covariance(place.covariance),
+        allowance=owner.covariance(allowance(place)),
         axis_in_parent=parent.rotation @ place.axis_in_parent,
         axis_in_child=child.rotation @ place.axis_in_child,
         mean_rotation=parent.rotation @ place.mean_rotation @ child.rotation.T,
     )
+
+
+def allowance(place: JointPlace) -> Floats:
+    """Covariance (3, 3), m², of what skin may hide in a trial that hardly moved a joint, in the axes of its own one.
+
+    The rotation is that of both segments' poses, or else that of the markers of one about the joint.
+    """
+    estimate = next((e for e in place.estimates if e.pair is not None), place.estimate)
+    if estimate is None:
+        return np.zeros((3, 3))
+    normal = np.zeros((3, 3))
+    if estimate.pair is not None:
+        normal = estimate.pair.normal
+    elif estimate.sphere is not None and len(place.estimates) == 1:  # two would have a pair, if the joint moved at all
+        normal = estimate.sphere.normal / estimate.used[estimate.sphere.weights > 0.0].sum()
+        if estimate.side == "child" and not np.isnan(place.in_parent).any():
+            normal = place.mean_rotation @ normal @ place.mean_rotation.T
+    basis = np.eye(3) if place.axis is None else _basis(place.axis)
+    values, vectors = np.linalg.eigh(basis.T @ normal @ basis)
+    if estimate.pair is None:  # along the arm of markers that move on a sphere only its curvature shows, not rotation
+        values[0] = values[1]
+    along = basis @ vectors
+    return np.asarray((along * (_SLIDES**2 / np.maximum(values, _NO_MOTION**2))) @ along.T)
 
 
 def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
@@ -143,10 +185,14 @@ def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
         parts: one for each trial, at least one, with its name, in axes that all trials have in common.
 
     Returns:
-        The weighted mean of the reliable ones; the best one if none is reliable. It has the names of their trials.
+        The weighted mean of the reliable ones that moved the joint; the best one if none did. It has the names of their
+        trials.
     """
     ranked = sorted(parts, key=lambda part: part.rank)
-    best, used = ranked[0], [part for part in ranked if part.usable]
+    used = [part for part in ranked if part.usable and _moved(part)]
+    if not used:
+        return _unmoved(ranked[0])
+    best = used[0]
     if len(used) < 2:
         return best
     contradictions = [(part, difference(best, part)) for part in used[1:]]
@@ -160,14 +206,41 @@ def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
             covariance=best.covariance + np.outer(worst.vector, worst.vector),
         )
     information = [_information(part, best.axis_in_parent) for part in used]
-    rotation = best.mean_rotation
+    rotation, total = best.mean_rotation, np.linalg.pinv(np.sum(information, axis=0), hermitian=True)
+    shares = [total @ each for each in information]
     return replace(
         best,
         in_parent=_mean([part.in_parent for part in used], information),
         in_child=_mean([part.in_child for part in used], [rotation.T @ each @ rotation for each in information]),
-        covariance=np.linalg.pinv(np.sum(information, axis=0), hermitian=True),
+        covariance=np.sum([w @ part.covariance @ w.T for w, part in zip(shares, used, strict=True)], axis=0),
         trials=tuple(name for part in used for name in part.trials),
     )
+
+
+def _moved(part: JointPlace) -> bool:
+    """True if a trial moved a joint far enough to have a vote on it."""
+    return largest_error(part.allowance, part.axis) < CENTIMETRE
+
+
+def _unmoved(best: JointPlace) -> JointPlace:
+    """The joint that no trial moved, by the best of them: unsure, or without a place."""
+    total = best.covariance + best.allowance
+    error = largest_error(total, best.axis)
+    if error > _NOWHERE and not _moved(best):
+        nowhere = np.full(3, np.nan)
+        return replace(
+            best,
+            status=JointStatus.STILL,
+            reason="no trial moved it",
+            in_parent=nowhere,
+            in_child=nowhere,
+            covariance=np.full((3, 3), np.nan),
+            floor=float("nan"),
+        )
+    if not best.usable:
+        return best
+    reason = f"no trial moved it enough to show it: ± {1000 * error:.0f} mm, if skin slides by {1000 * _SLIDES:.0f} mm"
+    return replace(best, status=JointStatus.UNSURE, reason=reason, covariance=total)
 
 
 def difference(one: JointPlace, other: JointPlace) -> SideDifference:
@@ -175,7 +248,7 @@ def difference(one: JointPlace, other: JointPlace) -> SideDifference:
     axes = [place.axis_in_parent for place in (one, other) if not np.isnan(place.axis_in_parent).any()]
     basis = _basis(axes[0]) if axes else np.eye(3)
     off = basis.T @ (other.in_parent - one.in_parent)
-    errors = basis.T @ (one.covariance + other.covariance) @ basis
+    errors = basis.T @ (one.covariance + one.allowance + other.covariance + other.allowance) @ basis
     angle = float(np.arccos(np.minimum(np.abs(axes[0] @ axes[1]), 1.0))) if len(axes) == 2 else 0.0
     chi_square = float(off @ np.linalg.pinv(errors, hermitian=True) @ off)
     return SideDifference(basis @ off, chi_square, len(off), "parent", angle)
@@ -196,7 +269,8 @@ def _information(place: JointPlace, axis: Floats) -> Floats:
     """Inverse of a covariance (3, 3) across the best trial's axis or, if that has none, across the place's own."""
     along = place.axis_in_parent if np.isnan(axis).any() else axis
     basis = np.eye(3) if np.isnan(along).any() else _basis(along)
-    return np.asarray(basis @ np.linalg.pinv(basis.T @ place.covariance @ basis, hermitian=True) @ basis.T)
+    total = place.covariance + place.allowance
+    return np.asarray(basis @ np.linalg.pinv(basis.T @ total @ basis, hermitian=True) @ basis.T)
 
 
 def _mean(points: Sequence[Floats], information: Sequence[Floats]) -> Floats:
@@ -351,7 +425,7 @@ def calibrate_session(
     names = [trial.name for trial in every]
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
         raise RecordingError(f"{', '.join(twice)}: given twice; name each trial once, and give each a name of its own")
-    calibrations = [calibrate(trial, markerset) for trial in every]
+    calibrations = [find_joints(markerset, trial) for trial in every]
     forced: list[str] = []
     for index in range(1, len(every)):
         before = merge_calibrations(markerset, calibrations[:index])
@@ -365,18 +439,27 @@ def calibrate_session(
     session = merge_calibrations(markerset, calibrations, fixed)
     if fixed is not None:
         session = hinges_placed(session, calibrations[fixed], every[fixed])
-    return replace(_with_misfits(session, every), overruled=tuple(forced))
+    checked = (with_checks(one, trial) for one, trial in zip(calibrations, every, strict=True))
+    return replace(_checked(session, every), trials=tuple(checked), overruled=tuple(forced))
 
 
-def _with_misfits(session: Session, trials: Sequence[Recording]) -> Session:
-    """Add the misfits of the shapes, root mean square over the trials."""
+def _checked(session: Session, trials: Sequence[Recording]) -> Session:
+    """Add the misfits of the shapes, root mean square over the trials, and doubts and warnings of the joints.
+
+    A joint is as far outside the markers' hull as in the trial in which it is least.
+    """
     calibration = session.calibration
     if not calibration.has_poses:
         return session
-    misfits = np.array([draw_skeleton(calibration, trial).misfits for trial in trials])
+    drawn = [draw_skeleton(calibration, trial) for trial in trials]
+    misfits = np.array([one.misfits for one in drawn])
     total = _mean_square(misfits, np.array([trial.frames for trial in trials], dtype=np.float64))
-    shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, total, strict=True))
-    return replace(session, calibration=replace(calibration, shapes=tuple(shapes)))
+    shapes = tuple(replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, total, strict=True))
+    hulls = [hull_distances(trial.positions, one.centers) for one, trial in zip(drawn, trials, strict=True)]
+    least = [
+        min(each, key=lambda hull: np.nan_to_num(hull.share_outside, nan=2.0)) for each in zip(*hulls, strict=True)
+    ]
+    return replace(session, calibration=with_doubts(replace(calibration, shapes=shapes), least))
 
 
 def _mean_square(misfits: Floats, frames: Floats) -> Floats:
@@ -412,9 +495,10 @@ def session_lines(session: Session) -> Iterator[str]:
     joints = session.calibration.joints
     yield from columns((_row(place, session.parts[place.joint.name]) for place in joints), titles, "<<>>>>><")
     yield "x, y, z: centre in its parent; error: largest standard error; apart: farthest reliable trial; all in mm"
+    yield from session.calibration.reasons()
+    yield from session.calibration.warnings()
     for place in joints:
         if place.status not in USABLE:
-            yield f"{place.joint.name}: {place.reason}"
             continue
         parts = sorted(session.parts[place.joint.name], key=lambda part: part.rank)
         if left := [part for part in parts if not set(part.trials) <= set(place.trials)]:
@@ -450,6 +534,8 @@ def _row(place: JointPlace, parts: Sequence[JointPlace]) -> list[str]:
 
 
 def _left_out(part: JointPlace) -> str:
+    if not _moved(part):
+        return f"{', '.join(part.trials)} (hardly moved it)"
     error = part.standard_error
     size = "" if np.isnan(error) else f", ± {1000 * error:.1f} mm"
     return f"{', '.join(part.trials)} ({SHORT_TEXTS[part.status]}{size})"

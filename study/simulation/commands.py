@@ -5,11 +5,15 @@ import inspect
 import os.path
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from study.options import ExitCode, Json
+from study.options import ExitCode, Json, echo
+from study.text import columns, json_text
+
+if TYPE_CHECKING:
+    from study.simulation.runs.run_folder import Run
 
 RUNS = Path("results")
 """Folder of the runs, below the current one."""
@@ -26,6 +30,13 @@ def run_folder(argument: str) -> Path:
     return path if config is None else RUNS / load(config).run_name()
 
 
+def opened(folder: Path) -> "Run":
+    """The run in a folder."""
+    from study.simulation.runs.run_folder import Run
+
+    return Run.open(folder)
+
+
 _FOLDER = "folder of a run, or the config of a run in results/, such as configs/paper.toml, or paper if it is shipped"
 Folder = Annotated[Path, typer.Argument(metavar="RUN", parser=run_folder, help=_FOLDER)]
 CONFIG_HELP = "config file, or name of a shipped config (see `study configs`)"
@@ -36,10 +47,8 @@ Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number
 def configs() -> None:
     """List the shipped configs. `study plan` and `study run` take them by name."""
     from study.simulation.experiment.config import shipped_configs, summary_line
-    from study.text import columns
 
-    for line in columns([name, summary_line(path)] for name, path in shipped_configs().items()):
-        typer.echo(line)
+    echo(columns([name, summary_line(path)] for name, path in shipped_configs().items()))
 
 
 def plan(config: Config, jobs: Jobs = 2, as_json: Json = False) -> None:
@@ -53,7 +62,6 @@ def plan(config: Config, jobs: Jobs = 2, as_json: Json = False) -> None:
     from study.simulation.experiment.config import config_file, load
     from study.simulation.runs.plan import extremes, warning
     from study.simulation.runs.plan import plan as make_plan
-    from study.text import columns, json_text
 
     study = load(config_file(config))
     plans = {title: make_plan(part, jobs) for title, part in extremes(study).items()}
@@ -65,8 +73,7 @@ def plan(config: Config, jobs: Jobs = 2, as_json: Json = False) -> None:
         for title, result in plans.items():
             if title:
                 typer.echo(f"  {title}")
-            for line in columns(result.lines(), indent=2):
-                typer.echo(line)
+            echo(columns(result.lines(), indent=2))
     if (words := warning(study, next(iter(plans.values())), jobs)) is not None:  # the first is the least work
         typer.echo(words, err=True)
         raise typer.Exit(ExitCode.TOO_LONG)
@@ -96,11 +103,9 @@ def status(folder: Folder, as_json: Json = False) -> None:
     """
     from study.simulation.runs.status import printed
     from study.simulation.runs.status import status as status_of
-    from study.text import json_text
 
     result = status_of(folder)
-    for line in [json_text(vars(result))] if as_json else printed(result):
-        typer.echo(line)
+    echo([json_text(vars(result))] if as_json else printed(result))
 
 
 Where = Annotated[
@@ -141,12 +146,10 @@ def summary(
     """
     from study.simulation.analysis.summary_text import RowChoice, as_data, printed
     from study.simulation.analysis.summary_text import as_csv as csv_text
-    from study.simulation.runs.run_folder import Run
-    from study.text import json_text
 
     if as_json + as_csv + only_ok > 1:
         raise typer.BadParameter("give one of --json, --csv and --ok; the first two have ok fits in columns …_ok")
-    run = Run.open(folder)
+    run = opened(folder)
     try:
         choice = RowChoice.of(run, where or [], estimators)
         if as_json:
@@ -155,8 +158,7 @@ def summary(
             lines = csv_text(run, choice).splitlines() if as_csv else list(printed(run, choice, every, only_ok))
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
-    for line in lines:
-        typer.echo(line)
+    echo(lines)
 
 
 def diff(
@@ -174,12 +176,9 @@ def diff(
     same_trials and different.
     """
     from study.simulation.analysis.compare import as_data, compare, printed
-    from study.simulation.runs.run_folder import Run
-    from study.text import json_text
 
-    result = compare(Run.open(one), Run.open(other))
-    for line in [json_text(as_data(result))] if as_json else printed(result):
-        typer.echo(line)
+    result = compare(opened(one), opened(other))
+    echo([json_text(as_data(result))] if as_json else printed(result))
     if result.different:
         raise typer.Exit(ExitCode.FAILURE)
 
@@ -197,11 +196,9 @@ def verify(
     """
     from study.simulation.analysis.verify import printed
     from study.simulation.analysis.verify import verify as check
-    from study.simulation.runs.run_folder import Run
 
-    result = check(Run.open(folder), share)
-    for line in printed(result):
-        typer.echo(line)
+    result = check(opened(folder), share)
+    echo(printed(result))
     if result.faults:
         raise typer.Exit(ExitCode.FAILURE)
 
@@ -220,11 +217,9 @@ def archive(
     """
     from study.simulation.analysis.archive import archive as write
     from study.simulation.analysis.archive import printed
-    from study.simulation.runs.run_folder import Run
 
-    runs = [Run.open(folder) for folder in folders]
-    for line in printed(runs, write(runs, out)):
-        typer.echo(line)
+    runs = [opened(folder) for folder in folders]
+    echo(printed(runs, write(runs, out)))
 
 
 def worst(
@@ -241,18 +236,14 @@ def worst(
     (error over bound), error, bound, and the conditions.
     """
     from study.simulation.analysis.summary import as_data, of_run, printed
-    from study.simulation.runs.run_folder import Run
-    from study.text import json_text
 
-    run = Run.open(folder)
+    run = opened(folder)
     result = of_run(run, count, estimator)
-    for line in [json_text(as_data(run, result))] if as_json else printed(run, result):
-        typer.echo(line)
+    echo([json_text(as_data(run, result))] if as_json else printed(run, result))
 
 
 def regret(
-    folder: Folder,
-    csv: Annotated[Path | None, typer.Option("--csv", help="file to write the table to")] = None,
+    folder: Folder, csv: Annotated[Path | None, typer.Option("--csv", help="file to write the table to")] = None
 ) -> None:
     """Compare each estimator with the best in every cell.
 
@@ -261,22 +252,19 @@ def regret(
     from study.files import save_frame
     from study.simulation.analysis.regret import of_run, printed
     from study.simulation.analysis.regret import regret as means
-    from study.simulation.runs.run_folder import Run
 
-    run = Run.open(folder)
+    run = opened(folder)
     table = means(of_run(run))
     if csv is not None:
         save_frame(table, csv)
-    for line in printed(run, table):
-        typer.echo(line)
+    echo(printed(run, table))
 
 
 def estimators() -> None:
     """List the estimators, their cost and their sources."""
     from study.simulation.analysis.regret import estimators_printed
 
-    for line in estimators_printed():
-        typer.echo(line)
+    echo(estimators_printed())
 
 
 def check(
@@ -293,8 +281,7 @@ def check(
     from study.fits.check import check_file, printed
 
     result = check_file(file, limit=limit)
-    for line in printed(result):
-        typer.echo(line)
+    echo(printed(result))
     if any(report.violations for report in result):
         raise typer.Exit(ExitCode.FAILURE)
 
@@ -313,8 +300,7 @@ def cost(
 
     table = cost_table()
     save_frame(table, out)
-    for line in printed(table):
-        typer.echo(line)
+    echo(printed(table))
 
 
 _CONFIG = "config of a coverage study, such as configs/coverage.toml"
@@ -341,8 +327,7 @@ def coverage(config: CoverageConfig, jobs: Threads = 2, out: CoverageOut = None)
     stamp = f"{design.name} · seed {design.seed} · {int(table['trials'].max()):,} trials a cell{fewer}"
     for path in save(draw(table, stamp), folder / "fig_coverage"):
         typer.echo(str(path))
-    for line in printed(table):
-        typer.echo(line)
+    echo(printed(table))
 
 
 ReadingsConfig = Annotated[Path, typer.Argument(metavar="CONFIG", help="config of readings, or readings if shipped")]
@@ -373,8 +358,7 @@ def readings(
         own.append(run(study, text, RUNS / study.run_name(), jobs))
     table = judge(choices, own, out.parent / "readings", jobs, cost, lambda line: typer.echo(line, err=True))
     save_frame(table, out)
-    for line in Readings(choices, table).printed():
-        typer.echo(line)
+    echo(Readings(choices, table).printed())
 
 
 Folders = Annotated[
@@ -406,17 +390,14 @@ def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as
     """
     from study.simulation.claims import as_data, judge_all, printed, save
     from study.simulation.claims.recordings import read_case_studies
-    from study.simulation.runs.run_folder import Run
-    from study.text import json_text
 
-    runs = [Run.open(folder) for folder in folders]
+    runs = [opened(folder) for folder in folders]
     runs[0].manifest()  # without a sound one, no verdict could be stored
     verdicts = judge_all(runs, cost, read_case_studies(recording) if recording else None)
     try:
         save(runs[0], verdicts)
     finally:  # verdicts that cannot be stored are printed all the same
-        for line in [json_text(as_data(runs, verdicts))] if as_json else printed(verdicts):
-            typer.echo(line)
+        echo([json_text(as_data(runs, verdicts))] if as_json else printed(verdicts))
 
 
 def report(
@@ -441,11 +422,10 @@ def report(
     from study.simulation.claims.recordings import read_case_studies
     from study.simulation.figures import Gallery, make_folder
     from study.simulation.report.page import read_bench, render, save
-    from study.simulation.runs.run_folder import Run
 
     if jobs is not None:
         typer.echo("--jobs: has no effect any more; one process draws each figure once", err=True)
-    runs = [Run.open(folder) for folder in folders]
+    runs = [opened(folder) for folder in folders]
     measured = read_bench(bench) if bench else None
     otherwise = Readings.load(readings) if readings else None
     spreads = read_case_studies(recording) if recording else None
@@ -456,10 +436,8 @@ def report(
     verdicts = judge_all(runs, cost, spreads)
     gallery = Gallery() if figures is not None else Gallery(kinds=["png"])
     path = save(render(runs, verdicts, measured, gallery, otherwise), out or runs[0].folder / "report.html")
-    for picture in gallery.save(figures) if figures is not None else []:
-        typer.echo(str(picture))
-    for line in printed(verdicts) if claims else []:
-        typer.echo(line)
+    echo(map(str, gallery.save(figures) if figures is not None else []))
+    echo(printed(verdicts) if claims else [])
     typer.echo(str(path))
     if claims:
         save_claims(runs[0], verdicts)

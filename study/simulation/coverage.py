@@ -29,8 +29,8 @@ from study.arrays import Bools, Floats
 from study.fits import ESTIMATORS, Samples, Status, cap
 from study.fits.bounds import Cap, attainable_bound, cramer_rao, crlb
 from study.fits.intervals import intervals
+from study.fits.random import lanes
 from study.fits.registry import fit_samples
-from study.fits.streams import lanes
 from study.simulation.experiment.config import EstimatorNames, FolderName
 from study.text import columns
 from study.toml import ConfigError, Distinct, Fault, Frozen, report, toml_tables, toml_text

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from study.fits.cap import cap_moments, draw, heights, sample_cap
-from study.fits.streams import lanes
+from study.fits.random import lanes
 
 EPS = np.finfo(float).eps
 

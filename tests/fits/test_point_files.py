@@ -19,9 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from study.fits import point_text
+from study.fits import point_files
 from study.fits.point_files import read_points
-from study.fits.point_text import PointFileError
+from study.fits.point_formats import PointFileError
 
 POINTS = np.random.default_rng(1).normal(300.0, 80.0, (12, 3))
 
@@ -238,7 +238,7 @@ def test_standard_input(monkeypatch, kind):
 
 def test_endless_standard_input(monkeypatch):
     """It is read up to a limit, beyond which it is refused."""
-    monkeypatch.setattr(point_text, "_MOST_BYTES", 1000)
+    monkeypatch.setattr(point_files, "_MOST_BYTES", 1000)
     with open("/dev/zero", "rb") as endless:
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(endless))
         with pytest.raises(PointFileError, match="more than 1,000 bytes"):

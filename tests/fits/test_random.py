@@ -16,8 +16,7 @@ from scipy import stats
 
 from study.fits.cap import draw
 from study.fits.jit import CHUNK
-from study.fits.random import LANES, WORDS, fill_words, put_back, seeded, spare, to_normals, to_uniform
-from study.fits.streams import lanes, stream
+from study.fits.random import LANES, WORDS, fill_words, lanes, put_back, seeded, spare, stream, to_normals, to_uniform
 
 EPS = np.finfo(float).eps
 

@@ -10,8 +10,7 @@ from scipy import integrate, stats
 
 import study
 from study import Samples, Status
-from study.fits.robust import FALSE_ALARMS, as_rare, extra_parameters, limits_of, outliers
-from study.fits.trimmed import elemental, spread_out
+from study.fits.robust import FALSE_ALARMS, as_rare, elemental, extra_parameters, limits_of, outliers, spread_out
 
 CHANCE = 1e-5
 

@@ -140,7 +140,7 @@ def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
 
 def write_motion_video(scene: "Scene", path: Path) -> Path:
     """Write the video, with a progress bar on a terminal."""
-    from study.recordings.view.video import write_video
+    from study.recordings.view.figure import write_video
 
     raw = unchanged(sys.stderr)
     with typer.progressbar(length=1000, label="video", file=raw, hidden=not raw.isatty()) as bar:
@@ -209,7 +209,7 @@ def skeleton(
         with_joints,
     )
     from study.recordings.skeleton.make_scene import skeleton_data, skeleton_lines, skeleton_scene
-    from study.recordings.view.video import encoder
+    from study.recordings.view.figure import encoder
     from study.text import json_text
 
     if calibration is None and force:

@@ -15,8 +15,7 @@ import pygltflib as gltf
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats, Ints
-from study.recordings.export.files import Y_UP
-from study.recordings.export.tree import ExportedMotion, JointNode, joint_tree
+from study.recordings.export.tree import Y_UP, ExportedMotion, JointNode, joint_tree
 from study.recordings.skeleton.scene import Scene
 
 _WIDTH = 0.08

@@ -49,6 +49,8 @@ _WORDS = {
 }
 """Words in the names of segments, by the part of the body that they belong to."""
 _LEFT, _FORWARD, _UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""Rotation from axes with z up to those with y up."""
 _TIP = 0.7
 """A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
 
@@ -113,16 +115,12 @@ def _bone(name: str, calibration: Calibration) -> Floats | None:
         above = np.mean(sides, axis=0) if sides else None
         ends = middle
     else:
-        ends = middle or list(below.values()) or _tip(calibration, name, above)
+        tip = limb_end(calibration.shape(name), above)
+        ends = middle or list(below.values()) or ([] if tip is None else [tip])
     if above is None or not ends:
         return None
     bone = np.mean(ends, axis=0) - above
     return bone if np.linalg.norm(bone) > 0.0 else None
-
-
-def _tip(calibration: Calibration, name: str, joint: Floats) -> list[Floats]:
-    tip = limb_end(calibration.shape(name), joint)
-    return [] if tip is None else [tip]
 
 
 def limb_end(shape: SegmentShape, joint: Floats) -> Floats | None:
@@ -233,11 +231,11 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     skeleton = motion.skeleton
     standing = rest_rotations(skeleton.calibration, motion.upright, RestPose.STANDING)
     turns = {name: _rotation(motion, name, standing[name].T @ ANATOMICAL.T) for name in skeleton.segments}
-    axes = {shape.segment: shape.anatomy for shape in skeleton.calibration.shapes if has_axes(shape)}
+    axes = {s.segment: s.anatomy for s in skeleton.calibration.shapes if not np.isnan(s.anatomy).any()}
     clinical = {name: _rotation(motion, name, columns) for name, columns in axes.items()}
     root = skeleton.segments[0]
     columns: dict[str, Floats] = {"time": np.arange(skeleton.frames) / skeleton.rate}
-    world = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]) @ motion.upright
+    world = Y_UP @ motion.upright
     angles = _zxy(np.einsum("ij,jkt->ikt", world @ motion.upright.T, (turns | clinical)[root]))
     for name, values in zip(("tilt", "list", "rotation"), angles, strict=True):
         columns[f"{root}_{name}"] = values
@@ -250,19 +248,15 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
             columns |= _ball(place.joint.name, turn, -1.0 if place.joint.name in bends else 1.0)
             continue
         turn = relative_rotation(turns[place.joint.parent], turns[place.joint.child])
-        columns |= _hinge(place, turn, standing) if _has_axis(place) else _ball(place.joint.name, turn)
+        hinge = place.joint.kind == "hinge" and not np.isnan(place.axis_in_parent).any()
+        columns |= _hinge(place, turn, standing) if hinge else _ball(place.joint.name, turn)
     return pd.DataFrame(columns)
-
-
-def has_axes(shape: SegmentShape) -> bool:
-    """True if points of the body give a segment anatomical axes."""
-    return not np.isnan(shape.anatomy).any()
 
 
 def clinical_joints(calibration: Calibration) -> list[str]:
     """Names of the joints whose angles are those of Grood and Suntay: both segments, of a leg, have anatomical axes."""
     segments = set(legs(calibration.markerset).values())
-    segments = {name for name in segments if has_axes(calibration.shape(name))}
+    segments = {name for name in segments if not np.isnan(calibration.shape(name).anatomy).any()}
     return [place.joint.name for place in calibration.joints if {place.joint.parent, place.joint.child} <= segments]
 
 
@@ -285,10 +279,6 @@ def angle_lines(calibration: Calibration) -> list[str]:
 def _rotation(motion: ExportedMotion, name: str, axes: Floats) -> Floats:
     """Rotation (3, 3, frames) of axes (3, 3), columns x, y, z, in a segment's axes, to the upright world."""
     return np.asarray(np.einsum("ij,jkt,kl->ilt", motion.upright, motion.skeleton.rotation(name), axes))
-
-
-def _has_axis(place: JointPlace) -> bool:
-    return place.joint.kind == "hinge" and not np.isnan(place.axis_in_parent).any()
 
 
 def _ball(name: str, turn: Floats, bends: float = 1.0) -> dict[str, Floats]:

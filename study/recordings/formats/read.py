@@ -1,15 +1,189 @@
-"""Read a recording from a file of any known format, which its contents tell, not its name alone."""
+"""Read a recording from a file of any known format, which its contents tell, not its name alone.
 
+Exports of camera systems stand here. Motive (CSV): a line of keys and values, lines of headers, then rows. Above each
+column stand its type (Marker, Rigid Body, Rigid Body Marker, Bone, Bone Marker), its name, its ID, in newer versions
+its parent, then what it holds (Rotation, Position, Mean Marker Error, Marker Quality), then the axis. Source: OptiTrack
+documentation, "Data Export: CSV", format versions 1.2 to 1.25.
+
+Qualisys Track Manager (TSV): lines with a key and its values, then rows of coordinates. Source: Qualisys Track Manager
+User Manual, "TSV file formats": keys NO_OF_FRAMES, NO_OF_MARKERS, FREQUENCY, DATA_INCLUDED, MARKER_NAMES and others;
+optionally TRAJECTORY_TYPES, a line of column headers, and the columns Frame and Time; millimetres; a missing sample is
+empty, NULL, or 0 in all three.
+"""
+
+import csv
+import re
+from collections import Counter
 from pathlib import Path
 
+import numpy as np
+
 from study.files import regular
-from study.recordings.formats import exports
-from study.recordings.formats.text import find_axes, read_columns, read_table, read_trc, read_vicon
+from study.recordings.formats.text import (
+    as_points,
+    find_axes,
+    missing_frames_note,
+    read_columns,
+    read_rows,
+    read_table,
+    read_trc,
+    read_vicon,
+    with_all_frames,
+)
 from study.recordings.recording import FileContents, Recording, RecordingError, assemble, frames_between, printable
 
-_OPENINGS = ("PathFileType", exports.QUALISYS_KEY, exports.MOTIVE_KEY, "Trajectories")
+_MOTIVE = "Format Version"
+_FIRST = 20
+"""Lines in which the headers must be."""
+_FEWEST = 4
+"""Fewest lines above that of the axes: keys, types, names, contents."""
+_MEASURED = ("marker",)
+_SOLVED = ("rigid body marker", "bone marker", "marker constraint")
+_UNLABELED = re.compile(r"unlabell?ed\b", re.I)
+_NUMBERED = re.compile(r"(.*\S)\s*:\s*(marker\s*\d+)$", re.I)
+
+
+def read_motive(lines: list[str]) -> FileContents:
+    """Read the markers of an export of Motive.
+
+    Measured markers are taken; where there are none, those of the solved rigid bodies and skeletons, with a note, for
+    they keep their distances whatever the skin does. Markers without a label are left out. A marker that has no name
+    of its own, as in ``Thigh:Marker 001``, keeps that of its asset: ``Thigh Marker 001``. Rigid bodies are segments of
+    one subject (see `_labels`).
+
+    Raises:
+        RecordingError: one line, without the file's name: no markers, no line of axes.
+    """
+    table = list(csv.reader(lines[:_FIRST]))
+    axes = next((i for i, row in enumerate(table) if row and row[0].strip().lower() == "frame"), 0)
+    columns = _columns(table, axes)
+    chosen = [column for column in columns if column[1] in _MEASURED and not _UNLABELED.match(column[2])]
+    unlabelled = sum(kind in _MEASURED for _, kind, _ in columns) - len(chosen)
+    notes = [f"{unlabelled} markers without a label are left out"] * (unlabelled > 0)
+    if not chosen and (chosen := [column for column in columns if column[1] in _SOLVED]):
+        notes.append("its markers are those of solved rigid bodies, not the measured ones: export Markers, too")
+    if not chosen:
+        kinds = ", ".join(sorted({kind for _, kind, _ in columns})) or "no positions"
+        raise RecordingError(f"no labelled markers in it, but {kinds}; export it from Motive with Markers")
+    bodies = {name.partition(":")[0].strip() for _, kind, name in columns if kind.startswith("rigid body")}
+    end = max(i for i, line in enumerate(lines, start=1) if line.strip())
+    numbers = read_rows(lines[axes + 1 : end], axes + 2, ",", len(table[axes]))
+    numbers, lacking = with_all_frames(numbers[:, 0], numbers, axes + 2)
+    places = [place + axis for place, _, _ in chosen for axis in range(3)]
+    keys = [cell.strip().lower() for cell in table[0]]
+    given = dict(zip(keys[::2], table[0][1::2], strict=False))
+    return FileContents(
+        labels=_labels([name for _, _, name in chosen], bodies),
+        points=as_points(np.ascontiguousarray(numbers[:, places])),
+        rate=_rate(given),
+        unit=given.get("length units") or None,
+        notes=(*notes, *lacking),
+    )
+
+
+def _columns(table: list[list[str]], axes: int) -> list[tuple[int, str, str]]:
+    """The positions in a file, by its lines of headers; ``axes`` is the number of the last of them.
+
+    Each takes three columns: the number of the first, the type of what is there, and its name.
+    """
+    titles = {row[1].strip().lower(): row for row in table[1:axes] if len(row) > 1 and row[1].strip()}
+    if axes < _FEWEST or not {"type", "name"} <= titles.keys():
+        raise RecordingError("no lines Type, Name and Frame above the rows; export it from Motive with its header")
+    width = len(table[axes])
+    kinds, names, holds = (
+        [cell.strip() for cell in [*row, *[""] * width][:width]]
+        for row in (titles["type"], titles["name"], table[axes - 1])
+    )
+    axis = [cell.strip().lower() for cell in table[axes]]
+    return [
+        (i, kinds[i].lower(), names[i])
+        for i in range(2, width - 2)
+        if axis[i : i + 3] == ["x", "y", "z"] and holds[i].lower() == "position"
+    ]
+
+
+def _labels(names: list[str], bodies: set[str]) -> list[str]:
+    """The markers' labels.
+
+    Where a name is only a number within its asset, the asset's name belongs to it. An asset that is a rigid body is a
+    segment, not a subject: its name is dropped where the marker's own is unique, and belongs to it where it is not.
+
+    Args:
+        names: as in the file.
+        bodies: names of the rigid bodies.
+    """
+    labels = [f"{numbered[1]} {numbered[2]}" if (numbered := _NUMBERED.match(name)) else name for name in names]
+    pairs = [(owner.strip(), own.strip()) for owner, _, own in (label.rpartition(":") for label in labels)]
+    count = Counter(own for owner, own in pairs if owner in bodies)
+    return [
+        label if owner not in bodies else own if count[own] == 1 else f"{owner} {own}"
+        for label, (owner, own) in zip(labels, pairs, strict=True)
+    ]
+
+
+def _rate(given: dict[str, str]) -> float | None:
+    """Frames per second of the export, or of the capture; None if neither is given."""
+    for key in ("export frame rate", "capture frame rate"):
+        try:
+            return float(given[key])
+        except (KeyError, ValueError):
+            continue
+    return None
+
+
+_QUALISYS = "NO_OF_FRAMES"
+_NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
+_ABSENT = ("", "null", "nan")
+
+
+def read_qualisys(lines: list[str]) -> FileContents:
+    """Read a TSV file of trajectories.
+
+    Raises:
+        RecordingError: one line, without the file's name: it holds rigid bodies (6D) and no trajectories, lacks its
+            markers' names or its rate, or its rows do not fit the names.
+    """
+    header, start = _header(lines)
+    kind = " ".join(header.get("DATA_INCLUDED", [])).strip().upper()
+    if kind and not kind.startswith("3D"):
+        raise RecordingError(f"it holds {kind} data; export the trajectories (3D) from Qualisys Track Manager")
+    labels = [name for name in header.get("MARKER_NAMES", []) if name]
+    if not labels:
+        raise RecordingError("no line MARKER_NAMES with the markers' names")
+    try:
+        rate = float(header["FREQUENCY"][0].replace(",", "."))
+    except (KeyError, ValueError, IndexError):
+        raise RecordingError("no line FREQUENCY with the frames per second") from None
+    rows = lines[start : max((i for i, line in enumerate(lines, start=1) if line.strip()), default=0)]
+    wanted = 3 * len(labels)
+    cells = max((len(row.rstrip("\r\n").split("\t")) for row in rows), default=wanted)
+    extra = 2 if cells >= wanted + 2 else 0  # Frame and Time, if they were exported; a row may end in a tab
+    numbers = read_rows(rows, start + 1, "\t", wanted + extra)
+    notes: tuple[str, ...] = ()
+    if extra:
+        numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
+    promised = "".join(header[_QUALISYS][:1])
+    notes += missing_frames_note(len(numbers), int(promised)) if promised.isdigit() else ()
+    points = as_points(np.ascontiguousarray(numbers[:, extra:]))
+    return FileContents(labels, points, rate, "mm", notes=notes)
+
+
+def _header(lines: list[str]) -> tuple[dict[str, list[str]], int]:
+    """The values of each key, and the number of the first line of rows, from 0."""
+    header: dict[str, list[str]] = {}
+    for number, line in enumerate(lines):
+        cells = [cell.strip() for cell in line.split("\t")]
+        numbers = any(cells) and all(cell.lower() in _ABSENT or _NUMBER.match(cell) for cell in cells)
+        if "MARKER_NAMES" in header and numbers:
+            return header, number
+        if cells[0]:
+            header[cells[0].rstrip(":").upper()] = cells[1:]
+    return header, len(lines)
+
+
+_OPENINGS = ("PathFileType", _QUALISYS, _MOTIVE, "Trajectories")
 """Words with which files of a known format begin."""
-_FIRST = 50
+_OPENING_LINES = 50
 """Lines in which a file says what it is."""
 
 
@@ -36,29 +210,19 @@ def read_text(path: Path) -> FileContents:
     opening = lines[0].lstrip().lstrip('"')
     if opening.startswith("PathFileType") or path.suffix.lower() == ".trc":
         return read_trc(lines)
-    if opening.startswith(exports.MOTIVE_KEY):
-        return exports.read_motive(lines)
-    for number, line in enumerate(lines[:_FIRST]):
-        if line.startswith(f"{exports.QUALISYS_KEY}\t"):
-            return exports.read_qualisys(lines)
+    if opening.startswith(_MOTIVE):
+        return read_motive(lines)
+    for number, line in enumerate(lines[:_OPENING_LINES]):
+        if line.startswith(f"{_QUALISYS}\t"):
+            return read_qualisys(lines)
         if line.strip().strip(",;\t\"'").lower() == "trajectories":
             return read_vicon(lines, number)
     axes = find_axes(lines)
     return read_table(lines) if axes is None else read_columns(lines, axes)
 
 
-def is_known_text(head: bytes) -> bool:
-    """True for the first bytes of a file that says which format it has, whatever its name is."""
-    text = head.decode("latin-1").removeprefix("\xef\xbb\xbf").lstrip().lstrip('"')
-    return text.startswith(_OPENINGS)
-
-
 FORMATS = (".c3d", ".csv", ".trc", ".tsv", ".txt")
 """Ends of names; files of other names are read if their contents say what they are."""
-C3D_MAGIC = b"\x50"
-"""The second byte of each C3D file."""
-_PRINTABLE = 32
-"""The first byte of a C3D file, the place of its parameters, is smaller; that of a text is not."""
 _HEAD = 64
 """Bytes that tell a format."""
 
@@ -132,9 +296,9 @@ def _is_c3d(path: Path) -> bool:
     if suffix in FORMATS or path.is_file():
         with open(path, "rb") as file:
             head = file.read(_HEAD)
-    if head[1:2] == C3D_MAGIC and head[0] < _PRINTABLE:
+    if head[1:2] == b"\x50" and head[0] < ord(" "):  # the first byte, the place of the parameters, is small
         return True
-    if is_known_text(head):
+    if head.decode("latin-1").removeprefix("\xef\xbb\xbf").lstrip().lstrip('"').startswith(_OPENINGS):
         return False
     if suffix not in FORMATS:
         raise RecordingError(f"a recording is a file whose name ends in {', '.join(FORMATS)}")

@@ -5,10 +5,9 @@ for this acknowledgement: "The data used in this project was obtained from mocap
 with funding from NSF EIA-0196217."
 """
 
-import contextlib
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +15,6 @@ import numpy as np
 import pandas as pd
 
 from study.files import replacing
-from study.recordings.formats.c3d import LONG
 from study.recordings.recording import Recording, RecordingError
 from study.text import did_you_mean
 
@@ -146,34 +144,39 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     path = Path(path)
     if path.suffix.lower() not in WRITERS:
         raise RecordingError(f"{path}: a recording is written to a file whose name ends in {', '.join(WRITERS)}")
+    return written(path, lambda temporary: WRITERS[path.suffix.lower()](recording, temporary))
+
+
+def written(path: Path, fill: Callable[[Path], None]) -> Path:
+    """Fill a file under a temporary name with the same end, in small letters, and then rename it; see `replacing`.
+
+    Raises:
+        RecordingError: one line with the file's name: a library is missing, or the file cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing_named(path) as temporary:
-            WRITERS[path.suffix.lower()](recording, temporary)
+        with replacing(path) as temporary:
+            named = temporary.with_suffix(path.suffix.lower())  # ezc3d wants a name that ends in .c3d
+            try:
+                named.write_bytes(b"")  # ezc3d does not say why it cannot write
+                fill(named)
+                os.replace(named, temporary)
+            finally:
+                named.unlink(missing_ok=True)
     except ModuleNotFoundError as error:
         raise RecordingError(f"{path}: writing it needs {error.name}: pip install '.[mocap]'") from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+    except RecordingError as error:
+        raise RecordingError(str(error).replace(str(named), str(path))) from None
     return path
-
-
-@contextlib.contextmanager
-def replacing_named(path: Path) -> Iterator[Path]:
-    """Give a temporary name with the same end, in small letters; see `replacing`."""
-    with replacing(path) as temporary:
-        named = temporary.with_suffix(path.suffix.lower())  # ezc3d wants a name that ends in .c3d
-        try:
-            with open(named, "wb"):  # ezc3d does not say why it cannot write
-                pass
-            yield named
-            os.replace(named, temporary)
-        finally:
-            named.unlink(missing_ok=True)
 
 
 def _write_c3d(recording: Recording, path: Path) -> None:
     """Write millimetres in single precision, as is usual in C3D files; a missing sample has the residual -1."""
     import ezc3d
+
+    from study.recordings.formats.c3d import LONG
 
     file = ezc3d.c3d()
     point = file["parameters"]["POINT"]

@@ -9,7 +9,8 @@ Source: paper §10 ("calculations can be reused for the same actor and marker-se
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Self
@@ -122,6 +123,8 @@ class JointPlace:
         mean_rotation: of the child in the parent's axes (3, 3).
         trials: names of the recordings that the place comes from, where there are several.
         floor: standard error from skin that no marker shows, metres (see `Estimate`); part of no covariance.
+        allowance: covariance of what skin hides in a trial of a session that hardly moved it (3, 3), m², in the same
+            axes (see `study.recordings.session`); part of no covariance.
         warnings: reasons why it is unlike any body's joint (see `plausibility`).
         estimates: from its sides, the chosen one first; none in a calibration that was read or merged.
     """
@@ -137,6 +140,7 @@ class JointPlace:
     mean_rotation: Annotated[Array, _named("rest")] = field(default_factory=lambda: np.eye(3))
     trials: tuple[str, ...] = ()
     floor: Number = float("nan")
+    allowance: Floats = Field(default_factory=lambda: np.zeros((3, 3)), exclude=True, repr=False)
     warnings: tuple[str, ...] = ()
     estimates: tuple[InstanceOf[Estimate], ...] = Field(default=(), exclude=True, repr=False)
 
@@ -170,10 +174,10 @@ class JointPlace:
         return self.status in USABLE and not np.isnan(self.in_parent).any()
 
     @property
-    def rank(self) -> tuple[bool, JointStatus, float]:
-        """Order by quality, the best first."""
-        error = self.standard_error
-        return bool(np.isnan(self.in_parent).any()), self.status, np.inf if np.isnan(error) else error
+    def rank(self) -> tuple[bool, bool, float]:
+        """Order of trials by error, the best first; one that shows no more than an axis comes after those that do."""
+        error = largest_error(self.covariance + self.allowance, self.axis)
+        return bool(np.isnan(self.in_parent).any()), self.axis is not None, np.inf if np.isnan(error) else error
 
     @property
     def standard_error(self) -> float:
@@ -225,10 +229,14 @@ class Calibration:
         """True if the markers of any segment fix its pose, so that there is a skeleton to draw."""
         return any(shape.has_own_pose for shape in self.shapes)
 
+    def reasons(self) -> Iterator[str]:
+        """Lay out the reasons to doubt joints, a line for each with the joints that it holds for."""
+        doubted = (place for place in self.joints if place.status not in USABLE)
+        return _by_words((place.joint.name, words) for place in doubted for words in place.reason.split("; "))
+
     def warnings(self) -> Iterator[str]:
-        """Lay out what is unlike any body's, a line for each joint and warning."""
-        for place in self.joints:
-            yield from (f"{place.joint.name}: warning: {words}" for words in place.warnings)
+        """Lay out what is unlike any body's, a line for each warning with the joints that it holds for."""
+        return _by_words((place.joint.name, f"warning: {words}") for place in self.joints for words in place.warnings)
 
     def lines(self) -> Iterator[str]:
         """Lay out status, error and floor of each joint as phase 1 left them, in millimetres, then the warnings."""
@@ -238,6 +246,14 @@ class Calibration:
         ]
         yield from columns(rows, [f"joint in {self.source}", "status", "error / mm", "floor / mm"], "<<>")
         yield from self.warnings()
+
+
+def _by_words(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """A line for each different text, with the names that have it."""
+    names = defaultdict(list)
+    for name, words in pairs:
+        names[words].append(name)
+    return (f"{', '.join(names[words])}: {words}" for words in names)
 
 
 FORMAT = "sphere-fit-study calibration"

@@ -25,7 +25,7 @@ import numpy as np
 
 from study.arrays import Bools, Floats
 from study.fits import fit
-from study.fits.streams import stream
+from study.fits.random import stream
 from study.recordings.joints.moments import SHAPE_ERROR, TINY, PooledMoments, marker_moments
 from study.recordings.pose_noise import PoseNoise, long_run_covariance
 

@@ -43,7 +43,7 @@ from study.recordings.joints.skin import SkinErrors
 from study.recordings.joints.symmetric import symmetric_fit
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording
-from study.recordings.rigid import mean_rotated_covariance, nearest_rotation, relative_rotation
+from study.recordings.rigid import exchanged_labels, mean_rotated_covariance, nearest_rotation, relative_rotation
 
 _FRAMES = 300
 """Frames on which errors are propagated from joint to joint."""
@@ -68,9 +68,35 @@ def find_joints(markerset: MarkerSet, recording: Recording) -> Calibration:
         answers = {place.joint.name: place for place in _from_the_root(body)}
         places = (replace(answers[joint.name], joint=joint) for joint in markerset.joints)
         poses = {name: poses for name, poses in body.poses.items() if isinstance(poses, SegmentPoses)}
-        joints = tuple(in_both_segments(place, poses) for place in places)
+        exchanges = {s.name: exchange(s.markers, recording) for s in markerset.segments}
+        joints = tuple(_with_exchanges(in_both_segments(place, poses), exchanges) for place in places)
         shapes = tuple(_shape(segment.name, body, joints) for segment in markerset.segments)
     return Calibration(recording.name, recording.frames, markerset, shapes, joints, poses)
+
+
+def exchange(markers: Sequence[str], recording: Recording) -> str:
+    """The words about two markers of a segment that exchange their labels in a recording, and the remedy; or ""."""
+    names = [marker for marker in markers if marker in recording.markers]
+    if len(names) < 3:
+        return ""
+    found = exchanged_labels(np.stack([recording.of(name) for name in names]))
+    if found is None:
+        return ""
+    one, two, frames = found
+    return (
+        f"{names[one]} and {names[two]} exchange their labels in {frames.mean():.0%} of the frames, first in frame "
+        f"{int(frames.argmax()) + 1}: exchange them back where the markers are labelled, or leave these frames out"
+    )
+
+
+def _with_exchanges(place: JointPlace, exchanges: Mapping[str, str]) -> JointPlace:
+    """Doubt a joint if markers of its segments exchange their labels, and say which."""
+    words = [words for name in (place.joint.parent, place.joint.child) if (words := exchanges[name])]
+    if not words:
+        return place
+    if place.usable:
+        return replace(place, status=JointStatus.UNSURE, reason="; ".join(words))
+    return replace(place, reason="; ".join([*words, place.reason]))
 
 
 class _Body:

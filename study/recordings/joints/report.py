@@ -14,7 +14,7 @@ import pandas as pd
 from study.arrays import Floats
 from study.fits import fit, mgdk
 from study.recordings.joints.calibration import Calibration, JointPlace
-from study.recordings.joints.estimate import SHORT_TEXTS, USABLE, mean_difference, side_differences
+from study.recordings.joints.estimate import SHORT_TEXTS, mean_difference, side_differences
 from study.recordings.recording import Recording
 from study.recordings.rigid import cap_angle, relative_rotation, rotation_range
 from study.text import columns, number
@@ -109,11 +109,10 @@ def joint_lines(joints: Calibration) -> Iterator[str]:
     for place in joints.joints:
         if place.joint.across and not np.isnan(place.axis_in_parent).any():
             yield f"{place.joint.name}: along its axis midway between {' and '.join(place.joint.across)}"
-        if place.status not in USABLE:
-            yield f"{place.joint.name}: {place.reason}"
         if place.estimate is not None and np.isnan(place.in_parent).any():
             two = f"{place.joint.parent} and {place.joint.child}"
             yield f"{place.joint.name}: no place in its parent: no frame has poses of both {two}"
+    yield from joints.reasons()
     yield from (f"no pose of its own: {reason}" for reason in joints.without_pose.values())
 
 

@@ -38,6 +38,7 @@ class SymmetricFit:
         rms_angles: root mean square angles by which the segments rotate against each other about three axes, that one
             first, radians.
         hinge: True if that direction changes by no more than noise; the two c are then the shortest that agree.
+        normal: matrix of the normal equations of c_P (3, 3), 1 - M Mᵀ: what the rotation shows of it, rad².
         frames: number of frames used.
         effective_frames: effective number of independent frames.
     """
@@ -49,6 +50,7 @@ class SymmetricFit:
     axes: Floats
     rms_angles: Floats
     hinge: bool
+    normal: Floats
     frames: int
     effective_frames: float
 
@@ -89,6 +91,7 @@ def symmetric_fit(parent: SegmentPoses, child: SegmentPoses, known_hinge: bool |
         axes=np.stack([u, v]),
         rms_angles=angles,
         hinge=hinge,
+        normal=np.eye(3) - system.mean @ system.mean.T,
         frames=n,
         effective_frames=n * min(share, 1.0),
     )

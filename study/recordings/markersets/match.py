@@ -1,13 +1,116 @@
-"""Match a marker set to a recording: the label of each marker, what is missing, and the joints that can be found."""
+"""Match a marker set to a recording: the label of each marker, what is missing, and the joints that can be found.
 
-from collections.abc import Sequence
+Laboratories write one label in many ways. It is compared without case, dots, underscores and spaces, and without a
+prefix that most labels of a recording have. Points of the body are known by the labels of the common sets.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from study.recordings.markersets import Joint, MarkerSet, MarkerSetError, Segment, load_markerset, shipped
-from study.recordings.markersets.labels import clusters, is_output, opposite, plain, spellings
 from study.recordings.recording import Recording
 from study.text import nearest
+
+_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
+_STEMS = {
+    "asis": "asi asis ias",
+    "psis": "psi psis ips",
+    "lateral epicondyle": "kne knee lfc fle lepi lek le kneelat",
+    "medial epicondyle": "mkne mknee knm mfc fme mepi mek me kneemed",
+    "lateral malleolus": "ank ankle lmal fal lm anklelat",
+    "medial malleolus": "mankle mank med mma mmal tam mm anklemed",
+    "heel": "hee heel cal calc fcc ca",
+    "first metatarsal": "mt1 fm1 fmh",
+    "fifth metatarsal": "mt5 fm5 vmh d5m 5meta",
+    "hip centre": "hjc",
+}
+"""The points of one side of the body, and their labels in common marker sets, behind the letter of a side."""
+_MIDDLE = {"sacrum": "sacr sacrum vsacral"}
+LANDMARKS = {
+    letter + label: f"{side} {point}"
+    for letter, side in (("l", "left"), ("r", "right"))
+    for point, labels in _STEMS.items()
+    for label in labels.split()
+} | {label: point for point, labels in _MIDDLE.items() for label in labels.split()}
+"""Points of the body by the `plain` forms of their labels."""
+
+
+_BONES = "pel|trx|hed|[lr](pel|fe|ti|fo|to|hu|ra|hn|cl)"  # of Plug-in Gait, each with the points o, a, l and p
+_QUANTITIES = "angles?|forces?|moments?|powers?|grf|centreofmass|centerofmass|com|progressangles"
+_OUTPUT = re.compile(
+    rf"^({_BONES})[oalp]$|({_QUANTITIES})(floor)?$|^[lr]?[hkaesw]jc|(joint|hip|knee|ankle)cent(re|er)$"
+)
+
+
+def plain(label: str) -> str:
+    """A label as it is compared: small letters and digits alone."""
+    return re.sub(r"[\W_]+", "", label).casefold()
+
+
+def spellings(labels: Sequence[str]) -> dict[str, str]:
+    """The labels by their `plain` forms, with and without the prefix that more than half of them have.
+
+    Of two labels with one form the first counts, and a whole label goes before one without its prefix. A side is no
+    prefix.
+    """
+    heads = [(re.match(r"[^\W_]+[\W_]+", label) or [""])[0] for label in labels]
+    head, count = Counter(heads).most_common(1)[0] if heads else ("", 0)
+    result: dict[str, str] = {}
+    for label in labels:
+        result.setdefault(plain(label), label)
+    if head and 2 * count > len(labels) and plain(head) not in _SIDES:
+        for label in labels:
+            result.setdefault(plain(label.removeprefix(head)), label)
+    return result
+
+
+def landmarks(labels: Sequence[str]) -> dict[str, str]:
+    """The points of the body that labels stand for: the label of each, such as LASI for "left asis".
+
+    Of two labels of one point the one whose form comes first in the table counts. A label may end in ``_study``, as
+    OpenCap's do, and that of a hip's centre in the name of a method, as in ``LHJC_reg``.
+    """
+    spelt = {form.removesuffix("study"): label for form, label in reversed(spellings(labels).items())}
+    spelt |= {form[:4]: label for form, label in spelt.items() if re.match("[lr]hjc.", form) and form[:4] not in spelt}
+    result: dict[str, str] = {}
+    for form, point in LANDMARKS.items():
+        if form in spelt:
+            result.setdefault(point, spelt[form])
+    return result
+
+
+def is_output(label: str) -> bool:
+    """True for the label of what a program computed: angles, forces, centres of joints and of mass, axes of bones."""
+    return bool(_OUTPUT.search(plain(label)))
+
+
+def opposite(one: str, other: str) -> bool:
+    """True if two labels begin with the letters of different sides."""
+    first, second = (_SIDES.get(plain(label)[:1]) for label in (one, other))
+    return None not in (first, second) and first != second
+
+
+def side_of(labels: Iterable[str]) -> str:
+    """The side, left or right, on which all labels begin; "" if they do not agree, or there are none."""
+    sides = {_SIDES.get(plain(label)[:1], "") for label in labels}
+    return sides.pop() if len(sides) == 1 else ""
+
+
+_NUMBERED = re.compile(r"(.*[^\W\d_]{2}[\W_]?)(\d+)$")
+"""A label of two letters or more and a number."""
+
+
+def clusters(labels: Sequence[str]) -> list[str]:
+    """Groups of three or more labels that differ by a number at the end alone, such as LTH1-LTH3."""
+    groups: dict[str, list[tuple[int, str]]] = {}
+    for label in labels:
+        if (numbered := _NUMBERED.match(label)) is not None:
+            groups.setdefault(numbered[1], []).append((int(numbered[2]), label))
+    return [f"{min(group)[1]}-{max(group)[1]}" for group in groups.values() if len(group) > 2]
+
 
 _LISTED, _FEW = 24, 6
 """Most labels that a line lists: of markers, and of points that other programs computed."""
@@ -35,7 +138,18 @@ class Match:
     @cached_property
     def markerset(self) -> MarkerSet:
         """The set with the markers that the recording has and the joints that can be found; all segments remain."""
-        return _reduced(self.whole, self.labels, self.lost)
+        whole = self.whole
+
+        def there(markers: Sequence[str]) -> tuple[str, ...]:
+            return tuple(marker for marker in markers if marker in self.labels)
+
+        joints = []
+        for joint in whole.joints:
+            if joint.name not in self.lost:
+                across = joint.across if there(joint.across) == joint.across else ()
+                joints.append(joint.model_copy(update={"markers": there(joint.markers), "across": across}))
+        segments = [Segment(name=s.name, markers=there(s.markers), parent=s.parent) for s in whole.segments]
+        return MarkerSet(name=whole.name, about=whole.about, segments=tuple(segments), joints=tuple(joints))
 
     @cached_property
     def recording(self) -> Recording:
@@ -209,22 +323,3 @@ def _lost(markerset: MarkerSet, seen: set[str]) -> dict[str, str]:
             words = f"{parent.name} has {len(has)} marker{'s' * (len(has) != 1)} ({', '.join(has) or 'none'})"
             lost[joint.name] = f"{words}; its pose needs 3" + (f", or 2 and {above.name}" if above else "")
     return {joint.name: lost[joint.name] for joint in markerset.joints if joint.name in lost}
-
-
-def _reduced(whole: MarkerSet, labels: dict[str, str], lost: dict[str, str]) -> MarkerSet:
-    def there(markers: Sequence[str]) -> tuple[str, ...]:
-        return tuple(marker for marker in markers if marker in labels)
-
-    def both(markers: Sequence[str]) -> bool:
-        return all(marker in labels for marker in markers)
-
-    return MarkerSet(
-        name=whole.name,
-        about=whole.about,
-        segments=tuple(Segment(name=s.name, markers=there(s.markers), parent=s.parent) for s in whole.segments),
-        joints=tuple(
-            j.model_copy(update={"markers": there(j.markers), "across": there(j.across) if both(j.across) else ()})
-            for j in whole.joints
-            if j.name not in lost
-        ),
-    )

@@ -31,7 +31,7 @@ from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace
 from study.recordings.joints.estimate import SHORT_TEXTS, JointStatus
 from study.recordings.markersets import MarkerSet
-from study.recordings.markersets.labels import landmarks, side_of
+from study.recordings.markersets.match import landmarks, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import to_local, to_world
 from study.recordings.skeleton.draw import Skeleton

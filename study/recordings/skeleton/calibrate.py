@@ -188,9 +188,9 @@ def _uneven_bones(calibration: Calibration) -> dict[str, list[str]]:
         if (start_name, end_name) == (mirrored(start_name), mirrored(end_name)):
             continue
         if abs(length - other) > UNEVEN * 0.5 * (length + other):
-            words = (
-                f"its bone {start_name} - {end_name} is {1000 * length:.0f} mm, the other side's {1000 * other:.0f} mm"
-            )
+            bones = {f"{start_name} - {end_name}": length, f"{mirrored(start_name)} - {mirrored(end_name)}": other}
+            one, two = sorted(bones)
+            words = f"the bone {one} is {1000 * bones[one]:.0f} mm, {two} {1000 * bones[two]:.0f} mm"
             for name in (start_name, end_name):
                 warnings[name].append(words)
     return warnings

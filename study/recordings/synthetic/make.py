@@ -1,16 +1,20 @@
 """Recordings of an articulated body whose joints are known, on which estimators and skeletons are tested.
 
-The body moves at random within its natural range; then come the artefacts of real recordings: skin that moves the
-markers, noise, swapped markers and gaps. The truth stands in tables of its own.
+The body has fifteen rigid segments, the joints between them, and the markers of a set on them; its measures and axes
+are described in ``body.toml``. Sides differ in a few markers that are placed unevenly. It moves at random within its
+natural range; then come the artefacts of real recordings: skin that moves the markers, noise, swapped markers and gaps.
+The truth stands in tables of its own.
 
 What skin does to a joint's centre depends on what it moves with (theory §12): a displacement that is linear in the
 joint's own angle moves the centre and leaves next to no residual, above all one that is common to a segment's markers.
 """
 
-from collections.abc import Callable, Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -18,10 +22,103 @@ import pyarrow.parquet as pq
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.streams import stream
+from study.fits.random import stream
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
-from study.recordings.synthetic.body import JOINTS, MARKER_SETS, PARTS, BodyPart, body, nearest_pairs, unit
+
+Triple = tuple[float, float, float]
+Interval = tuple[float, float]
+MARKER_SETS = ("cmu41", "rizzoli")
+"""Marker sets that the body can wear: 41 markers all over, or the landmarks of trunk and legs."""
+_UNEVEN = {"RUPA": -0.110, "RFRM": -0.085, "RTHI": -0.110, "RSHN": -0.150}
+"""z of the right side's markers that differ from the left's, in heights."""
+
+
+@dataclass(frozen=True)
+class BodyPart:
+    """A segment, its markers, and the joint to its parent; lengths in heights of the body."""
+
+    name: str
+    parent: str | None
+    joint: str | None
+    at: Triple
+    """The joint in the parent's axes."""
+    ranges: tuple[Interval, Interval, Interval]
+    """Range of motion: least and greatest angle about y, x and z, degrees, in this order, about the rotated axes."""
+    markers: dict[str, Triple]
+    """Each marker in the segment's axes."""
+    axis: Triple | None = None
+    """Axis of a hinge in the parent's axes; the angle about y is the angle about it, and the other two do not count."""
+
+    @property
+    def kind(self) -> str:
+        """Ball or hinge."""
+        return "ball" if self.axis is None else "hinge"
+
+
+@cache
+def body(markerset: str = "cmu41") -> tuple[BodyPart, ...]:
+    """All segments with the markers of one of `MARKER_SETS`, parents before children."""
+    tables = tomllib.loads(Path(__file__).with_name("body.toml").read_text(encoding="utf-8"))
+    parts = [_part(name, table, markerset) for name, table in tables.items()]
+    return (*parts, *(_mirrored(part) for part in parts if part.name.startswith("left_")))
+
+
+def _part(name: str, table: Mapping[str, Any], markerset: str) -> BodyPart:
+    """The segment of a table of ``body.toml``."""
+    markers = {label: tuple(place) for label, place in table.get(markerset, {}).items()}
+    axis = tuple(table["axis"]) if "axis" in table else None
+    about_y, about_x, about_z = map(tuple, table["ranges"])
+    at = tuple(table.get("at", (0, 0, 0)))
+    return BodyPart(name, table.get("parent"), table.get("joint"), at, (about_y, about_x, about_z), markers, axis)
+
+
+def _mirrored(part: BodyPart) -> BodyPart:
+    """The segment of the right side: rotations about x and z change their sign, as do those components of an axis."""
+
+    def name(text: str | None) -> str | None:
+        return text and text.replace("left_", "right_")
+
+    def flip(place: Triple) -> Triple:
+        return place[0], -place[1], place[2]
+
+    markers = {}
+    for label, place in part.markers.items():
+        right = "R" + label[1:]
+        x, y, z = flip(place)
+        markers[right] = (x, y, _UNEVEN.get(right, z))
+    about_y, *others = part.ranges
+    about_x, about_z = ((-high, -low) for low, high in others)
+    axis = part.axis and (-part.axis[0], part.axis[1], -part.axis[2])
+    joint, parent = name(part.joint), name(part.parent)
+    return BodyPart(str(name(part.name)), parent, joint, flip(part.at), (about_y, about_x, about_z), markers, axis)
+
+
+PARTS = body()
+"""All segments with the 41 markers of CMU's set, parents before children."""
+MARKERS: tuple[str, ...] = tuple(label for part in PARTS for label in part.markers)
+JOINTS: tuple[str, ...] = tuple(part.joint for part in PARTS if part.joint)
+
+
+def unit(axis: Triple) -> Floats:
+    """A direction as a unit vector (3,)."""
+    vector = np.array(axis, dtype=np.float64)
+    length: float = np.linalg.norm(vector).item()
+    return vector / length
+
+
+def nearest_pairs(parts: tuple[BodyPart, ...] = PARTS) -> list[tuple[str, str]]:
+    """Each marker with the one nearest to it on the standing body, each pair once; these get swapped."""
+    origins: dict[str | None, Floats] = {None: np.zeros(3)}
+    for part in parts:
+        origins[part.name] = origins[part.parent] + np.array(part.at)
+    labels = [label for part in parts for label in part.markers]
+    places = np.array([origins[part.name] + np.array(at) for part in parts for at in part.markers.values()])
+    distance = np.linalg.norm(places[:, None] - places[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    pairs = {tuple(sorted((i, int(j)))) for i, j in enumerate(distance.argmin(axis=1))}
+    return [(labels[i], labels[j]) for i, j in sorted(pairs)]
+
 
 _LIMITS = {
     "frames": (2, 10**7),
@@ -203,20 +300,8 @@ def write_truth(truth: BodyTruth, path: str | Path) -> tuple[Path, Path]:
     Raises:
         RecordingError: if they cannot be written.
     """
-    path = Path(path)
-    out = path.with_suffix(".joints.parquet"), path.with_suffix(".truth.parquet")
-    try:
-        for columns, target in zip((_joint_columns(truth), _frame_columns(truth)), out, strict=True):
-            pq.write_table(pa.table(columns), target, compression="zstd")
-    except OSError as error:
-        raise RecordingError(f"{path.parent}: cannot be written: {error.strerror or error}") from None
-    return out
-
-
-def _joint_columns(truth: BodyTruth) -> dict[str, object]:
-    """Columns of the table with a row per joint."""
     bones = dict.fromkeys(truth.joints, ("", np.nan)) | {end: (start, d) for (start, end), d in truth.bones.items()}
-    return {
+    joints = {
         "joint": truth.joints,
         "parent": truth.parents,
         "child": truth.children,
@@ -226,19 +311,23 @@ def _joint_columns(truth: BodyTruth) -> dict[str, object]:
         "bone_from": [bones[joint][0] for joint in truth.joints],
         "bone_length": [bones[joint][1] for joint in truth.joints],
     }
-
-
-def _frame_columns(truth: BodyTruth) -> dict[str, object]:
-    """Columns of the table with a row per frame and joint."""
     count, _, frames = truth.centers.shape
     children = [truth.segments.index(child) for child in truth.children]
     vectors = Rotation.from_matrix(truth.rotations[children].reshape(-1, 3, 3)).as_rotvec()
-    return {
+    poses = {
         "frame": np.tile(np.arange(1, frames + 1), count),
         "joint": np.repeat(truth.joints, frames),
         **{f"center_{axis}": truth.centers[:, i].ravel() for i, axis in enumerate("xyz")},
         **{f"turn_{axis}": vectors[:, i] for i, axis in enumerate("xyz")},
     }
+    path = Path(path)
+    out = path.with_suffix(".joints.parquet"), path.with_suffix(".truth.parquet")
+    try:
+        for columns, target in zip((joints, poses), out, strict=True):
+            pq.write_table(pa.table(columns), target, compression="zstd")
+    except OSError as error:
+        raise RecordingError(f"{path.parent}: cannot be written: {error.strerror or error}") from None
+    return out
 
 
 _WEIGHTS = np.array([0.5, 0.3, 0.2])  # of three sinusoids; their sum is 1, so that no angle leaves its range
@@ -358,7 +447,9 @@ def skin_motion(recipe: Recipe, motion: Motion, segment_of: Ints) -> Floats:
         return recipe.soft_tissue * _sliding(body(recipe.markers), _rotation_vectors(motion), recipe.seed)
     clusters = segment_of if recipe.skin == "cluster" else np.arange(len(segment_of))
     tensors = _tensors(clusters, recipe.seed)
-    drive = np.array([_DRIVES[recipe.skin](angles, recipe.rate) for angles in _rotation_vectors(motion)])
+    vectors = _rotation_vectors(motion)
+    drive = np.gradient(vectors, 1.0 / recipe.rate, axis=2) if recipe.skin == "velocity" else vectors
+    drive = drive / np.maximum(np.abs(drive).max(axis=(1, 2), keepdims=True), 1e-300)
     return np.asarray(recipe.soft_tissue * np.einsum("mik,mkt->mit", tensors, drive[joint_of]))
 
 
@@ -415,22 +506,6 @@ def _sliding(parts: Sequence[BodyPart], vectors: Floats, seed: int) -> Floats:
     tensors = _tensors(np.arange(weights.size), seed).reshape(*weights.shape, 3, 3)
     slid = np.einsum("ms,msik,skt->mit", weights, tensors, vectors)
     return np.asarray(slid / np.maximum(np.linalg.norm(slid, axis=1).max(axis=1), 1e-300)[:, None, None])
-
-
-def _to_unit(vectors: Floats) -> Floats:
-    """Vectors (3, frames), all divided by the largest component of any."""
-    return vectors / max(float(np.abs(vectors).max()), 1e-300)
-
-
-def _velocity(vectors: Floats, rate: float) -> Floats:
-    return _to_unit(np.gradient(vectors, 1.0 / rate, axis=1))
-
-
-_DRIVES: dict[str, Callable[[Floats, float], Floats]] = {
-    "angle": lambda vectors, _: _to_unit(vectors),
-    "cluster": lambda vectors, _: _to_unit(vectors),
-    "velocity": _velocity,
-}
 
 
 def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:

@@ -1,26 +1,35 @@
-"""Pictures of a skeleton with matplotlib, and figure 1: one frame with its markers, bones and joints.
+"""Pictures of a skeleton with matplotlib: figure 1, one frame with its markers, bones and joints; and a video.
 
 The view is a parallel projection: lengths across it keep their scale. A bone has the colour of its side of the body,
-and doubtful joints have one of their own. For the next frame of a video the artists move.
+and doubtful joints have one of their own. For the next frame of a video the artists move; the ffmpeg of imageio-ffmpeg
+encodes the pictures as MP4 with H.264, which browsers and players show.
 
 The paper shows a skeleton during a karate exercise. Here each joint has its 95 % error ellipsoid, enlarged by a factor
 that the figure states. That of a hinge is a disc, and a line shows its axis, along which the data do not place it.
 """
 
+import contextlib
+import importlib
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.text import Text
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from study import style
-from study.arrays import Bools, Floats, Ints
+from study.arrays import Bools, Bytes, Floats, Ints
 from study.recordings.recording import RecordingError
 from study.recordings.skeleton.scene import Flag, Scene
 
@@ -122,21 +131,14 @@ _ROD = 0.06
 """Distance from a hinge to either end of the line along its axis, metres."""
 
 
-@dataclass(frozen=True)
-class DrawingSizes:
-    """Widths of lines and marks, in points."""
-
-    bone: float = 2.8
-    casing: float = 1.3
-    """White margin of a bone where it passes in front of another."""
-    joint: float = 3.6
-    marker: float = 2.6
+IN_PRINT = {"bone": 2.8, "casing": 1.3, "joint": 3.6, "marker": 2.6}
+"""Widths of bones, of the white margin of a bone that passes in front of another, of joints and markers, in points."""
 
 
 class SkeletonDrawing:
     """The artists of a skeleton, and their places in each frame."""
 
-    def __init__(self, ax: Axes, scene: Scene, camera: Camera, sizes: DrawingSizes, factor: int | None = None) -> None:
+    def __init__(self, ax: Axes, scene: Scene, camera: Camera, sizes: dict[str, float], factor: int | None) -> None:
         self.scene, self.camera, self.sizes = scene, camera, sizes
         self.factor = exaggeration(scene) if factor is None else factor
         self._points, self._sides = scene.points, scene.sides()
@@ -145,10 +147,10 @@ class SkeletonDrawing:
         self._hinges = hinges(scene)
         self._doubtful = np.array([bool(doubt) for doubt in scene.doubts])
         self.ground = scene.floor
-        width = sizes.bone + 2.0 * sizes.casing
+        width = sizes["bone"] + 2.0 * sizes["casing"]
         self._floor = LineCollection([], colors=FLOOR, linewidths=0.6, zorder=0)
         self._shadow = LineCollection([], colors=SHADOW, linewidths=width, capstyle="round", zorder=1)
-        (self._markers,) = ax.plot([], [], "o", color=MARKER, markersize=sizes.marker, markeredgewidth=0.0, zorder=4)
+        (self._markers,) = ax.plot([], [], "o", color=MARKER, markersize=sizes["marker"], markeredgewidth=0.0, zorder=4)
         self._bones = LineCollection([], capstyle="round", zorder=3)
         self._rods = LineCollection([], colors=ELLIPSOID, linewidths=1.0, zorder=4)
         self._ellipsoids = PolyCollection(
@@ -156,7 +158,7 @@ class SkeletonDrawing:
         )
         for collection in (self._floor, self._shadow, self._bones, self._rods, self._ellipsoids):
             ax.add_collection(collection)
-        self._joints = ax.scatter([], [], s=sizes.joint**2, linewidths=0.9, zorder=6)
+        self._joints = ax.scatter([], [], s=sizes["joint"] ** 2, linewidths=0.9, zorder=6)
         ax.set_aspect("equal")
         ax.set_axis_off()
 
@@ -190,7 +192,7 @@ class SkeletonDrawing:
             ends = {self._sides[i] for i in bone} - {""}
             bridged = any(i < len(self.scene.joints) and self.scene.flags[i, frame] != Flag.SEEN for i in bone)
             colors += ["white", SIDES[ends.pop() if len(ends) == 1 else ""]]
-            widths += [self.sizes.bone + 2.0 * self.sizes.casing, self.sizes.bone]
+            widths += [self.sizes["bone"] + 2.0 * self.sizes["casing"], self.sizes["bone"]]
             styles += ["solid", (0.0, (0.8, 1.4)) if bridged else "solid"]
         self._bones.set_segments(lines)
         self._bones.set(color=colors, linewidths=widths, linestyles=styles or "solid")
@@ -313,7 +315,7 @@ def draw(view: SkeletonView) -> Figure:
     scene = view.scene
     figure = Figure(figsize=(style.PAGE, _HEIGHT))
     ax = figure.add_axes((0.0, 0.1, 1.0, 0.9))
-    drawing = SkeletonDrawing(ax, scene, view.camera, DrawingSizes(), view.factor)
+    drawing = SkeletonDrawing(ax, scene, view.camera, IN_PRINT, view.factor)
     drawing.show(view.frame)
     shown = np.concatenate([scene.points[:, :, view.frame], scene.places[:, :, view.frame]])
     shown = np.concatenate([shown, np.column_stack([shown[:, :2], np.full(len(shown), drawing.ground)])])
@@ -407,3 +409,167 @@ def _draw_legend(figure: Figure, view: SkeletonView) -> None:
     )
     words = "Numbers: largest standard error of the joint in its segment; for a hinge across its axis."
     figure.text(0.5, 0.04, words, ha="center", va="bottom", fontsize=style.SMALL)
+
+
+_PIXELS = 960, 720
+_DPI = 120
+_ON_SCREEN = {"bone": 4.0, "casing": 1.5, "joint": 5.0, "marker": 3.2}
+_SMOOTHING = 1.5
+"""Duration over which the centre of the view is averaged, seconds."""
+_QUALITY = "23"
+"""Constant rate factor of x264: a lower one gives better pictures and a larger file."""
+
+
+def write_video(
+    scene: Scene,
+    path: str | Path,
+    *,
+    camera: Camera | None = None,
+    rate: float = 30.0,
+    factor: int | None = None,
+    advance: Callable[[float], None] = lambda _: None,
+) -> Path:
+    """Write a motion as MP4; the view follows the skeleton.
+
+    Args:
+        scene: the motion; it plays at its own speed.
+        path: of the video; the folder is made if there is none.
+        camera: the direction of view.
+        rate: largest number of frames per second; a faster motion keeps every second, third, ... frame.
+        factor: by which ellipsoids are drawn larger; if None, one that makes them visible.
+        advance: callback for progress; its argument is the share of the work since the last call.
+
+    Returns:
+        The path.
+
+    Raises:
+        RecordingError: if imageio-ffmpeg is not installed, or the video cannot be written.
+    """
+    path = Path(path)
+    imageio_ffmpeg = encoder()
+    if path.suffix.lower() != ".mp4":
+        raise RecordingError(f"{path}: a video is written to a file whose name ends in .mp4")
+    film = _Film(scene.at_most(rate), camera or Camera(30.0, 12.0), factor)
+    partial = path.with_name(f".{path.stem}.partial.mp4")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        writer = imageio_ffmpeg.write_frames(
+            str(partial),
+            _PIXELS,
+            pix_fmt_in="rgba",
+            fps=film.scene.rate,
+            codec="libx264",
+            quality=None,
+            macro_block_size=1,
+            output_params=["-crf", _QUALITY, "-preset", "medium", "-movflags", "+faststart", "-tune", "animation"],
+        )
+        writer.send(None)
+        try:
+            for frame in range(film.scene.frames):
+                writer.send(film.picture(frame))
+                advance(1.0 / film.scene.frames)
+        finally:
+            writer.close()
+        partial.replace(path)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+    return path
+
+
+def encoder() -> ModuleType:
+    """The module imageio_ffmpeg, which brings ffmpeg.
+
+    Raises:
+        RecordingError: if it is not installed.
+    """
+    try:
+        return importlib.import_module("imageio_ffmpeg")
+    except ModuleNotFoundError:
+        raise RecordingError("a video needs imageio-ffmpeg: pip install '.[mocap]'") from None
+
+
+class _Film:
+    """A matplotlib figure that shows one frame after the other."""
+
+    @style.journal()
+    def __init__(self, scene: Scene, camera: Camera, factor: int | None) -> None:
+        self.scene, self.camera = scene, camera
+        self.figure = Figure(figsize=(_PIXELS[0] / _DPI, _PIXELS[1] / _DPI), dpi=_DPI)
+        self.canvas = FigureCanvasAgg(self.figure)
+        self.ax = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        self.drawing = SkeletonDrawing(self.ax, scene, camera, _ON_SCREEN, factor)
+        self.middle = _smooth_middle(scene)
+        self.box = self._box()
+        name = self._text(0.02, 0.975, scene.name, fontsize=10.0)
+        legend = self._text(0.02, 0.935, self._legend())
+        self.fixed = self._drawn()  # once, because drawing text takes longer than all the rest
+        name.remove()
+        legend.remove()
+        self.time = self._text(0.98, 0.975, "", fontsize=10.0)
+        self.flags = self._text(0.98, 0.935, "")
+        self.flags.set_color(FLAGGED)
+
+    def _text(self, x: float, y: float, text: str, fontsize: float = style.SMALL) -> Text:
+        """Text in the upper left or right corner; ``x`` and ``y`` in parts of the figure."""
+        side = "left" if x < 0.5 else "right"
+        place = self.figure.transFigure
+        return self.ax.text(x, y, text, fontsize=fontsize, transform=place, ha=side, va="top", linespacing=1.5)
+
+    def picture(self, frame: int) -> Bytes:
+        """Pixels of a frame (height, width, 4): red, green, blue, opacity."""
+        middle = self.middle[:, frame]
+        self.drawing.show(frame, middle[:2])
+        right, up = self.camera.project(middle)[:2]
+        left, bottom, width, height = self.box
+        self.ax.set_xlim(right + left, right + left + width)
+        self.ax.set_ylim(up + bottom, up + bottom + height)
+        self.time.set_text(f"{frame / self.scene.rate:.1f} s")
+        names = {flag.value: flag.name.lower() for flag in Flag}
+        flags = zip(self.scene.joints, self.scene.flags[:, frame], strict=True)
+        lines = [f"{joint.replace('_', ' ')} {names[flag]}" for joint, flag in flags if flag != Flag.SEEN]
+        self.flags.set_text("\n".join(lines))
+        return np.minimum(self._drawn(), self.fixed)
+
+    def _drawn(self) -> Bytes:
+        self.canvas.draw()  # type: ignore[no-untyped-call]
+        return np.array(self.canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+
+    def _box(self) -> tuple[float, float, float, float]:
+        """Left, bottom, width and height of the view about the middle, metres; nearly all frames fit into it."""
+        projected = np.einsum("ij,pjt->pit", self.camera.axes[:2], self.scene.points - self.middle)
+        lowest = np.array([*self.middle[:2].mean(axis=1), self.drawing.ground])
+        floor = float(self.camera.project(lowest - self.middle.mean(axis=1))[1])
+        low = np.nanquantile(np.fmin.reduce(projected, axis=0), 0.002, axis=1)
+        high = np.nanquantile(np.fmax.reduce(projected, axis=0), 0.998, axis=1)
+        bottom, top = min(float(low[1]), floor) - 0.15, float(high[1]) + 0.25
+        width = max(float(high[0] - low[0]) + 0.2, (top - bottom) * _PIXELS[0] / _PIXELS[1])
+        height = width * _PIXELS[1] / _PIXELS[0]
+        return 0.5 * float(low[0] + high[0]) - 0.5 * width, bottom, width, height
+
+    def _legend(self) -> str:
+        """The meaning of the colours, and the joints that are not reliable."""
+        lines = ["blue: left, orange: right"]
+        if not np.isnan(self.scene.errors).all():
+            larger = f"enlarged {self.drawing.factor} times" if self.drawing.factor > 1 else "in true size"
+            axes = "; axes of hinges" if hinges(self.scene).any() else ""
+            lines.append(f"green: {100 * LEVEL:.0f} % error ellipsoids, {larger}{axes}")
+        for joint, doubt in zip(self.scene.joints, self.scene.doubts, strict=True):
+            if doubt:
+                lines.append(f"not reliable: {joint.replace('_', ' ')}")
+        return "\n".join(lines)
+
+
+def _smooth_middle(scene: Scene) -> Floats:
+    """The smoothed middle of the skeleton (3, frames), metres."""
+    with np.errstate(invalid="ignore"):
+        known = ~np.isnan(scene.centers[:, 0])
+        middle = np.where(known[:, None], scene.centers, 0.0).sum(axis=0) / known.sum(axis=0)
+    times = np.arange(scene.frames)
+    present = np.flatnonzero(~np.isnan(middle[0]))
+    filled = np.stack([np.interp(times, present, row[present]) for row in middle])
+    course: Floats = uniform_filter1d(filled, max(int(_SMOOTHING * scene.rate), 1), axis=1, mode="nearest")
+    course[2] = course[2].mean()
+    return course

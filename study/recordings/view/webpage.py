@@ -7,6 +7,7 @@ with its licence. `page.html` joins them.
 
 import base64
 import hashlib
+import html
 import json
 from pathlib import Path
 
@@ -45,7 +46,8 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
     """
     shown = scene.at_most(rate)
     places = np.concatenate([shown.places, shown.points])
-    low, high = _range(places)
+    along = places.transpose(1, 0, 2).reshape(3, -1)
+    low, high = np.nanmin(along, axis=1), np.nanmax(along, axis=1)
     origin = 0.5 * (low + high)
     step = max(float((high - low).max()) / (2 * _LARGEST), 1e-6)
     counts = _rounded((places - origin[:, None]) / step).transpose(2, 0, 1)
@@ -98,19 +100,18 @@ def write_motion(scene: Scene, path: str | Path) -> Path:
     Raises:
         RecordingError: if it cannot be written.
     """
+    return _written(path, motion_text(scene).encode(), RecordingError)
+
+
+def _written(path: str | Path, data: bytes, failure: type[Exception]) -> Path:
+    """Write a file whole or not at all, into a folder that is made if there is none."""
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, motion_text(scene).encode())
+        write(path, data)
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise failure(f"{path}: cannot be written: {error.strerror or error}") from None
     return path
-
-
-def _range(places: Floats) -> tuple[Floats, Floats]:
-    """Least and greatest coordinates (3,)."""
-    along = places.transpose(1, 0, 2).reshape(3, -1)
-    return np.nanmin(along, axis=1), np.nanmax(along, axis=1)
 
 
 def _rounded(numbers: Floats) -> "np.typing.NDArray[np.int16]":
@@ -154,7 +155,7 @@ def viewer_page(scene: Scene, rate: float = _RATE) -> str:
     hashes = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts)
     return environment.get_template("page.html").render(
         digests=" ".join(f"'sha256-{text}'" for text in hashes),  # the only scripts that may run
-        title=_escaped(scene.name),
+        title=html.escape(scene.name, quote=False),
         style=_part("page.css"),
         # in a script, HTML reads only its end tag and the start of a comment; without "<" there is neither
         motion=motion_text(scene, rate).replace("<", "\\u003c"),
@@ -172,14 +173,7 @@ def write_viewer(scene: Scene, path: str | Path, rate: float = _RATE) -> Path:
     Raises:
         RunError: if it cannot be written.
     """
-    path = Path(path)
-    page = viewer_page(scene, rate)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, page.encode("utf-8", "replace"))
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
-    return path
+    return _written(path, viewer_page(scene, rate).encode("utf-8", "replace"), RunError)
 
 
 def _scripts() -> tuple[str, str]:
@@ -200,8 +194,3 @@ def _scripts() -> tuple[str, str]:
 def _part(name: str) -> str:
     """A file of the viewer."""
     return (_FOLDER / name).read_text(encoding="utf-8")
-
-
-def _escaped(text: str) -> str:
-    """Text with the characters escaped that mean something in HTML."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

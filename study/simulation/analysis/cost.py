@@ -22,7 +22,7 @@ from study import instruction_set
 from study.fits import ESTIMATORS, Samples
 from study.fits.cap import sample_cap
 from study.fits.jit import SCALAR_CODE
-from study.fits.streams import stream
+from study.fits.random import stream
 from study.text import columns
 
 

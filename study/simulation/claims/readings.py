@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import pandas as pd
 from pydantic import Field, ValidationError
 
@@ -121,8 +122,8 @@ def read(path: Path) -> list[OpenChoice]:
     except ValidationError as error:
         models = {
             (): ["choice"],
-            ("choice",): list(OpenChoice.model_fields),
-            ("choice", "reading"): list(Reading.model_fields),
+            ("choice",): [*OpenChoice.model_fields],
+            ("choice", "reading"): [*Reading.model_fields],
         }
         known = {}
         for entry in error.errors():  # of each place the keys that it may have, by their names without the numbers
@@ -243,6 +244,8 @@ class Readings:
         table: the table of `judge`.
 
     Attributes:
+        letters: number and letter of each reading, by the names of its choice and its own.
+        others: the same names of those that are not used.
         changed: its rows in which a verdict is another than under the reading that is used, by the claim's number.
         standing: names of the claims whose verdict is the same under all readings.
     """
@@ -251,11 +254,15 @@ class Readings:
         self.choices, self.table = choices, table
         self._choices = {choice.name: choice for choice in choices}
         self._readings = {(choice.name, one.name): one for choice in choices for one in choice.reading}
+        self.letters = {
+            (choice.name, one.name): f"{number}{letter}"
+            for number, choice in enumerate(choices, start=1)
+            for letter, one in zip("abcdefgh", choice.reading, strict=False)
+        }
+        self.others = [key for key in self._readings if key[1] != self._choices[key[0]].used]
         known = (table[["verdict", "used"]] != str(Verdict.NOT_EVALUATED)).all(axis=1)
-        ours = pd.Series(
-            [key in self._readings for key in zip(table["choice"], table["reading"], strict=True)], dtype=bool
-        )
-        moved = table[known & ours & (table["verdict"] != table["used"])]
+        ours = [key in self._readings for key in zip(table["choice"], table["reading"], strict=True)]
+        moved = table[known & np.array(ours, dtype=bool) & (table["verdict"] != table["used"])]
         self.changed = moved.sort_values("number", kind="stable")
         self.standing = list(dict.fromkeys(table.loc[known & ~table["claim"].isin(moved["claim"]), "claim"]))
 
@@ -299,6 +306,6 @@ class Readings:
             for row in self.changed.itertuples()
         ]
         yield from columns(rows, ["", "claim", "verdict", ""], "><")
-        head = f"{len(self.choices)} choices, {len(self._readings) - len(self.choices)} other readings"
+        head = f"{len(self.choices)} choices, {len(self.others)} other readings"
         moved = self.changed["claim"].nunique()
         yield f"{head}: {len(self.standing)} verdicts stand under all, {moved} change under some"

@@ -25,7 +25,7 @@ from pydantic import (
     model_serializer,
 )
 
-from study.fits.streams import Name, stream
+from study.fits.random import Name, stream
 from study.simulation.experiment.conditions import (
     CENTER,
     CONDITIONS,

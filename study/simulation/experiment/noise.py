@@ -19,7 +19,7 @@ import scipy
 from study.arrays import Floats
 from study.fits.bounds import bound_from_scatter, normal_weights, weighted_scatter
 from study.fits.jit import CHUNK
-from study.fits.streams import Name
+from study.fits.random import Name
 
 Further = Callable[[Name, Callable[[np.random.Generator, int], Floats]], Floats]
 """Draws further random numbers of the trials of a batch (b, …), always the same ones, which changes no others.

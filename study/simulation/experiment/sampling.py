@@ -16,7 +16,7 @@ import numpy as np
 from study.arrays import Floats
 from study.fits import Samples, cap
 from study.fits.jit import form
-from study.fits.streams import Name, lanes, stream
+from study.fits.random import Name, lanes, stream
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell, Group
 from study.simulation.experiment.noise import GaussianNoise, departures, place_directions

@@ -24,12 +24,7 @@ from matplotlib.lines import Line2D
 
 from study import style
 from study.fits.cap import CapMoments, cap_moments
-from study.simulation.analysis.regret import (
-    gdke_leaves,
-    median_attainable,
-    noise_at_kappa,
-    ugdk_leaves,
-)
+from study.simulation.analysis.regret import gdke_leaves, median_attainable, noise_at_kappa, ugdk_leaves
 from study.simulation.claims.claim import error_over
 from study.simulation.figures.figure import NotApplicable, Tables, at_first, handle, log_axes, look
 from study.simulation.statistics import quantile
@@ -175,11 +170,7 @@ def _panel(ax: Axes, frame: EfficiencyFrame, angle: float) -> None:
         shown = curve.sort_values("level")
         size = 1.0 - place / len(curves)  # larger marks first: later ones do not hide them
         ax.plot(
-            shown["level"],
-            shown["ratio"],
-            **look(str(name), 2.2 + 2.4 * size),
-            linewidth=0.7 + 0.9 * size,
-            zorder=3,
+            shown["level"], shown["ratio"], **look(str(name), 2.2 + 2.4 * size), linewidth=0.7 + 0.9 * size, zorder=3
         )
     marks = frame.marks[frame.marks["angle"] == angle].iloc[0]
     low, high = mine["level"].min(), mine["level"].max()

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from study.arrays import Floats
-from study.fits.streams import OldStream
+from study.fits.random import OldStream
 
 _LEAST = 1e-12
 """Least √S in units of the points' extent: far away rounding makes S zero, and √S is divided by."""

@@ -32,8 +32,8 @@ from study.arrays import Floats
 from study.files import RunError, writing
 from study.fits import ESTIMATORS, Samples, Status
 from study.fits.cap import cap_moments
+from study.fits.random import old_stream
 from study.fits.registry import fit_samples
-from study.fits.streams import old_stream
 from study.simulation.experiment.conditions import STORED, named_in
 from study.simulation.experiment.config import ChainStatus, Posterior, Study
 from study.simulation.experiment.designs import Cell

@@ -38,8 +38,8 @@ import scipy
 from study.arrays import Floats
 from study.fits import Samples, Status
 from study.fits.jit import compiled
+from study.fits.random import OldStream
 from study.fits.registry import fit_samples
-from study.fits.streams import OldStream
 from study.simulation.experiment.config import ChainStatus
 from study.simulation.posterior.modes import RayCoordinates, other_modes_possible, spread_out
 

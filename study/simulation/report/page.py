@@ -123,12 +123,6 @@ def readings_section(material: Material) -> Iterable[Section]:
     readings = material.readings
     if readings is None or material.claims.empty:
         return
-    letters = {
-        (choice.name, one.name): f"{number}{letter}"
-        for number, choice in enumerate(readings.choices, start=1)
-        for letter, one in zip("abcdefgh", choice.reading, strict=False)
-    }
-    others = [(choice, one) for choice in readings.choices for one in choice.reading if one.name != choice.used]
     moved, stand = readings.changed["claim"].nunique(), len(readings.standing)
     said = html.paragraph(
         f"The paper leaves {len(readings.choices)} choices open. Each was read otherwise, one at a time: the studies "
@@ -138,7 +132,7 @@ def readings_section(material: Material) -> Iterable[Section]:
     rows: list[list[Content]] = []
     for number, choice in enumerate(readings.choices, start=1):
         ways = [
-            [letters[choice.name, one.name], ": ", one.words, " (used)" * (one.name == choice.used)]
+            [readings.letters[choice.name, one.name], ": ", one.words, " (used)" * (one.name == choice.used)]
             for one in choice.reading
         ]
         facts = [html.note(choice.says), html.items(ways), html.note(["Used because: ", choice.why])]
@@ -149,13 +143,13 @@ def readings_section(material: Material) -> Iterable[Section]:
     lines: list[list[Content]] = []
     for row in material.claims.to_dict("records"):
         cells: list[Content] = []
-        for choice, one in others:
-            verdict = readings.verdict(row["name"], choice.name, one.name)
+        for key in readings.others:
+            verdict = readings.verdict(row["name"], *key)
             short = _SHORT[Verdict(verdict)] if verdict else "·"
             cells.append(_badge(verdict, short) if verdict not in ("", row["verdict"]) else short)
-        short = _SHORT.get(Verdict(row["verdict"]), "–") if row["verdict"] in set(Verdict) else "–"
+        short = _SHORT.get(row["verdict"], "–")
         lines.append([html.link(f"{row['number']} {row['name']}", f"claim-{row['number']}"), short, *cells])
-    titles = ["Claim", "used", *(letters[choice.name, one.name] for choice, one in others)]
+    titles = ["Claim", "used", *(readings.letters[key] for key in readings.others)]
     caption = (
         "Verdicts under each reading: reproduced (yes), partly, not reproduced (no), not evaluated (–); a dot where a "
         "reading cannot change it. A verdict that changes, or cannot be given, is framed."

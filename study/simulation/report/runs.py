@@ -431,13 +431,7 @@ def _coverage(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -
         "Share of trials whose true centre lies in sets of nominal level, with the exact binomial 95 % interval. What "
         f"is not ok counts as outside. Only conditions with σ²/v < {posterior.FLAT:g}."
     )
-    head = [
-        "sets of",
-        "σ",
-        "trials",
-        "not ok",
-        *(f"{level:.0%} sets".replace("%", " %") for level in posterior.LEVELS),
-    ]
+    head = ["sets of", "σ", "trials", "not ok", *(f"{level:.0%} sets".replace("%", " %") for level in posterior.LEVELS)]
     table = html.table(f"Coverage, {record.name}", caption, head, rows, numeric={2, 3, 4, 5})
     note = "An estimator's sets are the ellipsoids of its own covariance, which does not know of a bias (GDKE)."
     return [table, html.note(note)]

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from study.files import RunError, TableRows
-from study.fits.streams import Name
+from study.fits.random import Name
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.experiment.sampling import groups, trials_of, units

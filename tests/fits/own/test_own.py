@@ -13,7 +13,7 @@ from study import Status
 from study.fits import Estimator
 from study.fits.check import check_estimator, printed
 from study.fits.fitting import choose
-from study.fits.point_text import PointFileError
+from study.fits.point_formats import PointFileError
 from study.fits.registry import ORIGINS, PluginError, PluginFile, load, load_text, loaded, origins
 from study.fits.samples import blank
 from study.simulation.analysis import regret

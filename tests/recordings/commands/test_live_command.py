@@ -1,9 +1,5 @@
-"""`study live` as a process: standard input, datagrams of this machine, Ctrl-C.
+"""`study live` as a process: standard input, datagrams of this machine, Ctrl-C."""
 
-`--json` of the commands on recordings: one object, with the numbers of the tables and the written files.
-"""
-
-import io
 import json
 import os
 import re
@@ -13,16 +9,10 @@ import subprocess
 import sys
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study import cli
-from study.recordings.commands import joints as live
-from study.recordings.formats import write
-from study.recordings.formats.write import write_recording
-from study.recordings.markersets import load_markerset, shipped
-from study.recordings.synthetic.make import Recipe, synthesize
+from study.recordings.commands import joints
 
 PELVIS = {"A": (120, 100, 0), "B": (-120, 100, 0), "C": (50, -100, 20), "D": (-50, -100, 20)}
 
@@ -65,17 +55,13 @@ def is_right(line):
     return True
 
 
-def test_a_unit_that_cannot_be_right_is_named(monkeypatch, capsys):
+@pytest.mark.parametrize(("unit", "told"), [("mm", "so its unit is hardly mm: with --unit m they are 0."), ("m", "")])
+def test_a_unit_that_cannot_be_right_is_named(live, unit, told):
     """Positions in metres, taken for millimetres, are a body of half a millimetre: said once, with the unit."""
     metres = [json.dumps({k: [x / 1000 for x in v] for k, v in json.loads(line).items()}) for line in lines(60)]
-    for unit, told in (("mm", "so its unit is hardly mm: with --unit m they are 0."), ("m", "")):
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO("\n".join(metres).encode())))
-        monkeypatch.setattr(sys, "argv", ["study", *JOINT, "--unit", unit])
-        with pytest.raises(SystemExit):
-            cli.main()
-        complained = capsys.readouterr().err
-        assert told in complained
-        assert complained.count("its unit is hardly") == bool(told)
+    complained = live("\n".join(metres), *JOINT[1:], "--unit", unit)[2]
+    assert told in complained
+    assert complained.count("its unit is hardly") == bool(told)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to another process")
@@ -115,22 +101,14 @@ def test_datagrams(start):
 
 
 @pytest.fixture
-def call(monkeypatch, capsys):
+def live(call):
     """Run the command on a text as standard input; exit code, standard output and standard error come back."""
-
-    def run(text, *arguments):
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
-        monkeypatch.setattr(sys, "argv", ["study", "live", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
+    return lambda text, *arguments: call("live", *arguments, stdin=text)
 
 
-def test_a_joint_that_is_not_known(call):
+def test_a_joint_that_is_not_known(live):
     """A stream that ends too early has code 3."""
-    code, said, complained = call('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
+    code, said, complained = live('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
     assert code == 3
     assert complained.startswith("no marker of this name in 1 frame: 'RASI', ")
     assert complained.endswith("; did you mean 'LASI'? Known are LASI\n")
@@ -144,36 +122,36 @@ def test_a_joint_that_is_not_known(call):
         ("A,B,C,D", "E,F,Q9", 0, "'Q9'; known are A, B, C, D, E, F, G"),
     ],
 )
-def test_labels_that_never_come(call, parent, child, code, words):
+def test_labels_that_never_come(live, parent, child, code, words):
     """They are told once, after the frames of the first answer, with the nearest label; the rest goes on."""
-    found, said, complained = call("\n".join(lines()), "--parent", parent, "--child", child)
+    found, said, complained = live("\n".join(lines()), "--parent", parent, "--child", child)
     assert (found, complained) == (code, f"no marker of this name in 100 frames: {words}\n")
     assert len(said.splitlines()) == 3
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to a process")
-def test_ctrl_c_after_the_last_frame(call, monkeypatch):
+def test_ctrl_c_after_the_last_frame(live, monkeypatch):
     """Where Ctrl-C ends the sender of the frames first, its own interrupt does not take the last answer."""
 
     def interrupted(joints):
         os.kill(os.getpid(), signal.SIGINT)
         printed(joints)
 
-    printed, before = live._print, signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr(live, "_print", interrupted)
-    code, said, complained = call('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
+    printed, before = joints._print, signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(joints, "_print", interrupted)
+    code, said, complained = live('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
     assert code == 3
     assert "Traceback" not in complained
     assert "frame 1: left_hip" in said
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_a_first_frame_of_zeros_and_a_spike(call):
+def test_a_first_frame_of_zeros_and_a_spike(live):
     """Both are said once, on standard error, and the joint is found."""
     given = list(lines())
     given[0] = json.dumps({marker: [0, 0, 0] for marker in PELVIS | THIGH})
     given[60] = json.dumps(json.loads(given[60]) | {"E": [9e3, 0, 0], "F": [0, 0, 0.0]})
-    code, said, complained = call("\n".join(given), *JOINT[1:])
+    code, said, complained = live("\n".join(given), *JOINT[1:])
     assert code == 0
     assert complained.splitlines() == [
         "frame 1: A, B, C, D, E, F, G at exactly (0, 0, 0): taken for missing, there and later",
@@ -182,9 +160,9 @@ def test_a_first_frame_of_zeros_and_a_spike(call):
     assert is_right(said.splitlines()[-1])
 
 
-def test_segments_of_two_markers_hold_no_joint(call):
+def test_segments_of_two_markers_hold_no_joint(live):
     """Their joints are left out of a stream, with a word."""
-    _, said, complained = call("{}\n", "--markerset", "plug-in-gait")
+    _, said, complained = live("{}\n", "--markerset", "plug-in-gait")
     assert "left_knee is left out: its parent has 2 markers; its pose needs 3" in complained
     assert "left_knee" not in said
     assert "left_hip" in said
@@ -202,96 +180,8 @@ def test_segments_of_two_markers_hold_no_joint(call):
         (("--markerset", "cast", "--udp", "70000"), "--udp 70000: cannot be used: a port is a number from 0 to 65535"),
     ],
 )
-def test_mistakes(call, arguments, words):
+def test_mistakes(live, arguments, words):
     """A word, and code 2."""
-    code, said, complained = call("", *arguments)
+    code, said, complained = live("", *arguments)
     assert (code, said) == (2, "")
     assert words in " ".join(complained.replace("│", " ").split())
-
-
-@pytest.fixture
-def read(monkeypatch, capsys, tmp_path):
-    """Run a command with --json in a folder of its own; the object that it prints comes back."""
-
-    def run(*arguments):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", ["study", *map(str, arguments), "--json"])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        said, complained = capsys.readouterr()
-        assert (end.value.code, complained) == (0, "")
-        return json.loads(said, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
-
-    return run
-
-
-@pytest.fixture(scope="module")
-def body(tmp_path_factory):
-    """A recording of a synthetic body as a file."""
-    recording, _ = synthesize(Recipe(frames=400, gaps=0.05))
-    return write_recording(recording, tmp_path_factory.mktemp("body") / "body.c3d")
-
-
-def test_recording(read, body, small, tmp_path):
-    found = read("recording", body)
-    assert (found["recording"], found["frames"], found["rate"], len(found["markers"])) == ("body", 400, 120.0, 41)
-    assert found["missing"] == pytest.approx(sum(row["missing"] for row in found["markers"]) / 400 / 41)
-    assert (found["markerset"]["name"], len(found["markerset"]["joints"])) == ("cmu41", 14)
-    other = read("recording", write_recording(small(("a", "b", "c")), tmp_path / "other.csv"))
-    assert other["markerset"] is None
-
-
-def test_joints(read, body, tmp_path):
-    found = read("joints", body)
-    table = pd.read_parquet(tmp_path / found["files"][0])
-    assert [row["joint"] for row in found["joints"]] == list(table["joint"])
-    wanted = table["error"].astype(object).where(table["error"].notna(), None)
-    assert [row["error"] for row in found["joints"]] == pytest.approx(list(wanted))
-    assert [name.rpartition("/")[2] for name in found["files"]] == ["joints.parquet", "calibration.json"]
-    assert found["markerset"]["name"] == "cmu41"
-
-
-def test_case_study(read, tmp_path):
-    whole, _ = synthesize(Recipe(frames=300))
-    hips = whole.select([marker for marker in whole.markers if marker[1:] in ("FWT", "BWT", "THI", "KNE")])
-    found = read("case-study", write_recording(hips, tmp_path / "hips.c3d"), "--subsets", 4)
-    joints = pd.read_parquet(tmp_path / "results/recordings/hips/case-study-joints.parquet")
-    assert [row["joint"] for row in found["joints"]] == list(joints["joint"])
-    np.testing.assert_allclose([row["worth"] for row in found["joints"]], joints["worth"])
-    assert all((tmp_path / name).is_file() for name in found["files"])
-    assert (found["recording"], found["subsets"]) == ("hips", 4)
-
-
-def test_markersets(read):
-    assert [each["name"] for each in read("markersets")["markersets"]] == shipped()
-    (one,) = read("markersets", "cmu41")["markersets"]
-    assert type(load_markerset("cmu41")).model_validate(one) == load_markerset("cmu41")
-
-
-def test_synthetic(read, tmp_path):
-    found = read("synthetic", "--frames", 30)
-    assert (found["recording"], found["frames"], found["rate"]) == ("synthetic-1", 30, 120.0)
-    assert all((tmp_path / name).is_file() for name in found["files"])
-
-
-def test_fetch(read, monkeypatch, tmp_path):
-    monkeypatch.setattr(write, "fetch", lambda library, name: tmp_path / f"{name}.c3d")
-    found = read("fetch", "cmu", "60_08")
-    assert found == {
-        "library": "cmu",
-        "name": "60_08",
-        "file": str(tmp_path / "60_08.c3d"),
-        "terms": write.LIBRARIES["cmu"].terms,
-    }
-
-
-def test_every_command_on_recordings_has_it():
-    """A new command has it, too."""
-    import inspect
-
-    from study.recordings.commands import joints, skeleton
-
-    names = ["case_study", "fetch", "joint", "joints", "markersets", "recording", "skeleton", "synthetic"]
-    for name in names:
-        parameters = inspect.signature(getattr(joints, name, None) or getattr(skeleton, name)).parameters
-        assert "as_json" in parameters, name

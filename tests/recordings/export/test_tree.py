@@ -41,10 +41,8 @@ def posed(motion):
                 above = parents[above]
             turn = Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix() if segment in chain else np.eye(3)
             rotations[number, :, :, 0] = turn @ standing[name]
-        still = replace(
-            motion.skeleton, rotations=rotations, origins=motion.skeleton.origins[..., :1], centers=np.zeros((14, 3, 1))
-        )
-        return joint_angles(replace(motion, skeleton=still)).iloc[0]
+        parts = {"rotations": rotations, "origins": motion.skeleton.origins[..., :1], "centers": np.zeros((14, 3, 1))}
+        return joint_angles(replace(motion, skeleton=replace(motion.skeleton, **parts))).iloc[0]
 
     return pose
 
@@ -66,10 +64,8 @@ def test_signs_of_a_limb(posed, side, segment, joint):
         "rotation": -sign * UP,  # takes forward to the other side
     }.items():
         down, front = Rotation.from_rotvec(0.1 * axis).apply([-UP, FORWARD])
-        shift = {"flexion": down @ FORWARD, "adduction": -sign * (down @ LEFT), "rotation": -sign * (front @ LEFT)}[
-            name
-        ]
-        assert shift == pytest.approx(np.sin(0.1))
+        shifts = {"flexion": down @ FORWARD, "adduction": -sign * (down @ LEFT), "rotation": -sign * (front @ LEFT)}
+        assert shifts[name] == pytest.approx(np.sin(0.1))
         row = posed(f"{side}_{segment}", axis, 30.0)
         for each in ("flexion", "adduction", "rotation"):
             assert row[f"{side}_{joint}_{each}"] == pytest.approx(30.0 if each == name else 0.0, abs=1e-9)
@@ -205,21 +201,13 @@ def test_t_pose_of_a_recording_with_y_up(motion, y_up, tmp_path):
         np.testing.assert_allclose(places[name], others[name], atol=0.02)  # joints fitted to other frames
 
 
-def test_bones_keep_their_lengths(motion, exported, figure_calibration):
-    """Rest poses differ by rotations alone."""
-    lengths = {}
-    for rest in RestPose:
-        nodes = list(joint_tree(exported(motion.recording, figure_calibration, rest=rest)).walk())
-        lengths[rest] = [float(np.linalg.norm(node.offset)) for node in nodes]
-    np.testing.assert_allclose(lengths[RestPose.T_POSE], lengths[RestPose.STANDING], atol=1e-12)
-    np.testing.assert_allclose(lengths[RestPose.T_POSE], lengths[RestPose.RECORDED], atol=1e-12)
-
-
-def test_recorded_pose(motion, exported, figure_calibration):
-    """All segments have the axes of the recording: rotations are those of the segments."""
-    recorded = exported(motion.recording, figure_calibration, rest=RestPose.RECORDED)
-    root = joint_tree(recorded)
-    np.testing.assert_allclose(root.rotation, recorded.skeleton.rotations[0], atol=1e-12)
+def test_rest_poses_differ_by_rotations_alone(motion, exported, figure_calibration):
+    """Bones keep their lengths; in the recorded pose all segments have the axes of the recording."""
+    made = {rest: exported(motion.recording, figure_calibration, rest=rest) for rest in RestPose}
+    lengths = [[float(np.linalg.norm(node.offset)) for node in joint_tree(one).walk()] for one in made.values()]
+    np.testing.assert_allclose(lengths, [lengths[0]] * len(lengths), atol=1e-12)
+    recorded = made[RestPose.RECORDED]
+    np.testing.assert_allclose(joint_tree(recorded).rotation, recorded.skeleton.rotations[0], atol=1e-12)
     assert all((rotation == np.eye(3)).all() for rotation in recorded.rest_rotations.values())
 
 
@@ -239,8 +227,6 @@ def test_standing_pose(figure_calibration):
 
 def test_twist_is_that_of_the_mean_pose(exact):
     """On a body whose joints are known exactly, knees of the T-pose bend backward: their axes point to the left."""
-    from study.recordings.skeleton.calibrate import with_checks
-
     recording, _, joints = exact
     calibration = with_checks(joints, recording)
     rest = rest_rotations(calibration, np.eye(3), RestPose.T_POSE)
@@ -252,17 +238,12 @@ def test_twist_is_that_of_the_mean_pose(exact):
 
 def test_a_segment_that_no_word_describes_keeps_its_mean_pose(figure_calibration):
     """Marker sets of users may call their segments as they like."""
-    from dataclasses import replace
-
     renamed = figure_calibration.markerset.model_dump_json().replace("left_hand", "left_racket")
     markerset = type(figure_calibration.markerset).model_validate_json(renamed)
-    places = tuple(
-        replace(place, joint=joint) for place, joint in zip(figure_calibration.joints, markerset.joints, strict=True)
-    )
-    shapes = tuple(
-        replace(shape, segment=shape.segment.replace("left_hand", "left_racket")) for shape in figure_calibration.shapes
-    )
-    calibration = replace(figure_calibration, markerset=markerset, joints=places, shapes=shapes)
+    pairs = zip(figure_calibration.joints, markerset.joints, strict=True)
+    places = tuple(replace(place, joint=joint) for place, joint in pairs)
+    shapes = (replace(s, segment=s.segment.replace("left_hand", "left_racket")) for s in figure_calibration.shapes)
+    calibration = replace(figure_calibration, markerset=markerset, joints=places, shapes=tuple(shapes))
     rest = rest_rotations(calibration, np.eye(3), RestPose.T_POSE)
     mean = next(place.mean_rotation for place in places if place.joint.child == "left_racket")
     np.testing.assert_allclose(rest["left_racket"], rest["left_forearm"] @ mean, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Trials of one pelvis with two thighs, each trial moving other hips, with axes and gaps of its own."""
+"""Trials of one pelvis with two thighs, and of a whole body, each trial moving other joints."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings.markersets import Joint, MarkerSet, Segment
 from study.recordings.recording import Recording
+from study.recordings.synthetic.make import PARTS, Motion, Recipe, body, draw_motion, marker_noise, skin_motion
 
 PELVIS = {
     "LASI": (0.12, 0.13, 0.0),
@@ -64,5 +65,65 @@ def in_pelvis():
         true = np.array([PELVIS[marker] for marker in shape.markers])
         turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), true - true.mean(axis=0))
         return turn.apply(HIPS[side] - true.mean(axis=0)) + shape.places.mean(axis=0)
+
+    return place
+
+
+@pytest.fixture(scope="session")
+def body_trial():
+    """A function for a trial of a synthetic body with the markers of `rizzoli`, in which only the named joints move.
+
+    The others sway by the share ``still`` of their ranges. ``who`` is the subject, whose skin moves alike in all of
+    its trials; ``replaced`` how far markers are from their places, root mean square, metres.
+    """
+
+    def make(name, moving, seed, who=0, still=0.1, skin="mixed", tissue=0.004, frames=1000, reach=0.8, replaced=0.0):
+        recipe = Recipe(frames=frames, rate=100.0, seed=who, soft_tissue=tissue, skin=skin, markers="rizzoli")
+        reaches = dict.fromkeys(moving, reach)
+        motions = {r: draw_motion(frames, 100.0, seed, height=1.75, reach=r, style="smooth") for r in (still, reach)}
+        quiet, rows = motions[still], {part.name: row for row, part in enumerate(PARTS)}
+        rotations, origins, phases = quiet.rotations.copy(), quiet.origins.copy(), still * quiet.phases
+        for row, part in enumerate(PARTS[1:], start=1):
+            parent, one = rows[part.parent], motions[reaches.get(part.joint, still)].rotations
+            rotations[row] = rotations[parent] @ np.swapaxes(one[parent], 1, 2) @ one[row]
+            origins[row] = origins[parent] + rotations[parent].dot(1.75 * np.array(part.at)).T
+            phases[row] = reaches.get(part.joint, still) * quiet.phases[row]
+        parts = body("rizzoli")
+        segments = np.array([row for row, part in enumerate(parts) for _ in part.markers])
+        offsets = 1.75 * np.array([place for part in parts for place in part.markers.values()])
+        offsets = offsets + replaced / np.sqrt(3) * np.random.default_rng(seed).standard_normal(offsets.shape)
+        local = offsets[:, :, None] + skin_motion(recipe, Motion(rotations, origins, phases), segments)
+        x = np.einsum("mtij,mjt->mit", rotations[segments], local) + origins[segments]
+        x = x + marker_noise(x.shape, 0.001, seed)
+        return Recording(name, tuple(label for part in parts for label in part.markers), x, 100.0)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def body_session(body_trial):
+    """A function for the trials of one subject: left hip, right hip, knees; and a static one."""
+
+    def make(who, **options):
+        moving = {"left": ["left_hip"], "right": ["right_hip"], "knees": ["left_knee", "right_knee"]}
+        trials = [
+            body_trial(name, joints, 1000 * who + i, who, **options)
+            for i, (name, joints) in enumerate(moving.items(), 1)
+        ]
+        return trials, body_trial("static", [], 1000 * who + 4, who, **options | {"still": 0.02, "frames": 200})
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def true_place():
+    """A function for a joint's true place in a calibration's axes of its parent, by the parent's markers (3,)."""
+
+    def place(calibration, joint):
+        part = next(part for part in PARTS if part.joint == joint)
+        own, shape = next(one for one in body("rizzoli") if one.name == part.parent), calibration.shape(part.parent)
+        true = 1.75 * np.array([own.markers[marker] for marker in shape.markers])
+        turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), true - true.mean(axis=0))
+        return turn.apply(1.75 * np.array(part.at) - true.mean(axis=0)) + shape.places.mean(axis=0)
 
     return place

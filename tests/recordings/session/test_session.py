@@ -1,6 +1,7 @@
 """Several trials of one session in one calibration: joints from the trials that moved them; other persons refused.
 
-Pooled places against the weighted mean written out by hand.
+Pooled places against the weighted mean written out by hand; bodies of known joints; a functional trial cut into the
+halves that move one hip each.
 """
 
 from dataclasses import replace
@@ -12,16 +13,11 @@ from scipy.spatial.transform import Rotation
 from study.recordings.formats.read import read_recording
 from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE, JointStatus
+from study.recordings.joints.find import exchange, find_joints
 from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset
 from study.recordings.markersets.match import match
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.session import (
-    calibrate_session,
-    pool_places,
-    refit_shapes,
-    session_lines,
-    session_table,
-)
+from study.recordings.session import calibrate_session, pool_places, refit_shapes, session_lines, session_table
 from study.recordings.skeleton.calibrate import check_subject
 from study.recordings.skeleton.draw import draw_skeleton
 
@@ -283,3 +279,152 @@ def test_axes_that_contradict_each_other():
     found = pool_places([one, tilted])
     assert found.status == JointStatus.DISAGREE
     assert "its axis turned by 29°" in found.reason
+
+
+OWN = {"left_hip": "left", "right_hip": "right", "left_knee": "knees", "right_knee": "knees"}
+
+
+@pytest.mark.parametrize(
+    ("who", "still", "tissue", "skin"),
+    [(0, 0.05, 0.004, "mixed"), (7, 0.1, 0.02, "mixed"), (38, 0.2, 0.004, "mixed"), (65, 0.2, 0.004, "angle")],
+)
+def test_a_trial_that_does_not_move_a_joint_has_no_vote(who, still, tissue, skin, body_session, true_place):
+    """Hips come from their own trials, knees nearly always; without the rule hips and knees are up to 42 cm off here.
+
+    What is usable is within three of its standard errors of the truth, across a hinge's axis.
+    """
+    markerset = load_markerset("rizzoli")
+    trials, static = body_session(who, still=still, tissue=tissue, skin=skin)
+    merged = calibrate_session(markerset, trials, static).calibration
+    for joint, trial_name in OWN.items():
+        place = merged[joint]
+        assert place.trials[0] == trial_name
+        assert len(place.trials) == 1 or "knee" in joint
+        off = place.in_parent - true_place(merged, joint)
+        off = off if place.axis is None else off - (off @ place.axis) * place.axis
+        assert np.linalg.norm(off) < (3.0 * place.standard_error if place.usable else 0.02)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_leg_that_stands_has_no_vote_in_a_real_trial(side, shared_file):
+    """A functional trial moves the left hip in its first half, the right one in its second."""
+    whole = load_markerset(shared_file("functional_hips_markers.toml"))
+    recording = match(whole, read_recording(shared_file("functional_hips.c3d"))).recording
+    halves = [
+        replace(recording.select(frames=part), name=name)
+        for name, part in (("left", slice(0, 3120)), ("right", slice(3120, None)))
+    ]
+    joint = f"{side}_hip"
+    session, alone = calibrate_session(whole, halves), find_joints(whole, recording)
+    place = session.calibration[joint]
+    assert (place.trials, place.status) == ((side,), JointStatus.OK)
+    distances = [
+        np.linalg.norm(one["right_hip"].in_parent - one["left_hip"].in_parent) for one in (session.calibration, alone)
+    ]
+    assert distances[0] == pytest.approx(distances[1], abs=0.006)
+    other = next(part for part in session.parts[joint] if part.trials != (side,))
+    assert other.rank > place.rank
+
+
+def allowed(part, errors):
+    """A trial's place with the allowance of these standard deviations."""
+    return replace(part, allowance=np.diag(np.square(errors)))
+
+
+def test_an_allowance_beyond_a_centimetre_takes_the_vote():
+    """The trial with the smaller stated error does not count; below a centimetre the allowance is a weight."""
+    moved_it, stood = part("moved", (0, 0, 0), (0.005,) * 3), part("stood", (0.035, 0, 0), (0.002,) * 3)
+    found = pool_places([allowed(stood, (0.012,) * 3), moved_it])
+    assert (found.trials, found.status) == (("moved",), JointStatus.OK)
+    np.testing.assert_array_equal(found.in_parent, np.zeros(3))
+    near = allowed(replace(stood, in_parent=np.array([0.008, 0, 0])), (0.009, 0.001, 0.001))
+    both = pool_places([near, moved_it])
+    share = 25.0 / (25.0 + 4.0 + 81.0)  # of the trial that stood, by x
+    np.testing.assert_allclose(both.in_parent, [0.008 * share, 0.0, 0.0], atol=1e-12)
+    assert both.covariance[0, 0] == pytest.approx(share**2 * 4e-6 + (1 - share) ** 2 * 25e-6)
+
+
+def test_a_joint_that_no_trial_moved():
+    """By the best trial it is unsure by its allowance, too; beyond 5 cm it is nowhere, and the reason says so."""
+    near = pool_places([allowed(part("a", (0.1, 0, 0), (0.005,) * 3), (0.02, 0.012, 0.012))])
+    assert near.status == JointStatus.UNSURE
+    assert near.reason == "no trial moved it enough to show it: ± 21 mm, if skin slides by 1 mm"
+    assert near.standard_error == pytest.approx(np.hypot(0.005, 0.02))
+    far = pool_places([allowed(part("static", (0.1, 0, 0), (0.464,) * 3, JointStatus.UNSURE), (0.3,) * 3)])
+    assert (far.status, far.reason) == (JointStatus.STILL, "no trial moved it")
+    assert np.isnan([*far.in_parent, *far.in_child, *far.covariance.ravel()]).all()
+    moved_it = pool_places([part("moved", (0.1, 0, 0), (0.464,) * 3, JointStatus.UNSURE)])
+    assert not np.isnan(moved_it.in_parent).any()  # it moved: what is large is its own error
+
+
+def test_a_session_has_no_waist_from_its_static_trial(body_session):
+    """Stiff trunks: the waist is nowhere in the calibration and in every frame, and the legs are drawn as before."""
+    trials, static = body_session(12, still=0.02)
+    session = calibrate_session(load_markerset("rizzoli"), trials, static)
+    waist = session.calibration["waist"]
+    assert (waist.status, waist.reason) == (JointStatus.STILL, "no trial moved it")
+    drawn = draw_skeleton(session.calibration, trials[0])
+    assert np.isnan(drawn.center("waist")).all()
+    assert not np.isnan(drawn.center("left_hip")).any()
+    lines = list(session_lines(session))
+    assert [line.split()[1:] for line in lines if line.startswith("waist ")] == [["still", *"------"]]
+    assert any("left_hip: not from" in line and "static (hardly moved it)" in line for line in lines)
+
+
+def exchanged(recording, one, two, share, seed=1):
+    """The recording with two labels exchanged in about this share of the frames, half a second at a time."""
+    run = max(round(0.5 * recording.rate), 1)
+    count = recording.frames // run + 1
+    chosen = np.random.default_rng(seed).permutation(count) < round(share * count)
+    frames = np.repeat(chosen, run)[: recording.frames]
+    positions, rows = np.array(recording.positions), [recording.row(one), recording.row(two)]
+    positions[np.ix_(rows, range(3), frames)] = positions[np.ix_(rows[::-1], range(3), frames)]
+    return replace(recording, positions=positions), frames
+
+
+@pytest.mark.parametrize("share", [0.1, 0.43])
+def test_markers_that_exchange_their_labels_are_named(share, body_trial):
+    """Epicondyles: the two, the share to 2 % and the first frame are in the reasons of both joints of the thigh."""
+    recording = body_trial("moves", list(OWN), seed=5)
+    wrong, frames = exchanged(recording, "RFLE", "RFME", share)
+    found = find_joints(load_markerset("rizzoli"), wrong)
+    for joint in ("right_hip", "right_knee"):
+        assert found[joint].status not in USABLE
+        words, share_named = found[joint].reason.split(" in ")[0], found[joint].reason.split(" in ")[1]
+        assert words == "RFLE and RFME exchange their labels"
+        assert float(share_named.split("%")[0]) == pytest.approx(100 * frames.mean(), abs=2.0)
+    assert f"first in frame {frames.argmax() + 1}: exchange them back" in found["right_hip"].reason
+    assert "exchange" not in found["left_hip"].reason
+
+
+@pytest.mark.parametrize("skin", ["mixed", "random", "slide", "angle"])
+def test_no_exchange_where_there_is_none(skin, body_trial):
+    """Skin of 1 and 2 cm, and markers in symmetric places on a trunk."""
+    markerset = load_markerset("rizzoli")
+    for tissue in (0.01, 0.02):
+        recording = body_trial("moves", list(OWN), seed=3, skin=skin, tissue=tissue)
+        assert [words for segment in markerset.segments if (words := exchange(segment.markers, recording))] == []
+
+
+def test_an_exchange_in_a_real_recording(shared_file):
+    """Two markers of a thigh's cluster; the recording as it is has none."""
+    whole = load_markerset(shared_file("functional_hips_markers.toml"))
+    recording = match(whole, read_recording(shared_file("functional_hips.c3d"))).recording
+    assert [exchange(segment.markers, recording) for segment in whole.segments] == [""] * 3
+    wrong, frames = exchanged(recording, "LTH1", "LTH2", 0.43)
+    seen = ~np.isnan(recording.positions).any(axis=1)
+    assert f"LTH1 and LTH2 exchange their labels in {(frames & seen[:3].all(axis=0)).mean():.0%}"[:40] in exchange(
+        whole.segment("left_thigh").markers, wrong
+    )
+
+
+@pytest.mark.parametrize("who", [1, 2, 3])
+def test_a_session_accepts_its_own_walks(who, body_session, body_trial):
+    """Markers put on again by 1 to 10 mm are the same subject; bodies 5 % larger or smaller are others."""
+    trials, static = body_session(who)
+    calibration = calibrate_session(load_markerset("rizzoli"), trials, static).calibration
+    for replaced in (0.001, 0.01):
+        walk = body_trial("walk", list(OWN), 1000 * who + 50, who, frames=400, reach=0.4, replaced=replaced)
+        assert check_subject(calibration, walk).same
+        for size in (0.95, 1.05):
+            assert not check_subject(calibration, replace(walk, positions=size * walk.positions)).same

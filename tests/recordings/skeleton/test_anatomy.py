@@ -8,12 +8,12 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from study.recordings import library
-from study.recordings.export.files import write_mot
+from study.recordings.export import write_mot
 from study.recordings.export.tree import ExportedMotion, angle_lines, joint_angles
 from study.recordings.joints.calibration import load_calibration, save_calibration
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.markersets import load_markerset, shipped
-from study.recordings.markersets.labels import landmarks, side_of
+from study.recordings.markersets.match import landmarks, side_of
 from study.recordings.recording import Recording
 from study.recordings.skeleton import anatomy
 from study.recordings.skeleton.anatomy import (
@@ -27,8 +27,7 @@ from study.recordings.skeleton.anatomy import (
 )
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.make_scene import skeleton_scene
-from study.recordings.synthetic.body import body, unit
-from study.recordings.synthetic.make import Recipe, synthesize
+from study.recordings.synthetic.make import Recipe, body, synthesize, unit
 
 
 def other_program(left, right, behind):

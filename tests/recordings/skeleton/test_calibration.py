@@ -61,16 +61,18 @@ def test_other_files_are_refused(text, words, tmp_path):
         load_calibration(tmp_path / "none.json")
 
 
-def test_damage_is_noticed(figure_calibration, tmp_path):
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("covariance", [[1.0]]), ("status", "FINE"), ("joint", "tail"), ("in_child", [1.0, 2.0]), ("in_parent", [])],
+)
+def test_damage_is_noticed(figure_calibration, tmp_path, key, value):
     """A matrix of the wrong size, and an unknown joint or status, are refused."""
     path = save_calibration(figure_calibration, tmp_path / "c.json")
-    changes = {"covariance": [[1.0]], "status": "FINE", "joint": "tail", "in_child": [1.0, 2.0], "in_parent": []}
-    for change in changes.items():
-        document = json.loads(path.read_text())
-        document["joints"][0][change[0]] = change[1]
-        path.with_name("d.json").write_text(json.dumps(document))
-        with pytest.raises(RecordingError, match="damaged"):
-            load_calibration(path.with_name("d.json"))
+    document = json.loads(path.read_text())
+    document["joints"][0][key] = value
+    path.write_text(json.dumps(document))
+    with pytest.raises(RecordingError, match="damaged"):
+        load_calibration(path)
 
 
 def moved(calibration, name, in_parent):
@@ -92,6 +94,15 @@ def warned(calibration, recording):
     }
 
 
+def widened(calibration, factor):
+    """The calibration with its hips so many times as far apart; where they were, and their middle."""
+    hips = [calibration[f"{side}_hip"].in_parent for side in ("left", "right")]
+    middle = (hips[0] + hips[1]) / 2
+    for side, at in zip(("left", "right"), hips, strict=True):
+        calibration = moved(calibration, f"{side}_hip", middle + factor * (at - middle))
+    return calibration, hips, middle
+
+
 def test_a_body_raises_no_warning(figure_calibration, figure):
     """The synthetic body's hips are .71 of its front waist markers apart, and its sides are equal."""
     assert warned(figure_calibration, figure[0]) == {}
@@ -100,11 +111,7 @@ def test_a_body_raises_no_warning(figure_calibration, figure):
 @pytest.mark.parametrize(("factor", "warns"), [(0.85, True), (0.95, False), (1.65, False), (1.8, True)])
 def test_hips(figure_calibration, figure, factor, warns):
     """Hip to hip over the spines' markers is plausible from .65 to 1.2; the body's is .05/.07 = .714."""
-    hips = [figure_calibration[f"{side}_hip"].in_parent for side in ("left", "right")]
-    middle = (hips[0] + hips[1]) / 2
-    wide = figure_calibration
-    for side, at in zip(("left", "right"), hips, strict=True):
-        wide = moved(wide, f"{side}_hip", middle + factor * (at - middle))
+    wide = widened(figure_calibration, factor)[0]
     for hip in ("left_hip", "right_hip"):
         place = judged(wide, figure[0])[hip]
         assert ("hip to hip is" in place.reason) == warns
@@ -114,11 +121,7 @@ def test_hips(figure_calibration, figure, factor, warns):
 
 def test_the_width_is_known_by_geometry(figure_calibration, figure):
     """Labels do not matter, nor markers on the crests above; a plate of three markers on the sacrum shows no width."""
-    hips = [figure_calibration[f"{side}_hip"].in_parent for side in ("left", "right")]
-    middle = (hips[0] + hips[1]) / 2
-    wide = figure_calibration
-    for side, at in zip(("left", "right"), hips, strict=True):
-        wide = moved(wide, f"{side}_hip", middle + 1.8 * (at - middle))
+    wide, hips, middle = widened(figure_calibration, 1.8)
     shape = wide.shape("pelvis")
     up = np.cross(hips[0] - hips[1], shape.places[0] - shape.places[2])
     crests = shape.places[:2] + 0.06 * up / np.linalg.norm(up) * np.sign(up @ (shape.places[0] - middle))
@@ -141,7 +144,7 @@ def test_bones_of_unequal_length(figure_calibration, figure):
     hip = figure_calibration["left_hip"].in_child
     found = warned(moved(figure_calibration, "left_knee", hip + 1.2 * (knee - hip)), figure[0])
     assert {"left_hip", "left_knee", "right_hip", "right_knee"} <= set(found)
-    assert "its bone left_hip - left_knee is 51" in found["left_knee"][0]
+    assert "the bone left_hip - left_knee is 51" in found["left_knee"][0]
     assert "left_elbow" not in found
 
 
@@ -253,20 +256,17 @@ def test_sessions_and_other_bodies():
 
 
 def test_one_segment_with_exchanged_labels_does_not_refuse_a_subject(figure, figure_calibration):
-    """Two markers of the head bear each other's label throughout: the head is named, and the subject accepted."""
+    """Two markers of the head bear each other's label throughout: the head is named, and the subject accepted.
+
+    Only segments that carry joints count: without a place for the neck, the head says nothing.
+    """
     recording = figure[0]
     labels = [{"LFHD": "RBHD", "RBHD": "LFHD"}.get(label, label) for label in recording.markers]
-    check = check_subject(figure_calibration, replace(recording, markers=tuple(labels)))
+    exchanged = replace(recording, markers=tuple(labels))
+    check = check_subject(figure_calibration, exchanged)
     assert check.same
     assert list(check.misfits) == ["head"]
-
-
-def test_only_segments_that_carry_joints_count(figure, figure_calibration):
-    """Without a place for the neck, a head that does not fit says nothing."""
-    recording = figure[0]
-    labels = [{"LFHD": "RBHD", "RBHD": "LFHD"}.get(label, label) for label in recording.markers]
-    without = moved(figure_calibration, "neck", [np.nan] * 3)
-    assert check_subject(without, replace(recording, markers=tuple(labels))).misfits == {}
+    assert check_subject(moved(figure_calibration, "neck", [np.nan] * 3), exchanged).misfits == {}
 
 
 def test_scene_of_another_subject(figure, figure_calibration):
@@ -316,12 +316,8 @@ def test_missing_markers():
 
 @pytest.mark.parametrize("places", [still(CORNERS[:3]), still(CORNERS[:4]), still(np.empty((0, 3)))])
 def test_no_hull(places):
-    """Three markers, four in a plane, and none have no hull, so the distance is NaN."""
+    """Three markers, four in a plane, and none have no hull, so the distance is NaN; so is an unknown joint's."""
     assert np.isnan(hull_distances(places, still([[0.0, 0.0, 0.0]]))[0].distance)
-
-
-def test_unknown_joint():
-    """A joint that is never known has no distance."""
     assert np.isnan(hull_distances(still(CORNERS), np.full((1, 3, 100), np.nan))[0].distance)
 
 

@@ -28,14 +28,19 @@ def still(exact):
     return recording, truth, with_checks(found, recording)
 
 
-def errors(skeleton, truth, joint):
-    """Distance of a joint from the truth in each frame (frames,); for a hinge, from the line of its true axis."""
+def off(skeleton, truth, joint):
+    """A joint less the truth in each frame (3, frames); for a hinge, across its true axis."""
     k = truth.joints.index(joint)
     away = skeleton.center(joint) - truth.centers[k]
     if np.isfinite(truth.axes[k, 0]):
         axis = (truth.rotations[truth.segments.index(truth.parents[k])] @ truth.axes[k]).T
         away = away - axis * (axis * away).sum(axis=0)
-    return np.linalg.norm(away, axis=0)
+    return away
+
+
+def errors(skeleton, truth, joint):
+    """Distance of a joint from the truth in each frame (frames,); for a hinge, from the line of its true axis."""
+    return np.linalg.norm(off(skeleton, truth, joint), axis=0)
 
 
 def without(recording, hidden):
@@ -320,16 +325,12 @@ def test_hidden_segments():
         scene = skeleton_scene(skeleton, recording)
         stated = frame_errors(scene)
         for i, joint in enumerate(skeleton.joints):
-            k = truth.joints.index(joint)
-            off, seen = skeleton.centers[i] - truth.centers[k], skeleton.flags[i] == Flag.SEEN
-            if np.isfinite(truth.axes[k, 0]):
-                axis = (truth.rotations[truth.segments.index(truth.parents[k])] @ truth.axes[k]).T
-                off = off - axis * (axis * off).sum(axis=0)
-            steps = np.linalg.norm(np.diff(off, axis=1), axis=0)[seen[1:] & seen[:-1]]
+            away, seen = off(skeleton, truth, joint), skeleton.flags[i] == Flag.SEEN
+            steps = np.linalg.norm(np.diff(away, axis=1), axis=0)[seen[1:] & seen[:-1]]
             assert steps.max() < 0.03, joint
             bridged = skeleton.flags[i] == Flag.BRIDGED
             error = stated[scene.joints.index(joint)][:, bridged]
-            inside += list((np.abs(off[:, bridged]) <= 1.96 * error)[~np.isnan(error)])
+            inside += list((np.abs(away[:, bridged]) <= 1.96 * error)[~np.isnan(error)])
     assert np.mean(inside) > 0.93
 
 

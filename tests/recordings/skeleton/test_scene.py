@@ -25,18 +25,30 @@ def body():
     return synthesize(Recipe(frames=40))
 
 
+MILLIMETRE = 1e-6 * np.eye(3)
+
+
+@pytest.fixture
+def shown(body, of_truth):
+    """Make the skeleton of one true joint, and its scene."""
+
+    def make(joint, covariance=MILLIMETRE):
+        skeleton = of_truth(*body, [joint], covariance=covariance)
+        return skeleton, make_scene(skeleton, body[0], [""], "test")
+
+    return make
+
+
 def covariances(scene, joint, frame):
     """The covariance in the world that follows from a scene's errors and orientations."""
     axes = Rotation.from_quat(scene.orientations[joint, frame]).as_matrix()
     return axes @ np.diag(np.nan_to_num(scene.errors[joint]) ** 2) @ axes.T
 
 
-def test_errors_are_the_covariance(body, of_truth):
+def test_errors_are_the_covariance(shown):
     """Errors along their directions give the covariance back, rotated with the parent."""
-    recording, truth = body
     root = np.random.default_rng(1).normal(size=(3, 3)) * 1e-3
-    skeleton = of_truth(recording, truth, ["left_hip"], covariance=root @ root.T)
-    scene = make_scene(skeleton, recording, [""], "test")
+    skeleton, scene = shown("left_hip", root @ root.T)
     for frame in (0, 17, 39):
         r = skeleton.rotation("pelvis")[:, :, frame]
         assert np.allclose(covariances(scene, 0, frame), r @ root @ root.T @ r.T, atol=1e-12)
@@ -44,12 +56,11 @@ def test_errors_are_the_covariance(body, of_truth):
 
 
 @pytest.mark.parametrize("covariance", [np.diag([9e-6, 4e-6, 1e-6]), np.zeros((3, 3)), np.eye(3)])
-def test_a_hinge_is_known_across_its_axis(body, of_truth, covariance):
+def test_a_hinge_is_known_across_its_axis(body, shown, covariance):
     """For a hinge the last direction is the axis, with no error, and the others are the covariance across it."""
-    recording, truth = body
-    axis = truth.axes[truth.joints.index("left_knee")]
-    skeleton = of_truth(recording, truth, ["left_knee"], covariance=covariance)
-    scene, rotation = make_scene(skeleton, recording, [""], "test"), skeleton.rotation("left_thigh")[:, :, 5]
+    axis = body[1].axes[body[1].joints.index("left_knee")]
+    skeleton, scene = shown("left_knee", covariance)
+    rotation = skeleton.rotation("left_thigh")[:, :, 5]
     assert np.isnan(scene.errors[0]).tolist() == [False, False, True]
     last = Rotation.from_quat(scene.orientations[0, 5]).as_matrix()[:, 2]
     assert abs(last @ rotation @ axis) == pytest.approx(1.0)
@@ -57,11 +68,9 @@ def test_a_hinge_is_known_across_its_axis(body, of_truth, covariance):
     assert np.allclose(covariances(scene, 0, 5), across @ covariance @ across.T, atol=1e-12)
 
 
-def test_quaternions_do_not_jump(body, of_truth):
+def test_quaternions_do_not_jump(shown):
     """Quaternions of consecutive frames are close, so that they could be interpolated."""
-    recording, truth = body
-    skeleton = of_truth(recording, truth, ["left_hip"], covariance=np.diag([3.0, 2.0, 1.0]))
-    turns = make_scene(skeleton, recording, [""], "test").orientations[0]
+    turns = shown("left_hip", np.diag([3.0, 2.0, 1.0]))[1].orientations[0]
     assert ((turns[1:] * turns[:-1]).sum(axis=1) > 0.9).all()
 
 
@@ -80,22 +89,15 @@ def test_unknown_joints(body, of_truth):
         make_scene(skeleton, recording, ["", "still"], "test")
 
 
-def test_without_a_covariance(body, of_truth):
+def test_without_a_covariance(shown):
     """A joint without a covariance has no errors in the scene."""
-    recording, truth = body
-    skeleton = of_truth(recording, truth, ["left_hip"], covariance=np.full((3, 3), np.nan))
-    assert np.isnan(make_scene(skeleton, recording, [""], "test").errors).all()
+    assert np.isnan(shown("left_hip", np.full((3, 3), np.nan))[1].errors).all()
 
 
 def test_limbs_end_at_markers(scene):
     """Ends of limbs are near the markers that are farthest out; inner segments have none."""
-    assert set(scene.tips) == {
-        "head",
-        "left_hand",
-        "left_foot",
-        "right_foot",
-        "right_forearm",
-    }  # as far as joints are known
+    known = {"head", "left_hand", "left_foot", "right_foot", "right_forearm"}
+    assert set(scene.tips) == known  # as far as joints are known
     hand = scene.places[scene.markers.index("LFIN")]
     found = scene.ends[scene.tips.index("left_hand")]
     assert np.allclose(found, hand, equal_nan=True)
@@ -104,13 +106,11 @@ def test_limbs_end_at_markers(scene):
     assert np.allclose(scene.ends[scene.tips.index("left_foot")], toes, equal_nan=True)
 
 
-def test_y_up(body, of_truth):
+def test_y_up(body, shown):
     """A recording whose y points up is rotated as a whole, and a note says so."""
-    recording, truth = body
+    recording, (skeleton, upright) = body[0], shown("left_hip")
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # z to y
     lying = Recording("lying", recording.markers, turn @ recording.positions, recording.rate)
-    skeleton = of_truth(recording, truth, ["left_hip"])
-    upright = make_scene(skeleton, recording, [""], "test")
     scene = make_scene(replace(skeleton, centers=turn @ skeleton.centers), lying, [""], "test")
     assert scene.notes == ("the recording's y is shown as up",)
     height = scene.places[scene.markers.index("LFHD"), 2] - scene.places[scene.markers.index("LTOE"), 2]
@@ -127,12 +127,13 @@ def test_shapes_are_checked(scene, name):
         replace(scene, **{name: wrong})
 
 
-def test_bones_are_checked(scene):
+@pytest.mark.parametrize(
+    ("change", "words"), [({"bones": ((0, 99),)}, r"bone \(0, 99\)"), ({"doubts": ()}, "0 doubts for")]
+)
+def test_bones_are_checked(scene, change, words):
     """A bone to a point that does not exist is refused, and so are missing doubts."""
-    with pytest.raises(RecordingError, match=r"bone \(0, 99\)"):
-        replace(scene, bones=((0, 99),))
-    with pytest.raises(RecordingError, match="0 doubts for"):
-        replace(scene, doubts=())
+    with pytest.raises(RecordingError, match=words):
+        replace(scene, **change)
 
 
 @pytest.mark.parametrize(
@@ -154,16 +155,10 @@ def test_floor(scene):
     assert np.isfinite(replace(scene, markers=(), places=np.empty((0, 3, 90))).floor)
 
 
-def test_sides(scene):
-    """Sides follow from names."""
+def test_sides_and_flags(scene):
+    """Sides follow from names; each flag says what it means."""
     sides = dict(zip((*scene.joints, *scene.tips), scene.sides(), strict=True))
-    assert sides["left_knee"] == "left"
-    assert sides["right_foot"] == "right"
-    assert sides["waist"] == ""
-
-
-def test_flags_have_words():
-    """Each flag says what it means."""
+    assert [sides[name] for name in ("left_knee", "right_foot", "waist")] == ["left", "right", ""]
     assert [flag.text for flag in Flag] == ["from markers", "bridged: too few markers seen", "unknown"]
 
 
@@ -181,30 +176,23 @@ def test_bones():
 
 
 @pytest.mark.parametrize(
-    ("name", "found"),
-    [("left_knee", "left"), ("knee right", "right"), ("Left-Hip", "left"), ("cleft_chin", ""), ("waist", "")],
-)
-def test_side(name, found):
-    """A side is a whole word of the name."""
-    assert side(name) == found
-
-
-@pytest.mark.parametrize(
-    ("name", "other"),
+    ("name", "word", "other"),
     [
-        ("left_knee", "right_knee"),
-        ("Left_Knee", "Right_Knee"),
-        ("KNEE RIGHT", "KNEE LEFT"),
-        ("leftover_hip", "leftover_hip"),
-        ("right_cleft", "left_cleft"),
-        ("waist", "waist"),
+        ("left_knee", "left", "right_knee"),
+        ("Left_Knee", "left", "Right_Knee"),
+        ("KNEE RIGHT", "right", "KNEE LEFT"),
+        ("Left-Hip", "left", "Right-Hip"),
+        ("leftover_hip", "", "leftover_hip"),
+        ("cleft_chin", "", "cleft_chin"),
+        ("right_cleft", "right", "left_cleft"),
+        ("waist", "", "waist"),
     ],
 )
-def test_the_other_side(name, other):
-    """The same words tell a side and are exchanged, capital letters or small, and back again."""
+def test_the_other_side(name, word, other):
+    """A side is a whole word; the same words tell a side and are exchanged, of any case, and back again."""
+    assert side(name) == word
     assert mirrored(name) == other
     assert mirrored(other) == name
-    assert (side(name) == side(other)) == (name == other)
 
 
 def test_a_row_per_frame_and_joint(scene):

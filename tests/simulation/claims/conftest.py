@@ -6,6 +6,7 @@ import pytest
 from scipy import stats
 
 from study.files import RunError
+from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Evidence, evaluate
 
 
@@ -28,8 +29,8 @@ class Stored:
 def find():
     """Evaluate the claim of a name by tables ``{"config/table": frame}``; it may read what it declares, no more."""
 
-    def run(claims, name, tables, cost=None, recordings=None):
-        (claim,) = (c for c in claims if c.name == name)
+    def run(name, tables, cost=None, recordings=None):
+        (claim,) = (c for c in CLAIMS if c.name == name)
         asked, configs = set(), {}
         for path, frame in tables.items():
             config, _, table = path.partition("/")
@@ -68,6 +69,21 @@ def error_rows():
             "iterations": 0,
         }
         return pd.DataFrame(data | columns)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def grid_of(error_rows):
+    """Errors of a grid with N = 1000: ``columns(name, angle, σ/r)`` gives those of an estimator in a cell."""
+
+    def make(columns, names, angles, levels):
+        rows = []
+        for angle in angles:
+            for level in levels:
+                cell = {"cell": f"{angle}, {level}", "angle": angle, "noise": level, "samples": 1000}
+                rows += [error_rows(name, **cell | columns(name, angle, level)) for name in names]
+        return pd.concat(rows, ignore_index=True)
 
     return make
 

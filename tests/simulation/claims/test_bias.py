@@ -4,28 +4,25 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.simulation.claims.bias import CLAIMS
 from study.simulation.claims.claim import Verdict
 
 LEVELS = np.geomspace(1e-4, 10**0.5, 19)
-NAMES = [claim.name for claim in CLAIMS]
 
 
 @pytest.fixture(scope="module")
-def grid(error_rows, scores):
+def grid(grid_of, scores):
     """MLE and GDKE with one scatter, ten times GDKE's least bias; GDKE off by a bias of order(angle) in σ."""
 
     def make(order, trials=60):
         rng = np.random.default_rng(6)
-        parts = []
-        for angle in (20.0, 90.0, 180.0):
-            scatter = rng.permutation(scores(trials))
-            for level in LEVELS:
-                where = {"cell": f"{angle}, {level}", "angle": angle, "noise": level, "samples": 1000}
-                bias = 0.0 if angle == 180.0 else 100.0 * level ** order(angle) * np.exp(0.1 * scatter)
-                parts += [error_rows("mle", 0.1 * level * scatter, **where)]
-                parts += [error_rows("gdke", 0.1 * level * scatter + bias, **where)]
-        return pd.concat(parts, ignore_index=True)
+        scatters = {angle: rng.permutation(scores(trials)) for angle in (20.0, 90.0, 180.0)}
+
+        def columns(name, angle, level):
+            biased = name == "gdke" and angle < 180.0
+            bias = 100.0 * level ** order(angle) * np.exp(0.1 * scatters[angle]) if biased else 0.0
+            return {"error": 0.1 * level * scatters[angle] + bias}
+
+        return grid_of(columns, ("mle", "gdke"), scatters, LEVELS)
 
     return make
 
@@ -45,7 +42,7 @@ def test_order(find, grid, small, large, verdict):
 
     Scatter that MLE shares does not hide them.
     """
-    found = find(CLAIMS, "gdke-bias-order", {"efficiency/errors": grid({20.0: small, 90.0: large}.get)})
+    found = find("gdke-bias-order", {"efficiency/errors": grid({20.0: small, 90.0: large}.get)})
     assert found.verdict == verdict
     np.testing.assert_allclose([number.value for number in found.numbers], [small, large], atol=1e-6)
 
@@ -90,7 +87,7 @@ def growth(error_rows, scores):
 def test_stays(find, arc, growth, bias, last, verdict):
     """The bias over the scatter, and what is left of it with many samples, decide; and are what was put in."""
     tables = {"ellipse/errors": arc(bias), "power-law/errors": growth(last)}
-    found = find(CLAIMS, "gdke-bias-stays", tables)
+    found = find("gdke-bias-stays", tables)
     assert found.verdict == verdict
     assert found.numbers[0].value == pytest.approx(bias, rel=0.01)
     assert found.numbers[2].value == pytest.approx(last, abs=1e-6)
@@ -101,38 +98,7 @@ def test_coverage(find, arc, growth):
 
     The share is off by more than 4.5 binomial standard errors, .022, in 7 of 10⁶ seeds.
     """
-    found = find(CLAIMS, "gdke-bias-stays", {"ellipse/errors": arc(0.0), "power-law/errors": growth(1.0)})
+    found = find("gdke-bias-stays", {"ellipse/errors": arc(0.0), "power-law/errors": growth(1.0)})
     assert found.numbers[1].value == pytest.approx(0.95, abs=0.022)
     assert found.numbers[3].value == pytest.approx(0.95, abs=0.022)
     assert found.verdict == Verdict.PARTLY
-
-
-@pytest.fixture(scope="module")
-def all_tables(arc, growth, grid):
-    """Tables for every claim, of so many trials."""
-
-    def make(trials):
-        return {
-            "ellipse/errors": arc(10.0, trials),
-            "power-law/errors": growth(1.0, trials),
-            "efficiency/errors": grid(lambda angle: 2.0, trials),
-        }
-
-    return make
-
-
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("trials", [1, 2, 5])
-def test_too_few_trials(find, all_tables, name, trials):
-    """With a handful of trials there is no number to judge by, and so no verdict."""
-    found = find(CLAIMS, name, all_tables(trials))
-    assert found.verdict == Verdict.NOT_EVALUATED
-    assert found.reason.startswith("too few trials or conditions in the tables for: ")
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_without_estimators(find, all_tables, name):
-    """A run of other estimators gives no verdict and no exception."""
-    tables = {path: table.assign(estimator="pratt") for path, table in all_tables(30).items()}
-    tables["efficiency/errors"] = tables["efficiency/errors"].drop_duplicates(["cell", "trial"])
-    assert find(CLAIMS, name, tables).verdict == Verdict.NOT_EVALUATED

@@ -4,10 +4,12 @@ Verdicts are judged once by the same tables, and again where anything that they 
 """
 
 import inspect
+import itertools
 import math
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -15,7 +17,21 @@ import study
 from study.files import RunError, writing
 from study.simulation import claims, commands
 from study.simulation.claims import CLAIMS, judge_all, save
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, evaluate, frame, only_known, rows_of
+from study.simulation.claims.claim import (
+    NAMED,
+    Claim,
+    Evidence,
+    Number,
+    Verdict,
+    error_over,
+    evaluate,
+    exponent,
+    frame,
+    only_known,
+    ratio,
+    rows_of,
+    within,
+)
 from study.simulation.experiment.config import load, parse
 from study.simulation.runs import runner, schemas
 from study.simulation.runs.run_folder import Run
@@ -170,6 +186,53 @@ def test_only_known():
     assert [n.words for n in only_known(*numbers)] == ["a", "c"]
 
 
+@pytest.mark.parametrize(
+    ("value", "error", "inside"),
+    [(1.0, 0.05, True), (1.05, 0.02, True), (1.05, 0.03, False), (0.89, 0.0, False), (1.0, math.inf, False)],
+)
+def test_within(value, error, inside):
+    """Within a tenth of one, two standard errors included; without an error, by the value."""
+    assert within(Number("", value, error, 1), 1.0, 0.1) is inside
+    assert within(Number("", value, math.nan, 0), 1.0, 0.1) is (abs(value - 1.0) <= 0.1)
+
+
+def test_every_fit_counts():
+    """A status leaves no fit out; without a number, or a finite bound, an error is infinite."""
+    part = pd.DataFrame(
+        {"status": [0, 1, 3, 0], "error": [1.0, 2.0, math.nan, 1.0], "bound": [2.0, 2.0, 2.0, math.inf]}
+    )
+    assert list(error_over(part, "bound")) == [0.5, 1.0, math.inf, math.inf]
+
+
+@pytest.mark.parametrize("power", [-1.0, 0.0, 2.0])
+def test_exponent(power, scores):
+    """The exponent of exact medians comes back, with the smallest group's size; a group stands at its median x."""
+    x = np.repeat([1.0, 10.0, 100.0, 1000.0], 101)
+    values = x**power * np.exp(np.tile(scores(101), 4))
+    number = exponent("slope", x, values, np.log10(x))
+    assert number.value == pytest.approx(power, abs=1e-9)
+    assert 0.0 < number.error < 0.1
+    assert number.trials == 101
+
+
+def test_law_of_failures(scores):
+    """An infinite median is an exponent without limit; two groups are no law."""
+    x = np.repeat([1.0, 10.0, 100.0], 101)
+    values = np.exp(np.tile(scores(101), 3))
+    assert exponent("slope", x, np.where(x == 10.0, math.inf, values), x).value == math.inf
+    assert math.isnan(exponent("slope", x[:202], values[:202], x[:202]).value)
+    assert math.isnan(exponent("slope", x[:0], values[:0], x[:0]).value)
+
+
+def test_ratio():
+    """Errors add in relative squares; over nothing finite there is no ratio."""
+    value, error = ratio(Measure(3.0, 0.3), Measure(2.0, 0.1))
+    assert (value, error) == pytest.approx((1.5, 1.5 * math.hypot(0.1, 0.05)))
+    assert ratio(Measure(math.inf, math.inf), Measure(2.0, 0.1)).value == math.inf
+    for below in (math.inf, math.nan, 0.0):
+        assert math.isnan(ratio(Measure(1.0, 0.1), Measure(below, 0.1)).value)
+
+
 def test_frame(small):
     """The table has the declared columns, a row per claim in order, and can be stored."""
     missing = claim(lambda evidence: evidence.table("other", "errors"), reads=("other/errors", "small/errors", "cost"))
@@ -233,6 +296,34 @@ def test_nothing_at_hand(claim):
     }
     configs = [read.partition("/")[0] for read in claim.reads]
     assert finding.reason in [needs.get(name, f"needs a run of configs/{name}.toml") for name in configs]
+
+
+def tables_of(error_rows, claim, names, trials):
+    """Error tables of these estimators for what a claim reads, in a few conditions."""
+    parts = []
+    for angle, noise, samples in itertools.product((20.0, 90.0, 180.0), (1e-8, 1e-4, 0.04, 0.3, 2.0, 1e11), (40, 400)):
+        cell = {"cell": f"{angle} {noise} {samples}", "angle": angle, "noise": noise, "samples": samples}
+        error = noise * (1.0 + np.arange(trials))
+        parts += [error_rows(name, error, error_2=error**2, bound=noise, **cell) for name in names]
+    table = pd.concat(parts, ignore_index=True).drop(columns="error_3")
+    one_cell = table[table["cell"] == table["cell"].iloc[0]]
+    return {read: one_cell if read in ("ellipse/errors", "starts/errors") else table for read in claim.reads}
+
+
+OF_ERRORS = [claim for claim in CLAIMS if all(read.endswith("/errors") for read in claim.reads)]
+POOLED = {"troubles-beyond-radius", "figure-4-setting"}
+"""Claims that pool cells, so that few trials of each are enough."""
+
+
+@pytest.mark.parametrize("claim", OF_ERRORS, ids=lambda claim: claim.name)
+@pytest.mark.parametrize(("names", "trials"), [(sorted(NAMED), 1), (sorted(NAMED), 2), (["pratt"], 30), (["lls"], 30)])
+def test_too_few_trials_or_estimators(find, error_rows, claim, names, trials):
+    """With a handful of trials, or of other estimators alone, there is no number to judge by, and so no verdict."""
+    if trials < 3 and claim.name in POOLED:
+        return
+    found = find(claim.name, tables_of(error_rows, claim, names, trials))
+    assert found.verdict is Verdict.NOT_EVALUATED
+    assert found.reason.startswith("too few trials or conditions in the tables for: ")
 
 
 def test_an_estimator_whose_rows_are_not_read_is_an_error(small):

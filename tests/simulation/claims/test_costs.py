@@ -53,15 +53,15 @@ def test_ugdk_costs_what_gdke_costs(find, table, paper):
     In the table UGDK's operations are those of GDKE's kernel, so that it is altered by hand.
     """
     costs = table()
-    found = find(CLAIMS, "same-cost", paper(), costs)
+    found = find("same-cost", paper(), costs)
     assert [n.value for n in found.numbers] == pytest.approx([1.0, 1.0, 1.0])
     assert found.verdict is Verdict.REPRODUCED
-    assert find(CLAIMS, "same-cost", paper(), table(seconds={"ugdk": 1.5})).verdict is Verdict.PARTLY
-    slow = find(CLAIMS, "same-cost", paper(ugdk=0.65), costs)
+    assert find("same-cost", paper(), table(seconds={"ugdk": 1.5})).verdict is Verdict.PARTLY
+    slow = find("same-cost", paper(ugdk=0.65), costs)
     assert slow.numbers[2].value == pytest.approx(1.65 / 1.1)  # moments included
     assert slow.verdict is Verdict.PARTLY
     more = costs.assign(flops_per_sample=costs["flops_per_sample"] + 5.0 * (costs["estimator"] == "ugdk"))
-    assert find(CLAIMS, "same-cost", paper(), more).verdict is Verdict.NOT_REPRODUCED
+    assert find("same-cost", paper(), more).verdict is Verdict.NOT_REPRODUCED
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_ugdk_costs_what_gdke_costs(find, table, paper):
 )
 def test_igdk(find, table, operations, seconds, verdict):
     """Four times the operations and 2.17 times the time, each within a quarter."""
-    found = find(CLAIMS, "incremental-cost", {}, table({"igdk": operations}, {"igdk": seconds}))
+    found = find("incremental-cost", {}, table({"igdk": operations}, {"igdk": seconds}))
     assert [n.value for n in found.numbers[:2]] == pytest.approx([operations / 35.0, seconds])
     assert found.verdict is verdict
 
@@ -94,15 +94,35 @@ def test_igdk(find, table, operations, seconds, verdict):
 )
 def test_speed(find, table, paper, lls, passes, seconds, verdict):
     """The paper's factors, or at least the paper's order, or not even that; only trials with σ < 1 count."""
-    found = find(CLAIMS, "speed", paper(passes), table({"lls": 35.0 * lls}, seconds))
+    found = find("speed", paper(passes), table({"lls": 35.0 * lls}, seconds))
     assert [n.value for n in found.numbers[:2]] == pytest.approx([lls, 1 + passes * 44 / 35])
     assert found.numbers[1].trials == 40
     assert found.verdict is verdict
 
 
+@pytest.mark.parametrize(
+    ("lls", "passes", "formula", "verdict"),
+    [
+        (9.0, 60, 9.0, Verdict.REPRODUCED),  # 1 + 60 · 44/35 = 76.4
+        (1.5, 60, 1.5, Verdict.PARTLY),
+        (1.5, 4, 9.0885, Verdict.PARTLY),
+        (1.5, 4, 1.5, Verdict.NOT_REPRODUCED),
+    ],
+)
+def test_the_abstracts_factors(find, paper, lls, passes, formula, verdict):
+    """LLS's operations, MLE's longest fit, and the paper's own formula, each beside GDKE's."""
+    flops, formulas = [35.0, 35.0 * lls, 44.0], [1.0, formula, 80.0]
+    table = pd.DataFrame({"estimator": ["gdke", "lls", "mle"], "flops_per_sample": flops, "paper_flops": formulas})
+    tables = paper()
+    tables["paper/errors"].loc[5, "iterations"] = passes
+    found = find("speed-abstract", tables, table)
+    assert found.verdict is verdict
+    assert [n.value for n in found.numbers] == pytest.approx([lls, 1 + passes * 44 / 35, formula])
+
+
 def test_papers_own_formula(find, table, paper):
     """Beside the counts stands what the paper's formulas give: 236709/26045 for a thousand samples."""
-    found = find(CLAIMS, "speed", paper(), table())
+    found = find("speed", paper(), table())
     assert any(
         "by the paper's formulas" in n.words and n.value == pytest.approx(9.0885, rel=1e-4) for n in found.numbers
     )
@@ -111,7 +131,7 @@ def test_papers_own_formula(find, table, paper):
 @pytest.mark.parametrize("name", [claim.name for claim in CLAIMS])
 def test_without_a_cost_table(find, paper, name):
     """No table, no verdict, and the reason names the command that makes one."""
-    found = find(CLAIMS, name, paper())
+    found = find(name, paper())
     assert found.verdict is Verdict.NOT_EVALUATED
     assert "study cost" in found.reason
 
@@ -119,6 +139,6 @@ def test_without_a_cost_table(find, paper, name):
 def test_a_table_without_the_estimator(find, table, paper):
     """A cost that the table lacks is unknown."""
     costs = table()
-    found = find(CLAIMS, "speed", paper(), costs[costs["estimator"] != "lls"])
+    found = find("speed", paper(), costs[costs["estimator"] != "lls"])
     assert math.isnan(found.numbers[0].value)
     assert found.verdict is Verdict.NOT_EVALUATED

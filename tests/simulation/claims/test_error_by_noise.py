@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 
 from study.simulation.claims.claim import Verdict
-from study.simulation.claims.error_by_noise import CLAIMS
 
 PAPERS = ("mle", "lls", "gdke", "ugdk")
 LEVELS = np.geomspace(1e-4, 10**0.5, 19)
@@ -36,18 +35,14 @@ def paper(error_rows):
 
 
 @pytest.fixture(scope="module")
-def grid(error_rows):
+def grid(grid_of):
     """A grid of caps and noises with N = 1000: errors are factor(name, angle, σ/r) · σ, up to a spread."""
 
-    def make(factor=lambda name, angle, level: 1.0, trials=TRIALS):
-        parts = []
-        for angle in (20.0, 90.0, 180.0):
-            for level in LEVELS:
-                for name in ("mle", "gdke", "ugdk"):
-                    error = 0.1 * level * spread(trials) * factor(name, angle, level)
-                    where = {"cell": f"{angle}, {level}", "angle": angle, "noise": level, "samples": 1000}
-                    parts.append(error_rows(name, error, bound=0.1 * level, **where))
-        return pd.concat(parts, ignore_index=True)
+    def make(factor=lambda name, angle, level: 1.0):
+        def columns(name, angle, level):
+            return {"error": 0.1 * level * spread(TRIALS) * factor(name, angle, level), "bound": 0.1 * level}
+
+        return grid_of(columns, ("mle", "gdke", "ugdk"), (20.0, 90.0, 180.0), LEVELS)
 
     return make
 
@@ -61,15 +56,13 @@ def test_one_line(find, paper, grid):
     def tables(factor, of_paper=lambda name, level: 1.0):
         return {"paper/errors": paper(of_paper), "efficiency/errors": grid(factor)}
 
-    straight = find(CLAIMS, "one-line", tables(lambda name, angle, level: 1.0))
+    straight = find("one-line", tables(lambda name, angle, level: 1.0))
     assert straight.verdict == Verdict.REPRODUCED
     np.testing.assert_allclose([number.value for number in straight.numbers], 1.0, atol=0.01)
-    bent = find(
-        CLAIMS, "one-line", tables(lambda name, angle, level: max(1.0, level / 5.7e-4) if name == "gdke" else 1.0)
-    )
+    bent = find("one-line", tables(lambda name, angle, level: max(1.0, level / 5.7e-4) if name == "gdke" else 1.0))
     assert bent.verdict == Verdict.PARTLY
     assert bent.numbers[4].value == pytest.approx(2.0, abs=0.01)
-    other = find(CLAIMS, "one-line", tables(lambda name, angle, level: 1.0, lambda name, level: level**0.3))
+    other = find("one-line", tables(lambda name, angle, level: 1.0, lambda name, level: level**0.3))
     assert other.verdict == Verdict.NOT_REPRODUCED
     assert other.numbers[0].value == pytest.approx(1.3, abs=0.01)
 
@@ -87,7 +80,7 @@ def test_one_line(find, paper, grid):
 def test_ugdk_closest(find, paper, below, above, verdict):
     """UGDK's error relative to the others' decides, below r and above; half a per cent is a tie."""
     table = paper(lambda name, level: (below if level < 1.0 else above) if name == "ugdk" else 1.0)
-    found = find(CLAIMS, "ugdk-closest", {"paper/errors": table})
+    found = find("ugdk-closest", {"paper/errors": table})
     assert found.verdict == verdict
     alone, behind, large, _ = (number.value for number in found.numbers)
     assert alone == pytest.approx((13 * (below < 0.99) + 14 * (above < 0.99)) / 27)
@@ -99,7 +92,7 @@ def test_ugdk_without_numbers_is_farther(find, paper):
     """Fits without a number are errors without limit: they make UGDK farther, not absent."""
     table = paper()
     table.loc[(table["estimator"] == "ugdk") & (table["noise"] >= 1.0), "error"] = np.nan
-    found = find(CLAIMS, "ugdk-closest", {"paper/errors": table})
+    found = find("ugdk-closest", {"paper/errors": table})
     assert found.numbers[1].value == pytest.approx(14 / 27)
     assert found.numbers[2].value == np.inf
     assert found.verdict == Verdict.NOT_REPRODUCED
@@ -113,17 +106,13 @@ def test_ugdk_by_luck_is_no_verdict(find, paper):
     rng = np.random.default_rng(11)
     table = paper()
     table["error"] *= np.exp(0.3 * rng.standard_normal(len(table)))
-    found = find(CLAIMS, "ugdk-closest", {"paper/errors": table})
+    found = find("ugdk-closest", {"paper/errors": table})
     assert [number.value for number in found.numbers[:2]] == [0.0, 0.0]
 
 
 @pytest.mark.parametrize(
     ("quiet", "middle", "verdict"),
-    [
-        (1.0, 1.0, Verdict.REPRODUCED),
-        (1.0, 20.0, Verdict.PARTLY),
-        (20.0, 20.0, Verdict.NOT_REPRODUCED),
-    ],
+    [(1.0, 1.0, Verdict.REPRODUCED), (1.0, 20.0, Verdict.PARTLY), (20.0, 20.0, Verdict.NOT_REPRODUCED)],
 )
 def test_gdke_on_par(find, grid, quiet, middle, verdict):
     """GDKE's error over MLE's decides, at the smallest noise and at the worst."""
@@ -131,7 +120,7 @@ def test_gdke_on_par(find, grid, quiet, middle, verdict):
     def factor(name, angle, level):
         return (quiet if level < 2e-4 else middle) if name == "gdke" and angle == 20.0 else 1.0
 
-    found = find(CLAIMS, "gdke-on-par", {"efficiency/errors": grid(factor)})
+    found = find("gdke-on-par", {"efficiency/errors": grid(factor)})
     assert found.verdict == verdict
     np.testing.assert_allclose([number.value for number in found.numbers], [middle, quiet, 1.0], rtol=1e-9)
 
@@ -140,26 +129,32 @@ def test_gdke_without_numbers_is_not_on_par(find, grid):
     """If most of GDKE's fits have no number, its error is infinite."""
     table = grid()
     table.loc[(table["estimator"] == "gdke") & (table["noise"] > 1.0), "error"] = np.nan
-    found = find(CLAIMS, "gdke-on-par", {"efficiency/errors": table})
+    found = find("gdke-on-par", {"efficiency/errors": table})
     assert found.numbers[0].value == np.inf
     assert found.verdict == Verdict.PARTLY
 
 
-NAMES = [claim.name for claim in CLAIMS if claim.name != "troubles-beyond-radius"]  # which pools all decades
+@pytest.mark.parametrize(
+    ("useless", "verdict"), [(PAPERS, Verdict.REPRODUCED), (("ugdk",), Verdict.PARTLY), ((), Verdict.NOT_REPRODUCED)]
+)
+def test_troubles(find, paper, useless, verdict):
+    """Errors beyond half the radius where σ ≥ r, of all methods, of one, or of none; less noise does not count."""
+    table = paper(lambda name, level: 1e20 if level < 1.0 else 100.0 if name in useless else 1e-20)
+    found = find("troubles-beyond-radius", {"paper/errors": table})
+    assert found.verdict is verdict
+    assert [n.value for n in found.numbers] == [float(name in useless) for name in PAPERS]
+    assert found.numbers[0].trials == 14 * TRIALS
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("trials", [1, 5])
-def test_too_few_trials(find, paper, grid, name, trials):
-    """With a handful of trials there is no number to judge by, and so no verdict."""
-    found = find(CLAIMS, name, {"paper/errors": paper(trials=trials), "efficiency/errors": grid(trials=trials)})
-    assert found.verdict == Verdict.NOT_EVALUATED
-    assert found.reason.startswith("too few trials or conditions in the tables for: ")
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_without_estimators(find, paper, grid, name):
-    """A run of other estimators gives no verdict and no exception."""
-    tables = {"paper/errors": paper(), "efficiency/errors": grid()}
-    found = find(CLAIMS, name, {path: table[table["estimator"] == "lls"] for path, table in tables.items()})
-    assert found.verdict == Verdict.NOT_EVALUATED
+@pytest.mark.parametrize(
+    ("beyond", "elsewhere", "verdict"),
+    [(1.0, 1.0, Verdict.REPRODUCED), (5.0, 5.0, Verdict.REPRODUCED), (0.2, 1.0, Verdict.NOT_REPRODUCED)],
+)
+def test_two_ranges(find, paper, beyond, elsewhere, verdict):
+    """UGDK's errors in the decades that section 10 leaves out, and in the others."""
+    table = paper(lambda name, level: 1.0 if name != "ugdk" else elsewhere if 1e-11 <= level <= 1e12 else beyond)
+    found = find("noise-ranges", {"paper/errors": table})
+    assert found.verdict is verdict
+    closer, farther, _, all_farther = (n.value for n in found.numbers)
+    assert (closer, farther) == (0.0, float(elsewhere > 1.1))
+    assert np.isfinite(all_farther)

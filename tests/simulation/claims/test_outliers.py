@@ -6,9 +6,7 @@ import pytest
 
 from study.fits import Status
 from study.simulation.claims.claim import Verdict
-from study.simulation.claims.outliers import CLAIMS
 
-NAMES = [claim.name for claim in CLAIMS]
 STARTS = ("mle", "mle_centroid", "mle_mirror", "gdke")
 LINEAR = ("lls", "lls_nr", "lls_nr_raw", "lls_single", "gdke")
 
@@ -40,15 +38,11 @@ def starts(error_rows):
 
 @pytest.mark.parametrize(
     ("outliers", "better", "verdict"),
-    [
-        (30, 0.5, Verdict.REPRODUCED),
-        (30, 1.0, Verdict.PARTLY),
-        (0, 1.0, Verdict.NOT_REPRODUCED),
-    ],
+    [(30, 0.5, Verdict.REPRODUCED), (30, 1.0, Verdict.PARTLY), (0, 1.0, Verdict.NOT_REPRODUCED)],
 )
 def test_mle(find, starts, outliers, better, verdict):
     """Outliers that a better minimum cures, outliers that it does not, and none."""
-    found = find(CLAIMS, "mle-outliers", {"starts/errors": starts(outliers, better)})
+    found = find("mle-outliers", {"starts/errors": starts(outliers, better)})
     assert found.verdict == verdict
     within = int(np.sum(np.geomspace(1e-3, 9.9, 400) >= 0.1))
     assert found.numbers[0].value == pytest.approx(outliers / within)
@@ -61,13 +55,13 @@ def test_mle_other_solutions_and_runaways(find, starts):
     """Starts that end elsewhere at small noise are counted, and so are answers at infinity that pass for good."""
     level = np.geomspace(1e-3, 9.9, 400)
     table = starts()
-    found = find(CLAIMS, "mle-outliers", {"starts/errors": table})
+    found = find("mle-outliers", {"starts/errors": table})
     assert found.numbers[4].value == pytest.approx(np.mean(level[level < 0.01] < 0.005))
     assert found.numbers[5].value == 0.0
     far = (table["estimator"] == "mle") & (table["trial"] < 8)
     table.loc[far, "error"] = 1e5
     table.loc[far & (table["trial"] < 2), "status"] = int(Status.AT_BOUND)
-    found = find(CLAIMS, "mle-outliers", {"starts/errors": table})
+    found = find("mle-outliers", {"starts/errors": table})
     assert found.numbers[5].value == pytest.approx(6 / 400)
 
 
@@ -120,7 +114,7 @@ SMALL = (0.1, 2e-12, 5e-7, 1.0)
 )
 def test_lls_small(find, linear, outliers, verdict):
     """Outliers with a cut, as many far above the limit, without a cut, those that GDKE shares, rounding's, and none."""
-    found = find(CLAIMS, "lls-outliers-small", {"outliers/errors": linear(outliers), "paper/errors": linear()})
+    found = find("lls-outliers-small", {"outliers/errors": linear(outliers), "paper/errors": linear()})
     assert found.verdict == verdict
     level = np.geomspace(1e-13, 1e14, 2000)
     inside, asked = (np.sum((level > low) & (level < high)) for low, high in (SMALL[1:3], (1e-12, 1e-6)))
@@ -143,7 +137,7 @@ def test_lls_small(find, linear, outliers, verdict):
 def test_lls_place(find, linear, centred, raw, verdict):
     """The verdict follows from the places of the outliers of both cuts."""
     table = linear(of(lls_nr=(*SMALL[:3], centred), lls_nr_raw=(*SMALL[:3], raw)))
-    found = find(CLAIMS, "lls-outliers-place", {"outliers/errors": table})
+    found = find("lls-outliers-place", {"outliers/errors": table})
     assert found.verdict == verdict
     assert [number.value for number in found.numbers] == [centred, centred == 1.0, raw, raw == 1.0]
 
@@ -161,28 +155,7 @@ def test_lls_place(find, linear, centred, raw, verdict):
 def test_lls_large(find, linear, names, low, verdict, error):
     """Failures or outliers above 1e10 r in double precision, in single, in all noise from r on, and none."""
     table = linear(of(**dict.fromkeys(names, (1.0, low, 1e15, error))))
-    found = find(CLAIMS, "lls-outliers-large", {"outliers/errors": table, "paper/errors": linear()})
+    found = find("lls-outliers-large", {"outliers/errors": table, "paper/errors": linear()})
     assert found.numbers[0].value == pytest.approx(float("lls" in names), abs=0.1)
     assert found.verdict == verdict
     assert found.numbers[3].value == pytest.approx(low if names and np.isnan(error) else np.inf, rel=0.05)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_too_few_trials(find, starts, linear, name):
-    """With a handful of trials there is no number to judge by, and so no verdict."""
-    tables = {
-        "starts/errors": starts(1, 1.0, 10),
-        "outliers/errors": linear(of(lls_nr=SMALL, lls_nr_raw=SMALL), trials=27),
-        "paper/errors": linear(trials=27),
-    }
-    found = find(CLAIMS, name, tables)
-    assert found.verdict == Verdict.NOT_EVALUATED
-    assert found.reason.startswith("too few trials or conditions in the tables for: ")
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_without_estimators(find, starts, linear, name):
-    """A run of other estimators gives no verdict and no exception."""
-    tables = {"starts/errors": starts(), "outliers/errors": linear(), "paper/errors": linear()}
-    found = find(CLAIMS, name, {path: table[table["estimator"] == "gdke"] for path, table in tables.items()})
-    assert found.verdict == Verdict.NOT_EVALUATED

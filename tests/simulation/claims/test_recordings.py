@@ -1,4 +1,4 @@
-"""The claim of section 9.1 on recordings: tables made by hand, and what they say of joints, not of rows.
+"""The claims of section 9.1 on recordings and the power law: tables made by hand, and what they say of joints.
 
 Read stored case studies: the rows that count, and one line for a missing, a damaged or another table.
 """
@@ -10,9 +10,10 @@ import pandas as pd
 import pytest
 
 from study.files import InputError
+from study.fits import Status
 from study.recordings.recording import digest_of, with_origin
 from study.simulation.claims.claim import Verdict
-from study.simulation.claims.recordings import CLAIMS, read_case_studies
+from study.simulation.claims.recordings import read_case_studies
 
 FEW, MANY = (50, 200), (500, 1000)
 
@@ -22,27 +23,19 @@ NEAR, FAR = 0.002, 0.05
 def spreads(upto, above, recordings=1):
     """Spreads of joints (metres), a list for up to 200 samples and one for above, alike in all recordings."""
     rows = [
-        {
-            "recording": r,
-            "joint": f"joint {j}",
-            "samples": n,
-            "spread": s,
-            "with_axes": s,
-            "error": 2.0 * s,
-            "doubted": False,
-        }
+        {"recording": r, "joint": f"joint {j}", "samples": n, "spread": s, "with_axes": s, "error": 2.0 * s}
         for r in range(recordings)
         for values, sizes in ((upto, FEW), (above, MANY))
         for j, s in enumerate(values)
         for n in sizes
     ]
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows).assign(doubted=False)
 
 
 @pytest.fixture
 def judged(find):
     """The claim's finding by a table of spreads."""
-    return lambda table: find(CLAIMS, "recordings-within-1-cm", {}, recordings=table)
+    return lambda table: find("recordings-within-1-cm", {}, recordings=table)
 
 
 @pytest.mark.parametrize(
@@ -163,6 +156,34 @@ def test_without_a_recording(judged):
     assert found.verdict is Verdict.NOT_EVALUATED
     assert "`study case-study FILE --out DIR`" in found.reason
     assert "`--recording DIR`" in found.reason
+
+
+def hinged(hinges, others):
+    """Spreads of six hinges and eight other joints with all axes, at 400 samples."""
+    rows = [
+        {"joint": f"{kind}{i}", "with_axes": 0.02 if i < far else 0.005, "hinge": kind == "h"}
+        for kind, count, far in (("h", 6, hinges), ("o", 8, others))
+        for i in range(count)
+    ]
+    return pd.DataFrame(rows).assign(recording="a", samples=400, spread=0.005, error=0.005, doubted=False)
+
+
+@pytest.mark.parametrize(
+    ("hinges", "others", "verdict"),
+    [(6, 0, Verdict.REPRODUCED), (2, 2, Verdict.PARTLY), (1, 4, Verdict.NOT_REPRODUCED)],
+)
+def test_two_answers(find, hinges, others, verdict):
+    """Hinges that scatter by more than a centimetre, beside the other joints."""
+    found = find("two-answers", {}, recordings=hinged(hinges, others))
+    assert found.verdict is verdict
+    assert [n.value for n in found.numbers] == pytest.approx([hinges / 6, others / 8])
+
+
+def test_too_few_hinges(find):
+    """Two hinges say nothing."""
+    table = hinged(6, 0)
+    found = find("two-answers", {}, recordings=table[~table["joint"].isin(["h2", "h3", "h4", "h5"])])
+    assert found.verdict is Verdict.NOT_EVALUATED
 
 
 NAME = "case-study-scatter.parquet"
@@ -300,3 +321,59 @@ def test_damage(folder, keep):
     (place / NAME).write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
     with pytest.raises(InputError, match="cannot be read: it is damaged, or not parquet"):
         read_case_studies([place])
+
+
+SAMPLES = [30, 100, 300, 1000, 3000]
+
+
+@pytest.fixture
+def grid(error_rows, scores):
+    """Errors ∝ n^e for exponents e of each estimator, with the same spread at each n."""
+
+    def make(**exponents):
+        spread = np.exp(0.3 * scores(400))
+        rows = [error_rows(name, spread * float(n) ** e, samples=n) for name, e in exponents.items() for n in SAMPLES]
+        return pd.concat(rows)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("exponent", "verdict"),
+    [
+        (-0.5, Verdict.REPRODUCED),
+        (-0.4, Verdict.PARTLY),
+        (-1.0, Verdict.PARTLY),
+        (-0.2, Verdict.NOT_REPRODUCED),
+        (0.0, Verdict.NOT_REPRODUCED),
+    ],
+)
+def test_power_law(find, grid, exponent, verdict):
+    """UGDK's exponent decides; the others are shown."""
+    found = find("power-law", {"power-law/errors": grid(ugdk=exponent, mle=-0.5, gdke=0.0)})
+    assert [n.value for n in found.numbers] == pytest.approx([exponent, -0.5, 0.0], abs=1e-9)
+    assert found.numbers[0].trials == 400
+    assert found.verdict is verdict
+
+
+def test_failures_count(find, grid):
+    """Fits without a number raise the medians at the largest N; where most have none, the error falls with nothing.
+
+    A status alone changes nothing.
+    """
+    errors = grid(ugdk=-0.5)
+    for share, verdict in ((0.4, Verdict.PARTLY), (0.6, Verdict.NOT_REPRODUCED)):
+        failed = (errors["samples"] >= 1000) & (errors["trial"] % 10 < 10 * share)
+        table = errors.assign(status=np.where(failed, Status.NOT_POSITIVE_DEFINITE, Status.OK))
+        assert find("power-law", {"power-law/errors": table}).verdict is Verdict.REPRODUCED
+        table = table.assign(error=table["error"].where(~failed))
+        found = find("power-law", {"power-law/errors": table})
+        assert found.numbers[0].value > -0.5
+        assert found.verdict is verdict
+
+
+def test_two_numbers_of_samples_are_no_law(find, grid):
+    """A line through two points fits always."""
+    errors = grid(ugdk=-0.5)
+    found = find("power-law", {"power-law/errors": errors[errors["samples"] <= 100]})
+    assert found.verdict is Verdict.NOT_EVALUATED

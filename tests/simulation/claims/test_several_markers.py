@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from study.simulation.claims.claim import Verdict
-from study.simulation.claims.several_markers import CLAIMS
 
 EQUAL = (1.0, 1.0001, 1.0002)
 APART = (0.1, 0.5, 2.0)
@@ -25,7 +24,7 @@ def averaged(find, marker_tables, circles):
 
     def run(radii, noises, **options):
         errors, points = marker_tables(2, radii, noises, **options)
-        return find(CLAIMS, "markers-averaged", {"markers/errors": errors, "markers/points": points, **circles})
+        return find("markers-averaged", {"markers/errors": errors, "markers/points": points, **circles})
 
     return run
 
@@ -80,7 +79,7 @@ def definite(find, marker_tables):
 
     def run(radii, noises, **options):
         errors, points = marker_tables(3, radii, noises, **options)
-        return find(CLAIMS, "markers-positive-definite", {"markers/errors": errors, "markers/points": points}), points
+        return find("markers-positive-definite", {"markers/errors": errors, "markers/points": points}), points
 
     return run
 

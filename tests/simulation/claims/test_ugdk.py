@@ -9,7 +9,6 @@ import pytest
 import study
 from study.fits import Status
 from study.simulation.claims.claim import Verdict
-from study.simulation.claims.ugdk import CLAIMS
 
 SAMPLES = [40, 80, 160, 320]
 
@@ -40,7 +39,7 @@ def bias(error_rows, scores):
 )
 def test_bias(find, bias, ugdk, gdke, verdict):
     """The exponents are found, and the verdict is about them. Means are exact here, so that nothing is by chance."""
-    found = find(CLAIMS, "ugdk-bias", bias(ugdk=ugdk, gdke=gdke))
+    found = find("ugdk-bias", bias(ugdk=ugdk, gdke=gdke))
     assert [n.value for n in found.numbers[:2]] == pytest.approx([ugdk, gdke], abs=1e-9)
     assert found.numbers[2].value == pytest.approx(-(320.0 ** (1.0 + ugdk)), rel=1e-9)
     assert found.verdict is verdict
@@ -52,14 +51,14 @@ def test_bias_needs_means_that_exist(find, bias):
     errors = tables["bias/errors"].reset_index(drop=True)
     tail = 1.0 / (np.arange(4000) + 0.5)
     errors.loc[(errors["estimator"] == "ugdk") & (errors["samples"] == 80), "error"] = tail
-    found = find(CLAIMS, "ugdk-bias", {"bias/errors": errors})
+    found = find("ugdk-bias", {"bias/errors": errors})
     assert found.verdict is Verdict.NOT_EVALUATED
     assert "UGDK's bias" in found.reason
 
 
 def test_bias_of_few_trials_is_no_verdict(find, bias):
     """Below 200 trials nothing says whether a mean exists."""
-    assert find(CLAIMS, "ugdk-bias", bias(trials=100, ugdk=-1.0, gdke=0.0)).verdict is Verdict.NOT_EVALUATED
+    assert find("ugdk-bias", bias(trials=100, ugdk=-1.0, gdke=0.0)).verdict is Verdict.NOT_EVALUATED
 
 
 @pytest.fixture
@@ -91,7 +90,7 @@ def growth(error_rows, scores):
 )
 def test_error(find, growth, changed, verdict):
     """Exponents are found, within 4.5 of their errors (false alarm: 7 in 10⁶ each), and decide."""
-    found = find(CLAIMS, "ugdk-error", growth(**changed))
+    found = find("ugdk-error", growth(**changed))
     expected = {"exponent": -0.5, "noise_exponent": 1.0, "beyond": -0.5} | changed
     expected["noise_exponent"] -= 1.0  # of the error over the bound
     for number, value in zip(found.numbers, expected.values(), strict=False):
@@ -105,9 +104,9 @@ def test_error_counts_failures(find, growth):
     grid = tables["power-law/errors"]
     failed = (grid["samples"] == 40) & (grid["trial"] < 120)
     tables["power-law/errors"] = grid.assign(status=np.where(failed, Status.NOT_POSITIVE_DEFINITE, Status.OK))
-    assert find(CLAIMS, "ugdk-error", tables).verdict is find(CLAIMS, "ugdk-error", growth()).verdict
+    assert find("ugdk-error", tables).verdict is find("ugdk-error", growth()).verdict
     tables["power-law/errors"] = grid.assign(error=grid["error"].where(~failed))
-    assert find(CLAIMS, "ugdk-error", tables).verdict is Verdict.NOT_REPRODUCED
+    assert find("ugdk-error", tables).verdict is Verdict.NOT_REPRODUCED
 
 
 @pytest.fixture
@@ -128,7 +127,7 @@ def circles(error_rows, scores):
 
 def test_figure_4(find, circles):
     """Gaussian errors are in their 95 % ellipse 95 times of 100 (4.5 binomial errors: 7 false alarms in 10⁶)."""
-    found = find(CLAIMS, "figure-4-setting", circles())
+    found = find("figure-4-setting", circles())
     assert found.verdict is Verdict.REPRODUCED
     assert found.numbers[0].value == pytest.approx(0.486, abs=0.001)  # Φ((.557238 - .56)/.08)
     assert found.numbers[2].value == pytest.approx(0.95, abs=4.5 * math.sqrt(0.95 * 0.05 / 1000))
@@ -137,12 +136,12 @@ def test_figure_4(find, circles):
 def test_figure_4_verdict_follows(find, circles):
     """ρ elsewhere is not the figure's setting; ρ above 1, failures, or a truth outside, leave part of the claim."""
     name = "figure-4-setting"
-    assert find(CLAIMS, name, circles(middle=0.8)).verdict is Verdict.NOT_REPRODUCED
+    assert find(name, circles(middle=0.8)).verdict is Verdict.NOT_REPRODUCED
     table = circles()["ellipse/errors"]
     failed = table.assign(**{name: table[name].where(table["trial"] >= 600) for name in ("error_1", "error_2")})
-    assert find(CLAIMS, name, {"ellipse/errors": failed}).verdict is Verdict.PARTLY
+    assert find(name, {"ellipse/errors": failed}).verdict is Verdict.PARTLY
     above = table.assign(condition=np.where(table["trial"] >= 980, 1.1, table["condition"]))
-    assert find(CLAIMS, name, {"ellipse/errors": above}).verdict is Verdict.PARTLY
+    assert find(name, {"ellipse/errors": above}).verdict is Verdict.PARTLY
 
 
 @pytest.fixture
@@ -190,7 +189,7 @@ def noises(error_rows, scores, on_cap, kept_points):
 )
 def test_noise(find, noises, changed, verdict):
     """The claim has two halves: that the trace can be found, and that the whole Σ cannot."""
-    found = find(CLAIMS, "noise-from-the-points", noises(**changed))
+    found = find("noise-from-the-points", noises(**changed))
     expected = {"found": 1.0, "loss": 1.1} | changed
     assert [n.value for n in found.numbers[:2]] == pytest.approx(list(expected.values()), rel=1e-3)
     assert found.numbers[2].value == pytest.approx(8.0)
@@ -203,14 +202,14 @@ def test_noise_counts_failures(find, noises):
     several = tables["anisotropic/errors"]
     failed = (several["estimator"] == "ugdk_cov") & (several["angle"] == 45.0) & (several["trial"] < 200)
     tables["anisotropic/errors"] = several.assign(status=np.where(failed, Status.NOT_POSITIVE_DEFINITE, Status.OK))
-    assert find(CLAIMS, "noise-from-the-points", tables).verdict is Verdict.PARTLY
+    assert find("noise-from-the-points", tables).verdict is Verdict.PARTLY
     tables["anisotropic/errors"] = several.assign(error=several["error"].where(~failed))
-    assert find(CLAIMS, "noise-from-the-points", tables).verdict is Verdict.REPRODUCED
+    assert find("noise-from-the-points", tables).verdict is Verdict.REPRODUCED
 
 
 def test_equation_19_returns_what_it_is_told(find, noises):
     """Eq. 19 with UGDK's own sphere gives (N - 1)/N of the noise that UGDK was given (theory §2)."""
-    found = find(CLAIMS, "noise-from-the-points", noises())
+    found = find("noise-from-the-points", noises())
     assert [n.value for n in found.numbers[-2:]] == pytest.approx([49 / 50] * 2, rel=1e-9)
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.distance import pdist, squareform
 
 import study
 from study.fits import cap, fit
-from study.fits.streams import lanes
+from study.fits.random import lanes
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.conditions import DEPARTURES
 from study.simulation.experiment.designs import Batch, Group

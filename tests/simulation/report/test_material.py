@@ -251,10 +251,7 @@ def test_a_table_for_each_group(stored):
     text, *tables = section.content
     assert "Some CPU" in text
     assert [re.findall('<p class="caption">(.*)</p>', table) for table in tables] == [["loop, per sample"], ["memory"]]
-    assert cells(tables[0]) == [
-        ["filling memory", "36.2\u00a0ns", "1", ""],
-        ["ours", "33.7\u00a0ns", "0.931", "≤ 1"],
-    ]
+    assert cells(tables[0]) == [["filling memory", "36.2\u00a0ns", "1", ""], ["ours", "33.7\u00a0ns", "0.931", "≤ 1"]]
 
 
 def test_costs_in_units_that_suit_them(tmp_path):
