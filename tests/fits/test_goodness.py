@@ -7,7 +7,6 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-import study
 from study.fits import Samples
 from study.fits.cap import sample_cap
 from study.fits.goodness import (
@@ -136,19 +135,6 @@ def test_moving_turning_and_scaling_change_nothing():
     first = np.stack(answer_of(points))
     for other in (points @ turn.T, 1e30 * points, points + np.array([3.0, -2.0, 5.0])):
         assert np.stack(answer_of(other)) == pytest.approx(first, rel=1e-5)
-
-
-def test_missing_rows_and_copies_do_not_count():
-    rng = np.random.default_rng(7)
-    points = directions(rng, (2, 50), 90.0) + 0.05 * rng.normal(size=(2, 50, 3))
-    expected = np.stack(study.fit(points).goodness)
-    gaps = np.full((2, 60, 3), np.nan)
-    gaps[0, 5:55], gaps[1, ::6] = points[0], np.nan
-    gaps[1, np.arange(60) % 6 != 0] = points[1]
-    copies = np.concatenate([points, points[:, 10:30]], axis=1)
-    assert np.stack(study.fit(gaps).goodness) == pytest.approx(expected)
-    assert np.stack(study.fit(copies).goodness) == pytest.approx(expected)
-    assert study.fit(points[0]).goodness.p.shape == ()
 
 
 def test_nothing_is_said_without_freedom_or_noise():

@@ -131,6 +131,7 @@ def test_heavy_tails_do_no_harm():
 
 
 def test_what_is_seen_does_not_depend_on_unit_gaps_or_copies():
+    """The test of fit, what it allows for and the status are those of the points alone, in any unit."""
     rng = np.random.default_rng(8)
     points = noisy(rng, on_cap(rng, 3, 80) * [1.0, 0.9, 0.8])
     fit = study.fit(points)
@@ -142,6 +143,8 @@ def test_what_is_seen_does_not_depend_on_unit_gaps_or_copies():
         again = study.fit(other)
         np.testing.assert_array_equal(again.status, fit.status)
         np.testing.assert_allclose(again.allowance, fit.allowance, rtol=1e-6)
+        np.testing.assert_allclose(np.stack(again.goodness), np.stack(fit.goodness), rtol=1e-5)
+    assert study.fit(points[0]).goodness.p.shape == ()
 
 
 def test_lost_sets_show_nothing():
