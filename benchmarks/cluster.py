@@ -32,6 +32,7 @@ import numpy as np
 import psutil
 from studies import ROOT, store
 
+from study.fits import Estimates
 from study.simulation.experiment.compute import Errors, Result
 from study.simulation.experiment.config import Study, parse
 from study.simulation.experiment.designs import Batch
@@ -82,18 +83,11 @@ def _random(study: Study, batch: Batch) -> Result:
     """Random errors of all fits of a unit, which cannot be compressed, like real ones."""
     rng, result = np.random.default_rng(), Result(study)
     shape = (len(batch.cells), len(study.estimators), batch.trials)
-    errors = Errors(
-        batch=batch,
-        estimators=study.estimators,
-        conditions=tuple(condition.name for condition in study.conditions()),
-        bound=rng.random((shape[2], study.dimension + 1, study.dimension + 1)),
-        center=rng.standard_normal((*shape, study.dimension)),
-        radius=rng.standard_normal(shape),
-        noise_variance=rng.random(shape),
-        status=np.zeros(shape, dtype=np.int8),
-        condition=rng.random(shape),
-        iterations=rng.integers(1, 9, shape, dtype=np.int32),
-    )
+    numbers = [rng.random(shape) for _ in range(3)]
+    center, steps = rng.standard_normal((*shape, study.dimension)), rng.integers(1, 9, shape, dtype=np.int32)
+    fits = Estimates(center, *numbers, np.zeros(shape, dtype=np.int8), steps)
+    bound = rng.random((shape[2], study.dimension + 1, study.dimension + 1))
+    errors = Errors(batch, study.estimators, tuple(c.name for c in study.conditions()), bound, fits)
     result.blocks.append(errors)
     result.clock("draw", batch.group.samples, batch.trials)
     return result

@@ -6,7 +6,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-_NAMES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OPENBLAS_CORETYPE")
 _PROCESSOR, _FEATURES = "x86-64-v3", ""
 """LLVM's name of every x86-64 processor since 2013, and features: those that the name implies, and no others."""
 
@@ -36,11 +35,6 @@ def fix_compiler() -> None:
 
     if _is_common() and "_toplevel_target_context" not in vars(cpu_target):  # numba has not chosen yet
         config.CPU_NAME, config.CPU_FEATURES = _PROCESSOR, _FEATURES
-
-
-def environment() -> dict[str, str]:
-    """Environment variables that another process needs for the same instructions."""
-    return {name: os.environ[name] for name in _NAMES if name in os.environ}
 
 
 def _is_common() -> bool:

@@ -20,6 +20,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from study.arrays import Floats
 from study.files import RunError, write
 
+Marks = dict[str, Any]
+"""Keywords of a function of Matplotlib, which several calls share."""
+
 PAGE = 6.8
 """Width of a full page, in inches."""
 

@@ -18,8 +18,8 @@ from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Goodness, goodness
 from study.fits.intervals import Intervals, intervals
-from study.fits.robust import outliers, repeated
-from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, semi_axes, unless_missing
+from study.fits.robust import outliers
+from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, repeated, semi_axes, unless_missing
 from study.fits.structure import Structure, structure, widened
 
 if TYPE_CHECKING:
@@ -112,12 +112,19 @@ class FittedPoints:
         result[(result == Status.OK) & seen.doubted] = Status.MISFIT
         fine = np.isin(result, (Status.OK, Status.MISFIT))
         searched = np.flatnonzero(seen.extreme & fine & np.logical_not(self._without_outliers))
-        if len(searched):
-            part = self.different.take(searched)
-            named = outliers(part)
-            rest = structure(Samples(np.where(named[:, None], np.nan, part.x)), self._ordered)
-            explained = named.any(axis=1) & ~((result[searched] == Status.MISFIT) & rest.doubted)
-            result[searched[explained]] = Status.OUTLIERS
+        if not len(searched):
+            return result
+        part = self.different.take(searched)
+        named = outliers(part, from_all=True)
+        hidden = np.flatnonzero(~named.any(axis=1) & (result[searched] == Status.MISFIT))
+        if len(hidden):
+            named[hidden] = outliers(part.take(hidden))
+        result[searched[named.any(axis=1) & (result[searched] == Status.OK)]] = Status.OUTLIERS
+        failing = np.flatnonzero(named.any(axis=1) & (result[searched] == Status.MISFIT))
+        if len(failing):  # is it the outliers alone that make the model fail?
+            rest = np.where(named[failing][:, None], np.nan, part.x[failing])
+            explained = ~structure(Samples(rest), self._ordered).doubted
+            result[searched[failing[explained]]] = Status.OUTLIERS
         return result
 
     @cached_property

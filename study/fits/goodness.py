@@ -31,7 +31,9 @@ _DEGREES = 4
 _MOST_HARMONICS = 100
 """Number of harmonics that are tested, at most, beside those of degree 2."""
 _TOGETHER = 20_000
-"""Points that are tested at a time, which stay in a processor's cache."""
+"""Points that are tested at a time."""
+_IN_CACHE = 4_000
+"""Points whose harmonics are formed at a time, which stay in a processor's cache."""
 _MOST_POINTS, _STRETCHES = 100_000, 100
 """Points of a set that are tested, at most, and the number of stretches of rows that they are taken in."""
 _LEAST = 1e-13
@@ -150,11 +152,13 @@ def columns(e: Floats, basis: Harmonics) -> Floats:
     b, d, n = e.shape
     out = np.empty((b, len(basis.degree), n))
     out[:, 0], out[:, 1 : d + 1] = 1.0, e
-    last, at = e, d + 1
-    for turn, rule in zip(basis.turns[1:], basis.rules[2:], strict=True):
-        last = last[:, turn[:, 0]] * e[:, turn[:, 1]]
-        np.matmul(rule, last, out=out[:, at : at + len(rule)])
-        at += len(rule)
+    size = max(_IN_CACHE // n, 1)
+    for part in (slice(begun, begun + size) for begun in range(0, b, size)):
+        last, at = e[part], d + 1
+        for turn, rule in zip(basis.turns[1:], basis.rules[2:], strict=True):
+            last = last[:, turn[:, 0]] * e[part][:, turn[:, 1]]
+            np.matmul(rule, last, out=out[part, at : at + len(rule)])
+            at += len(rule)
     return out
 
 

@@ -9,6 +9,8 @@ Status of a fit: a number that tables store, with the text that a user reads.
 Fits of sets that need preparation: with missing samples, or so large or small that their powers leave float64.
 
 Covariances of fits: the Cramér-Rao bound with the estimates plugged in, or an estimator's own rule; ellipsoids.
+
+Copies: points that repeat another one, which count once.
 """
 
 from collections.abc import Callable, Iterator
@@ -415,3 +417,98 @@ def semi_axes(covariance: Floats, level: float, spare: Ints | None) -> Floats:
     with np.errstate(all="ignore"):
         lengths = np.sqrt(np.maximum(values, 0.0) * scale[:, None])
         return np.asarray(vectors * lengths[:, None, :])
+
+
+_ALIKE = 1e-8
+"""Difference of coordinates, in units of the extent of the points' middle half, up to which points are one and the
+same: no instrument resolves so little, and a change of unit, a rotation or a conversion of a file moves copies by about
+1e-9 or less. In single precision neighbouring numbers of the points' size are 6e-8 apart."""
+_MOST_ALIKE = 100
+"""Points along a line among which copies that are not exact are searched."""
+_TOGETHER = 1 << 15
+"""Points whose copies are searched at a time, which stay in a processor's cache."""
+_BINS = 1 << 22
+"""Bins along that line, of which those with close points are looked at."""
+
+
+def repeated(x: Floats) -> Bools:
+    """True for each point of the sets (b, d, n) that repeats an earlier one: (b, n). Missing samples repeat none.
+
+    Points of a continuous law never do: copies mean that a file holds the same measurement several times, or rounds,
+    and then the standard errors, which take the points to be independent, may be too small. Points that differ by no
+    more than a conversion or a rotation of the file would leave are copies, too; see `_ALIKE`.
+    """
+    b, d, n = x.shape
+    result = np.zeros((b, n), dtype=np.bool_)
+    size = max(_TOGETHER // n, 1)
+    for begun in range(0, b, size):
+        along = _along(x[begun : begun + size])
+        in_order = np.sort(along, axis=1)  # where no two are alike, which is the rule, nothing else need be done
+        first, extent = _middle_half(in_order)
+        reach = _ALIKE * extent
+        with np.errstate(invalid="ignore"):
+            close = in_order[:, 1:] - in_order[:, :-1] <= d * reach[:, None]
+        for t in np.flatnonzero(close.any(axis=1)):
+            rows = _near_another(along[t], in_order[t], close[t], first[t], extent[t])
+            result[begun + t, rows] = _repeats(x[begun + t][:, rows], along[t, rows], float(reach[t]))
+    return result
+
+
+def _near_another(along: Floats, in_order: Floats, close: Bools, first: float, extent: float) -> Ints:
+    """Points of a set at positions (n,) that may be near another: those in the bins of positions that are ``close``.
+
+    Sorting the points with their positions takes longer than a fit of a million points does.
+    """
+
+    def bins(positions: Floats) -> Ints:
+        with np.errstate(all="ignore"):
+            places = (positions - (first - 1.5 * extent)) * (_BINS / (4.0 * extent))
+        return np.asarray(np.fmin(np.fmax(places, 0.0), _BINS - 1.0).astype(np.intp))
+
+    taken = np.zeros(_BINS, dtype=np.bool_)
+    taken[bins(in_order[:-1][close])] = taken[bins(in_order[1:][close])] = True
+    return np.flatnonzero(taken[bins(along)])
+
+
+def reach_of_copies(x: Floats) -> float:
+    """Difference of coordinates of the points of one set (d, n) up to which they are copies."""
+    return float(_ALIKE * _middle_half(np.sort(_along(x[None]), axis=1))[1][0])
+
+
+def _along(x: Floats) -> Floats:
+    """Position of each point (b, n) along a direction in which no two coordinates of a grid are alike."""
+    return np.asarray(sum((1.0 / np.sqrt(2.0 + i)) * x[:, i] for i in range(x.shape[1])))  # alike for like points
+
+
+def _middle_half(in_order: Floats) -> tuple[Floats, Floats]:
+    """Begin and extent of the middle half (b,) of numbers in ascending order (b, n), NaN last; 0 if not finite."""
+    n, rows = np.logical_not(np.isnan(in_order)).sum(axis=1), np.arange(len(in_order))
+    with np.errstate(invalid="ignore"):
+        first = in_order[rows, n // 4]
+        extent = in_order[rows, 3 * n // 4] - first
+    finite = np.isfinite(extent)
+    return np.where(finite, first, 0.0), np.where(finite, extent, 0.0)
+
+
+def _repeats(x: Floats, along: Floats, reach: float) -> Bools:
+    """True for the points of one set (d, n) that repeat an earlier one."""
+    result = np.zeros(x.shape[1], dtype=np.bool_)
+    if not any(map(len, _near_copies(x, along, np.argsort(along), reach))):
+        return result
+    order = np.lexsort(x)  # stable: of equal ones the first stands first
+    result[order[1:]] = (x[:, order[1:]] == x[:, order[:-1]]).all(axis=0)
+    order = order[~result[order]]
+    for copies in _near_copies(x, along, order[np.argsort(along[order], kind="stable")], reach):
+        result[copies] = True
+    return result
+
+
+def _near_copies(x: Floats, along: Floats, order: Ints, reach: float) -> Iterator[Ints]:
+    """The later ones of pairs of points (d, n) that differ by no more than ``reach``, pair by pair in the order."""
+    for lag in range(1, min(_MOST_ALIKE, len(order))):
+        one, two = order[:-lag], order[lag:]
+        near = along[two] - along[one] <= len(x) * reach
+        if not near.any():
+            break
+        one, two = one[near], two[near]
+        yield np.maximum(one, two)[(np.abs(x[:, two] - x[:, one]) <= reach).all(axis=0)]

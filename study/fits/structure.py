@@ -43,12 +43,13 @@ _COSINES = 6
 """Terms of the series over time (Lazarus et al. 2018)."""
 _FURTHEST = 3.0
 """Half of the largest residual, in its standard error, whose sine and cosine the quick look forms."""
-_MARGIN = 2.0
+_MARGIN = 1.5
 """Level of the quick look, in units of that of a block; its statistics are those of the full test but for σ²."""
 _NOISY_MARGIN = 8.0
 """The same where the noise is above `SMALL`."""
-_CLEAR = 1e-4
-"""Least pivot of the columns' Gram matrix, relative to its diagonal, with which the quick look is exact."""
+_CLEAR = 1e-11
+"""Least pivot of the columns' Gram matrix, relative to its diagonal, with which the quick look and the full test agree:
+for caps of 12 to 180 degrees it missed none of 27,000 clean sets, of which some 300 speak."""
 _GRUBBS = 0.012
 """Share of clean data sets that are searched for outliers because of their largest residual, a little above the 1 % in
 which that search finds one."""
@@ -63,7 +64,7 @@ _HARMLESS_NOISE, _TWO_SHELLS, _SKEW = 0.1, 0.15, 0.03
 and 0, two concentric spheres .07 and 0."""
 _ROUNDING = 1e-11
 """Noise in radii that rounding makes."""
-_MOST_NUMBERS = 2_000_000
+_MOST_NUMBERS = 200_000
 """Numbers of directions and residuals held at a time."""
 
 
@@ -121,10 +122,18 @@ def _columns(x: Floats, center: Floats, inverse: float, products: Ints, Y: Float
 @compiled
 def _factorise(Y: Floats, L: Floats) -> float:
     """Write Cholesky's factor of Y Yᵀ (k, k), and return its least pivot relative to the diagonal."""
-    k, least = Y.shape[0], math.inf
-    for i in range(k):
-        for j in range(i + 1):
-            L[i, j] = dot(Y[i], Y[j])
+    (k, n), least = Y.shape, math.inf
+    for i in range(0, k - 1, 2):  # four sums at a time, which take half as long as one after the other
+        for j in range(0, i + 1, 2):
+            a = b = c = d = 0.0
+            for m in range(n):
+                a += Y[i, m] * Y[j, m]
+                b += Y[i, m] * Y[j + 1, m]
+                c += Y[i + 1, m] * Y[j, m]
+                d += Y[i + 1, m] * Y[j + 1, m]
+            L[i, j], L[i, j + 1], L[i + 1, j], L[i + 1, j + 1] = a, b, c, d
+    for j in range(k if k % 2 else 0):
+        L[k - 1, j] = dot(Y[k - 1], Y[j])
     for j in range(k):
         before = L[j, j]
         for m in range(j):
@@ -273,16 +282,16 @@ def quick_look(samples: Samples, fit: Estimates) -> Look:
     with np.errstate(all="ignore"):
         _look(samples.rows, fit.center, fit.radius, products, ends, out)
         block = -math.expm1(math.log1p(-LEVEL) / 4.0)
-        level = np.where(noise > SMALL, _NOISY_MARGIN, _MARGIN) * block
+        levels, noisy = block * np.array([_MARGIN, _NOISY_MARGIN]), (noise > SMALL).astype(np.int64)
         two, more = ends[2] - d - 1, len(products) - ends[2]
-        seen = ~(out[:, 0] < fdtri(two, n - len(products), 1.0 - 0.6 * level))
-        seen |= ~(out[:, 1] < fdtri(max(more, 1), n - len(products), 1.0 - 0.6 * level)) & bool(more)
-        seen |= ~(out[:, 6] < fdtri(ends[2] - 1, n - ends[2], 1.0 - 1.5 * level))
+        seen = ~(out[:, 0] < fdtri(two, n - len(products), 1.0 - 0.6 * levels)[noisy])
+        seen |= ~(out[:, 1] < fdtri(max(more, 1), n - len(products), 1.0 - 0.6 * levels)[noisy]) & bool(more)
+        seen |= ~(out[:, 6] < fdtri(ends[2] - 1, n - ends[2], 1.0 - 1.5 * levels)[noisy])
         odd, even = tail_statistics(out[:, 4], out[:, 5], n, n - d - 1)
-        seen |= odd**2 + even**2 > -2.0 * np.log(level)
+        seen |= odd**2 + even**2 > -2.0 * np.log(levels)[noisy]
         spare = n - d - 1.0
         along = np.maximum(np.abs(out[:, 2] * n), np.abs(out[:, 2] * n + d + 1.0))  # its mean lies between 0 and d + 1
-        seen |= along**2 / spare > fdtri(1, spare, 1.0 - level)
+        seen |= along**2 / spare > fdtri(1, spare, 1.0 - levels)[noisy]
     return Look(seen & usable, usable & (_extreme(out[:, 3], n, d) | np.isnan(out[:, 0])))
 
 

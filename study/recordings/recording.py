@@ -177,9 +177,8 @@ def name_points(
     for name in doubles:
         places = [i for i, other in enumerate(names) if other == name]
         points = ", ".join(str(rows[i] + 1) for i in places)
-        notes.append(
-            f"the label {name} is on points {points}: nothing tells which is the marker, so none of them is used"
-        )
+        words = "nothing tells which is the marker, so none of them is used"
+        notes.append(f"the label {name} is on points {points}: {words}")
         for number, i in enumerate(places, start=1):
             names[i] = f"{name}#{number}"
     return rows, names, notes
@@ -290,8 +289,7 @@ def assemble(
         raise RecordingError(f"none of its {len(rows)} markers has a sample in any of its {frames} frames")
     positions *= UNITS[used]
     positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
-    extent = _extent(positions, ~missing)
-    notes += filter(None, [unit_doubt(extent, used)])
+    notes += filter(None, [unit_doubt(_extent(positions, ~missing), used)])
     return Recording(name, tuple(markers), positions, float(rate), tuple(notes))
 
 
@@ -306,9 +304,7 @@ def unit_doubt(extent: float, unit: str) -> str:
         return ""
     in_unit = {name: extent * UNITS[name] / UNITS[unit] for name in ("mm", "m", "cm", "in", "ft")}
     likely = next((name for name, far in in_unit.items() if _PERSON[0] <= far <= _PERSON[1]), None)
-    remedy = (
-        "give another with --unit" if likely is None else f"with --unit {likely} they are {in_unit[likely]:.2g} m apart"
-    )
+    remedy = f"with --unit {likely} they are {in_unit[likely]:.2g} m apart" if likely else "give another with --unit"
     return f"its markers are {extent:.3g} m apart, so its unit is hardly {unit}: {remedy}"
 
 

@@ -38,10 +38,6 @@ class Progress(logging.Handler):
             self.loops += 1
             self._show()
 
-    def end(self) -> None:
-        """Print the sum."""
-        self.console.print(f"compiled {self.loops} loops in {perf_counter() - self.start:.0f} s")
-
     def _show(self) -> None:
         now = perf_counter()
         words = f"compiling: {self.task}, {self.loops} loops so far, {now - self.start:.0f} s"
@@ -57,32 +53,28 @@ def compile_loops(configs: list[Path]) -> None:
     Args:
         configs: files of the studies.
     """
-    progress, log = Progress(), logging.getLogger("study.fits.jit")
-    log.addHandler(progress)
-    log.setLevel(logging.DEBUG)
-    log.propagate = False
-    with progress.status:
-        _compile(configs, progress)
-    progress.end()
-
-
-def _compile(configs: list[Path], progress: Progress) -> None:
     import numpy as np
 
     from study.fits import fit
     from study.simulation.experiment.config import load
     from study.simulation.runs.plan import extremes, plan
 
-    for number, config in enumerate(configs, start=1):
-        progress.begin(f"{config} ({number} of {len(configs)})")
-        for part in extremes(load(config)).values():
-            plan(part, 1)
-    for dimension in (2, 3):
-        progress.begin(f"fits in {dimension} dimensions")
-        points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(2, 30, dimension)
-        points /= np.linalg.norm(points, axis=2, keepdims=True)
-        for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
-            str(answer)  # computes the intervals
+    progress, log = Progress(), logging.getLogger("study.fits.jit")
+    log.addHandler(progress)
+    log.setLevel(logging.DEBUG)
+    log.propagate = False
+    with progress.status:
+        for number, config in enumerate(configs, start=1):
+            progress.begin(f"{config} ({number} of {len(configs)})")
+            for part in extremes(load(config)).values():
+                plan(part, 1)
+        for dimension in (2, 3):
+            progress.begin(f"fits in {dimension} dimensions")
+            points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(2, 30, dimension)
+            points /= np.linalg.norm(points, axis=2, keepdims=True)
+            for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
+                str(answer)  # computes the intervals
+    progress.console.print(f"compiled {progress.loops} loops in {perf_counter() - progress.start:.0f} s")
 
 
 if __name__ == "__main__":

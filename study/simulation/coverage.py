@@ -213,19 +213,17 @@ def _outcome(ends: Floats, ok: Bools, efficient: Floats) -> Floats:
 def _row(cell: CoverageCell, name: str, outcome: Floats) -> dict[str, object]:
     """Shares of a cell with their binomial errors, and the median width with its own."""
     row: dict[str, object] = {**cell._asdict(), "method": name}
-    ok = outcome[:, 3] == 1.0
-    for place, column in enumerate(("radius", "axis", "across", "ok", "open")):
-        row[column], row[f"{column}_error"] = _share(outcome[:, place])
-    row["radius_ok"], row["radius_ok_error"] = _share(outcome[ok, 0])
+    hits = dict(zip(("radius", "axis", "across", "ok", "open"), outcome.T, strict=False))
+    for column, of_column in (hits | {"radius_ok": outcome[outcome[:, 3] == 1.0, 0]}).items():
+        row[column], row[f"{column}_error"] = _share(of_column)
     ordered = np.minimum(np.sort(outcome[:, 5]), _LARGEST_WIDTH)
     reach = 0.5 * math.sqrt(len(ordered))  # of the median's rank
     low, middle, high = (ordered[int(0.5 * len(ordered) + by)] for by in (-reach, 0.0, reach))
-    bounded = high < _LARGEST_WIDTH
     width = float(middle) if middle < _LARGEST_WIDTH else math.inf
-    width_error = float(0.5 * (high - low)) if bounded else math.nan
+    error = float(0.5 * (high - low)) if high < _LARGEST_WIDTH else math.nan
     larger = _attainable_ratio(cell)
-    widths = {"width": width, "width_error": width_error}
-    return row | widths | {"width_attainable": width / larger, "width_attainable_error": width_error / larger}
+    widths = {"width": width, "width_error": error}
+    return row | widths | {"width_attainable": width / larger, "width_attainable_error": error / larger}
 
 
 def _attainable_ratio(cell: CoverageCell) -> float:
@@ -339,7 +337,7 @@ def draw(table: pd.DataFrame, stamp: str) -> Figure:
     axes[0, 0].set_ylabel("coverage, all fits")
     axes[1, 0].set_ylabel("coverage, fits that are ok")
     handles = [
-        Line2D([], [], linestyle="", marker="o", markersize=4, color=_COLORS[k % len(_COLORS)], label=f"N = {n:,}")
+        Line2D([], [], ls="", marker="o", ms=4, color=_COLORS[k % len(_COLORS)], label=f"N = {n:,}")
         for k, n in enumerate(numbers)
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
@@ -353,15 +351,8 @@ def _points(ax: Axes, part: pd.DataFrame, column: str, numbers: list[int]) -> No
     ax.axhline(_LEVEL, color="black", linewidth=0.6, zorder=1)
     for k, n in enumerate(numbers):
         rows = part[part["samples"] == n]
-        ax.errorbar(
-            rows["sigma"],
-            rows[column],
-            yerr=rows[f"{column}_error"],
-            fmt="o",
-            markersize=2.6,
-            linewidth=0.6,
-            color=_COLORS[k % len(_COLORS)],
-        )
+        color = _COLORS[k % len(_COLORS)]
+        ax.errorbar(rows["sigma"], rows[column], rows[f"{column}_error"], fmt="o", ms=2.6, lw=0.6, color=color)
     ax.set_xscale("log")
     ax.set_ylim(-0.03, 1.03)
     ax.set_yticks(np.arange(0.0, 1.01, 0.2))

@@ -232,30 +232,20 @@ class Fits:
         return moments_exist(self.ratio[self.ok])
 
 
-def _quantile(name: str, p: float, fits: Fits) -> Measure:
+def _quantile(name: str, p: float, which: str, fits: Fits) -> Measure:
+    """Quantile of all fits as computed, of the ok ones (``_ok``), or with those that are not as infinite (``_all``)."""
     values: Floats = getattr(fits, name)
-    return quantile(np.where(np.isnan(values), np.inf, values), p)
+    if which == "_ok":
+        return quantile(values[fits.ok], p)
+    return quantile(np.where(fits.ok if which == "_all" else ~np.isnan(values), values, np.inf), p)
 
 
-def _quantile_ok(name: str, p: float, fits: Fits) -> Measure:
-    values: Floats = getattr(fits, name)
-    return quantile(values[fits.ok], p)
-
-
-def _quantile_all(name: str, p: float, fits: Fits) -> Measure:
-    return quantile(np.where(fits.ok, getattr(fits, name), np.inf), p)
-
-
-def _far(fits: Fits) -> Measure:
-    return share(int(np.sum(~(fits.ratio <= FAR))), len(fits.ok))
-
-
-def _far_ok(fits: Fits) -> Measure:
-    return share(int(np.sum((fits.ratio > FAR) & fits.ok)), int(np.sum(fits.ok)))
-
-
-def _far_all(fits: Fits) -> Measure:
-    return share(int(np.sum((fits.ratio > FAR) | ~fits.ok)), len(fits.ok))
+def _far(which: str, fits: Fits) -> Measure:
+    """Share of the fits beyond `FAR` bounds, of which fits as in `_quantile`."""
+    far = fits.ratio > FAR
+    if which == "_ok":
+        return share(int(np.sum(far & fits.ok)), int(np.sum(fits.ok)))
+    return share(int(np.sum(far | ~fits.ok if which == "_all" else ~(fits.ratio <= FAR))), len(far))
 
 
 class Performance(NamedTuple):
@@ -269,55 +259,38 @@ class Performance(NamedTuple):
 _OF_ALL = "of all fits as computed, whatever their status; one without a number counts as infinite"
 _OF_OK = "of the estimator's own ok fits, so not of the same trials as another's"
 _FAILED_LAST = "of all fits, with those that are not ok counted as infinite"
-
-
-def _quantiles() -> dict[str, Performance]:
-    result = {}
-    for name, quantity in (("relative", "error over radius"), ("ratio", "error over √tr CRLB")):
-        for part, p, words in (
-            ("median", 0.5, "median"),
-            ("q05", 0.05, "5 % quantile"),
-            ("q95", 0.95, "95 % quantile"),
-        ):
-            title = f"{words} of {quantity}"
-            for suffix, title_of, of_which, function in (
-                ("", "", _OF_ALL, _quantile),
-                ("_ok", ", ok fits", _OF_OK, _quantile_ok),
-                ("_all", ", not ok as infinite", _FAILED_LAST, _quantile_all),
-            ):
-                meaning = f"{title}, {of_which}"
-                result[f"{name}_{part}{suffix}"] = Performance(title + title_of, meaning, partial(function, name, p))
-    return result
-
-
+_WHICH = {"": ("", _OF_ALL), "_ok": (", ok fits", _OF_OK), "_all": (", not ok as infinite", _FAILED_LAST)}
 _GUARD = "of the estimator's own ok fits; only where the tail index exceeds 2 by two errors"
 _AXIS = "median of the error along the cap's axis, over the bound"
-MEASURES = _quantiles() | {
+_ON_AXIS = "error along the axis over the bound"
+_BEYOND = "beyond 10 times the bound"
+_HILL = "Hill's index of the error's tail, of the estimator's own ok fits; no moments exist of that order and above"
+MEASURES: dict[str, Performance] = {
+    f"{name}_{part}{which}": Performance(
+        f"{words} of {quantity}{short}", f"{words} of {quantity}, {of_which}", partial(_quantile, name, p, which)
+    )
+    for name, quantity in (("relative", "error over radius"), ("ratio", "error over √tr CRLB"))
+    for part, p, words in (("median", 0.5, "median"), ("q05", 0.05, "5 % quantile"), ("q95", 0.95, "95 % quantile"))
+    for which, (short, of_which) in _WHICH.items()
+}
+MEASURES |= {
     "far": Performance(
-        "share beyond 10 bounds", "share of all fits that are beyond 10 times the bound or without a number", _far
+        "share beyond 10 bounds", f"share of all fits that are {_BEYOND} or without a number", partial(_far, "")
     ),
     "far_ok": Performance(
-        "share beyond 10 bounds, ok fits", "share of the ok fits with an error beyond 10 times the bound", _far_ok
+        "share beyond 10 bounds, ok fits", f"share of the ok fits with an error {_BEYOND}", partial(_far, "_ok")
     ),
     "far_all": Performance(
-        "share beyond 10 bounds or not ok",
-        "share of all fits that are beyond 10 times the bound or not ok",
-        _far_all,
+        "share beyond 10 bounds or not ok", f"share of all fits that are {_BEYOND} or not ok", partial(_far, "_all")
     ),
-    "axis_median": Performance(
-        "median error along the axis over the bound", f"{_AXIS}, {_OF_ALL}", partial(_quantile, "axis", 0.5)
-    ),
+    "axis_median": Performance(f"median {_ON_AXIS}", f"{_AXIS}, {_OF_ALL}", partial(_quantile, "axis", 0.5, "")),
     "axis_median_ok": Performance(
-        "median error along the axis over the bound, ok fits", f"{_AXIS}, {_OF_OK}", partial(_quantile_ok, "axis", 0.5)
+        f"median {_ON_AXIS}, ok fits", f"{_AXIS}, {_OF_OK}", partial(_quantile, "axis", 0.5, "_ok")
     ),
-    "tail_index": Performance(
-        "tail index of error over bound, ok fits",
-        "Hill's index of the error's tail, of the estimator's own ok fits; no moments exist of that order and above",
-        lambda fits: fits.tail,
-    ),
+    "tail_index": Performance("tail index of error over bound, ok fits", _HILL, lambda fits: fits.tail),
     "bias": Performance(
-        "mean error along the axis over the bound, ok fits",
-        f"mean error along the axis over the bound, {_GUARD}",
+        f"mean {_ON_AXIS}, ok fits",
+        f"mean {_ON_AXIS}, {_GUARD}",
         lambda fits: mean(fits.axis[fits.ok]) if fits.moments_exist else UNKNOWN,
     ),
     "rmse": Performance(
@@ -357,12 +330,7 @@ def row(group: str, estimator: str, fits: Columns) -> Row:
         A value for each column of the summary table.
     """
     status = fits["status"]
-    result: Row = {
-        "group": group,
-        "estimator": estimator,
-        "decade": fits["decade"][0],
-        "planned": len(status),
-    }
+    result: Row = {"group": group, "estimator": estimator, "decade": fits["decade"][0], "planned": len(status)}
     for condition in STORED:
         if condition.name in fits:
             values = fits[condition.name]
@@ -390,9 +358,9 @@ def of_errors(errors: Errors) -> Columns:
         for index, estimator in enumerate(errors.estimators):
             of_fits = {
                 "error": distance[place, index],
-                "error_1": errors.center[place, index, :, 0],
+                "error_1": errors.fits.center[place, index, :, 0],
                 "bound": bound[place],
-                "status": errors.status[place, index],
+                "status": errors.fits.status[place, index],
                 "decade": np.array([np.nan]),
             }
             rows.append(row(cell.name, estimator, of_cell | of_fits))

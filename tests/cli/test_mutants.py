@@ -21,7 +21,6 @@ from study.simulation.claims import judge_all, save
 from study.simulation.experiment.config import parse
 from study.simulation.posterior.run import compute
 from study.simulation.runs import provenance, runner
-from study.simulation.runs.reuse import set_damaged_aside
 from study.simulation.runs.run_folder import Run
 
 CONFIG = """name = "tiny"
@@ -137,7 +136,7 @@ def named(mutant):
             with pytest.raises(RunError, match=rf"out/{file}: [^\n]*`study [^\n]*`[^\n]*$"):
                 run.table(name)
             assert not run.valid(name)
-        set_damaged_aside(run, told.append)
+        run.set_damaged_aside(told.append)
         assert len(told) == 1 + (file == "manifest.json")  # claims are left, for which no manifest vouches
         assert f"out/{file}: " in told[0]
         assert "damaged" in told[0]

@@ -8,7 +8,6 @@ import pytest
 
 from study.simulation.experiment.config import parse
 from study.simulation.posterior.run import chain_tasks, compute, printed
-from study.simulation.runs import reuse
 from study.simulation.runs.parts import Parts
 from study.simulation.runs.run_folder import Run
 
@@ -109,7 +108,7 @@ def test_a_run_that_did_not_finish(well, asked, done, tmp_path):
     assert stored(out) == stored(done[0] / "out")
     assert list((out / "parts").iterdir()) == [part]
     assert set(Run.open(out).manifest()["tables"]) == {"posterior", "answers", "draws"}
-    assert not reuse.finished(Run.open(out))
+    assert not Run.open(out).finished()
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,10 @@ def share_at_least(share, count, wanted):
     return round(share * count) >= binom.ppf(1e-4, count, wanted)
 
 
-@pytest.mark.parametrize(("angle", "sigma", "n"), [(180.0, 0.01, 100), (60.0, 0.02, 150), (90.0, 0.1, 100)])
+@pytest.mark.parametrize(
+    ("angle", "sigma", "n"),
+    [(180.0, 0.01, 100), (60.0, 0.02, 150), (90.0, 0.1, 100), (30.0, 0.01, 100), (45.0, 0.01, 100)],
+)
 def test_the_quick_look_misses_nothing(angle, sigma, n):
     """Of 1500 clean sets and 300 ellipsoids, every one in which a block speaks is tested in full."""
     rng = np.random.default_rng(1)

@@ -31,14 +31,10 @@ def real(kata, kata_joints):
     return case_study(kata_joints, kata.recording, subsets=40)
 
 
-def law(case, axis):
-    return case.laws.set_index("axis").loc[axis]
-
-
 def test_independent_poses_follow_the_root_law(independent):
     """The exponent is -0.5 ± 0.03 over N and over N_eff, which are nearly equal; τ is about one frame."""
     for axis in ("raw", "effective"):
-        assert law(independent, axis)["exponent"] == pytest.approx(-0.5, abs=0.03)
+        assert independent.laws.set_index("axis").loc[axis, "exponent"] == pytest.approx(-0.5, abs=0.03)
     assert independent.joints["memory"].max() < 1.2
     effective = independent.scatter[independent.scatter["way"] == "random"]
     assert (effective["effective"] > 0.9 * effective["samples"]).all()
@@ -71,7 +67,7 @@ def test_real_frames_are_correlated(real):
     assert (real.joints["memory"] > 10).all()
     assert real.joints["worth"].max() < 0.1 * real.frames
     for axis, low, high in (("raw", -0.65, -0.4), ("effective", -0.9, -0.3)):
-        found = law(real, axis)
+        found = real.laws.set_index("axis").loc[axis]
         assert low < found["exponent"] < high
         assert found["low"] <= found["exponent"] <= found["high"]
     plain = real.scatter.query("way == 'random' and not dropped").groupby("samples")["near"].mean()
@@ -80,6 +76,10 @@ def test_real_frames_are_correlated(real):
     # consecutive frames are far worse than as many random ones
     both = real.scatter.query("samples == 1000 and joint == 'left_hip'").set_index("way")["median"]
     assert both["window"] > 3 * both["random"]
+    # effective numbers saturate: each is at most that of the whole recording
+    scatter = real.scatter.query("way == 'random'").merge(real.joints[["joint", "worth"]], on="joint")
+    assert (scatter["effective"] <= 1.05 * scatter["worth"]).all()
+    assert np.all(np.diff(scatter.query("joint == 'left_hip'")["effective"]) > 0)
 
 
 def test_outliers_of_a_real_recording_have_reasons(real):
@@ -115,10 +115,3 @@ def test_nothing_to_study():
     recording, _ = synthesize(Recipe(frames=400, noise=0.0, reach=0.0))
     with pytest.raises(RecordingError, match="none of its joints"):
         case_study(find_joints(CMU41, recording), recording, numbers=(20, 50))
-
-
-def test_effective_numbers_saturate(real):
-    """N_eff is at most that of the whole recording."""
-    scatter = real.scatter.query("way == 'random'").merge(real.joints[["joint", "worth"]], on="joint")
-    assert (scatter["effective"] <= 1.05 * scatter["worth"]).all()
-    assert np.all(np.diff(scatter.query("joint == 'left_hip'")["effective"]) > 0)

@@ -25,38 +25,25 @@ def contents(points=None, labels=("A", "B"), rate=100.0, unit="mm"):
     return FileContents(labels, points, rate, unit)
 
 
-@pytest.mark.parametrize(
-    ("unit", "factor"),
-    [
-        ("mm", 1e-3),
-        ("cm", 1e-2),
-        ("m", 1.0),
-        ("MM", 1e-3),
-        (" millimeters ", 1e-3),
-        ("Metres", 1.0),
-        ("inches", 0.0254),
-    ],
-)
-def test_units(unit, factor):
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "MM": 1e-3, " millimeters ": 1e-3, "Metres": 1.0, "inches": 0.0254}
+
+
+@pytest.mark.parametrize("unit", METRES)
+def test_units(unit):
     """Units have several spellings."""
-    points = contents().points / 1000 / factor
-    recording = assemble(contents(points, unit=unit), "walk")
+    recording = assemble(contents(contents().points / 1000 / METRES[unit], unit=unit), "walk")
     np.testing.assert_allclose(recording.positions, contents().points / 1000, rtol=1e-14)
 
 
 def test_the_callers_unit_and_rate_go_first():
-    recording = assemble(contents(), "walk", unit="m", rate=50.0)
+    given = contents()
+    before = given.points.copy()
+    recording = assemble(given, "walk", unit="m", rate=50.0)
     np.testing.assert_array_equal(recording.positions, contents().points)
     assert recording.rate == 50.0
-
-
-def test_an_unsaid_unit_is_noted_or_asked_for():
     recording = assemble(contents(unit=None), "walk", usual_unit="mm")
     assert recording.notes == ("the file does not give its unit: mm assumed",)
-    with pytest.raises(RecordingError, match="its unit is not given; give one of m, dm, cm, mm"):
-        assemble(contents(unit=None), "walk")
-    with pytest.raises(RecordingError, match="its unit 'parsec' is not known"):
-        assemble(contents(unit="parsec"), "walk")
+    np.testing.assert_array_equal(given.points, before)  # the file's own array is left alone
 
 
 def test_a_unit_that_cannot_be_right_is_doubted():
@@ -79,11 +66,15 @@ def test_missing_samples():
     recording = assemble(contents(points), "walk")
     assert recording.seen()[0].tolist() == [False, False, False, True, True]
     assert np.isnan(recording.positions).sum() == 9
+    points[1] = np.nan  # a marker without samples stays; joints that need it are flagged later
+    assert assemble(contents(points), "walk").missing().tolist() == [0.6, 1.0]
 
 
 @pytest.mark.parametrize(
     ("given", "words"),
     [
+        (contents(unit=None), "its unit is not given; give one of m, dm, cm, mm"),
+        (contents(unit="parsec"), "its unit 'parsec' is not known"),
         (contents(np.empty((0, 3, 5)), ()), "no markers in it"),
         (contents(np.ones((2, 3, 1))), "1 frame in it; motion needs at least 2"),
         (contents(np.ones((2, 3, 0))), "no frames in it"),
@@ -97,20 +88,6 @@ def test_what_cannot_be_used(given, words):
     with pytest.raises(RecordingError, match=words) as caught:
         assemble(given, "walk")
     assert "\n" not in str(caught.value)
-
-
-def test_a_marker_never_seen_is_kept():
-    """A marker without samples stays in the recording; joints that need it are flagged later."""
-    points = contents().points.copy()
-    points[1] = np.nan
-    assert assemble(contents(points), "walk").missing().tolist() == [0.0, 1.0]
-
-
-def test_the_files_own_array_is_left_alone():
-    given = contents()
-    before = given.points.copy()
-    assemble(given, "walk")
-    np.testing.assert_array_equal(given.points, before)
 
 
 def test_gaps_counted_by_hand():
@@ -130,9 +107,7 @@ def recording():
 
 
 def test_extent_is_the_diagonal_of_the_path():
-    found = extents(recording())
-    np.testing.assert_allclose(found[[0, 2]], [5.0, 0.0], atol=1e-12)
-    assert np.isnan(found[1])
+    np.testing.assert_allclose(extents(recording()), [5.0, np.nan, 0.0], atol=1e-12)
 
 
 def test_lines():
@@ -200,25 +175,22 @@ def test_nothing_moves():
     assert describe(still)[1] == "no marker moves by more than 0 mm; joints cannot be found"
 
 
-@pytest.mark.parametrize("prefix", ["", "male:", "Subject 1:", "a:b:", "  male: "])
-def test_prefixes_are_taken_off(prefix):
-    """The prefix of the subject is left out, for any name."""
-    labels = [f"{prefix}LFHD", f"{prefix}RFHD ", f"{prefix}C7"]
-    assert name_points(labels) == ([0, 1, 2], ["LFHD", "RFHD", "C7"], [])
+@pytest.mark.parametrize(
+    ("labels", "markers"),
+    [
+        *(([f"{one}LFHD", f"{one}RFHD "], ["LFHD", "RFHD"]) for one in ("", "male:", "a:b:", "Subject 1:", "  male: ")),
+        (["male:LFHD", "", "*110", "male:"], ["LFHD", "point 2", "*110", "male:"]),  # extra points stay
+        (["Andr\u00e9:LFHD".encode("latin-1").decode("utf-8", "surrogateescape"), "A\x1b[2J"], ["LFHD", "A\ufffd[2J"]),
+    ],
+)
+def test_names_of_points(labels, markers):
+    """The prefix of the subject is left out, for any name; points without a label are numbered; all can be shown."""
+    assert name_points(labels) == ([*range(len(labels))], markers, [])
 
 
-def test_prefixes_of_the_file_need_no_colon():
+def test_prefixes_and_doubles():
+    """Prefixes of the file need no colon; neither of two points with one label is used: nothing tells the marker."""
     assert name_points(["bob_LFHD", "bob_C7"], prefixes=["bob_"])[1] == ["LFHD", "C7"]
-
-
-def test_points_without_a_label_are_numbered_and_props_are_kept():
-    """Extra points stay; a marker set leaves them out."""
-    _, markers, _ = name_points(["male:LFHD", "", "*110", "male:"])
-    assert markers == ["LFHD", "point 2", "*110", "male:"]
-
-
-def test_doubles_are_renamed_and_said():
-    """Neither of two points with one label is used, as nothing tells which is the marker."""
     _, markers, notes = name_points(["m:A", "m:B", "m:A"])
     assert markers == ["A#1", "B", "A#2"]
     assert notes == ["the label A is on points 1, 3: nothing tells which is the marker, so none of them is used"]
@@ -226,34 +198,28 @@ def test_doubles_are_renamed_and_said():
 
 def test_of_several_subjects_one_is_chosen():
     labels = ["male:A", "female:A", "female:B", "*1"]
-    with pytest.raises(
-        RecordingError, match=r"2 subjects: male \(1 markers\), female \(2 markers\); choose one with --subject"
-    ):
+    words = r"2 subjects: male \(1 markers\), female \(2 markers\); choose one with --subject"
+    with pytest.raises(RecordingError, match=words):
         name_points(labels)
     assert name_points(labels, "female") == ([1, 2], ["A", "B"], ["2 points of other subjects are left out"])
+    assert name_points(["André:LFHD"], "André")[1] == ["LFHD"]
     with pytest.raises(RecordingError, match=r"no subject 'child' in it; there are male"):
         name_points(labels, "child")
     with pytest.raises(RecordingError, match="the labels have no prefix"):
         name_points(["A"], "child")
 
 
-def test_labels_can_be_shown():
-    """Bytes that are not UTF-8 are decoded, and control characters are replaced."""
-    latin = "Andr\u00e9:LFHD".encode("latin-1").decode("utf-8", "surrogateescape")
-    assert name_points([latin, "A\x1b[2J"])[1] == ["LFHD", "A�[2J"]
-    assert name_points(["André:LFHD"], "André")[1] == ["LFHD"]
-
-
 def test_what_it_says_of_itself(small):
-    """Frames, duration, shares and rows equal those counted by hand."""
+    """Frames, duration, shares and rows equal those counted by hand; unknown markers are told with the known."""
     positions = np.zeros((2, 3, 5))
     positions[1, :, 1:3] = np.nan
     recording = Recording("walk", ("A", "B"), positions, 100.0)
-    assert (recording.frames, recording.duration) == (5, 0.04)
+    assert (recording.frames, recording.duration, recording.row("B")) == (5, 0.04, 1)
     assert recording.missing().tolist() == pytest.approx([0.0, 0.4])
     assert recording.seen()[1].tolist() == [True, False, False, True, True]
-    assert recording.row("B") == 1
     np.testing.assert_array_equal(recording.of("B"), positions[1])
+    with pytest.raises(RecordingError, match="no marker 'NOSE'; there are LFHD, RFHD, C7, LFIN"):
+        small().of("NOSE")
 
 
 def test_positions_are_contiguous_over_frames_and_kept_from_changes():
@@ -292,8 +258,3 @@ def test_select(small):
 def test_what_does_not_fit_is_refused(markers, shape, rate, words):
     with pytest.raises(RecordingError, match=words):
         Recording("walk", markers, np.zeros(shape), rate)
-
-
-def test_an_unknown_marker_is_told_with_the_known(small):
-    with pytest.raises(RecordingError, match="no marker 'NOSE'; there are LFHD, RFHD, C7, LFIN"):
-        small().of("NOSE")

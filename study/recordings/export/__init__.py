@@ -144,14 +144,8 @@ def write_mot(motion: ExportedMotion, path: Path) -> None:
         OSError: if the file cannot be written.
     """
     table = joint_angles(motion).dropna(axis=1, how="all").ffill().bfill()
-    header = [
-        "; ".join([motion.skeleton.name, *angle_lines(motion.skeleton.calibration)]),
-        "version=1",
-        f"nRows={len(table)}",
-        f"nColumns={len(table.columns)}",
-        "inDegrees=yes",
-        "endheader",
-    ]
+    header = ["; ".join([motion.skeleton.name, *angle_lines(motion.skeleton.calibration)]), "version=1"]
+    header += [f"nRows={len(table)}", f"nColumns={len(table.columns)}", "inDegrees=yes", "endheader"]
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(header) + "\n")
         table.to_csv(file, sep="\t", index=False, float_format="%.6f", lineterminator="\n")
@@ -216,9 +210,8 @@ def planned_files(texts: str, folder: Path, name: str, source: Path) -> list[Pat
             known = ", ".join(f"{suffix} ({contents})" for suffix, (_, contents) in WRITERS.items())
             raise RecordingError(f"--write {text}: the end of a file's name decides its format; known are {known}")
         if path.exists() and source.exists() and path.samefile(source):
-            raise RecordingError(
-                f"--write {text}: is the recording itself, which is not overwritten; choose another name"
-            )
+            words = "is the recording itself, which is not overwritten; choose another name"
+            raise RecordingError(f"--write {text}: {words}")
         if path.is_dir():
             raise RecordingError(f"--write {text}: {path} is a folder; give the name of a file")
         if path.absolute() in [other.absolute() for other in paths]:

@@ -83,48 +83,36 @@ def write_gltf(motion: ExportedMotion, path: Path) -> None:
     """
     root = joint_tree(motion)
     nodes = list(root.walk())
+    doubts = dict(zip(motion.scene.joints, motion.scene.doubts, strict=True))
     document = _Document()
     document.add_nodes(nodes, motion.scene)
     document.add_skin(rest_places(root) @ Y_UP.T)
-    document.add_bones(*bone_mesh(root), np.array([bool(_doubt(node, motion.scene)) for node in nodes]))
+    document.add_bones(*bone_mesh(root), np.array([bool(doubts.get(node.name)) for node in nodes]))
     document.add_animation(nodes, motion.skeleton.frames, motion.skeleton.rate, motion.skeleton.name)
     path.write_bytes(document.binary())
-
-
-def _doubt(node: JointNode, scene: Scene) -> str:
-    """Reason to doubt a node's joint, or ""."""
-    return dict(zip(scene.joints, scene.doubts, strict=True)).get(node.name, "")
 
 
 class _Document:
     """The parts of a file, and the bytes that they refer to."""
 
     def __init__(self) -> None:
-        self.gltf = gltf.GLTF2(
-            asset=gltf.Asset(version="2.0", generator="sphere-fit-study"),
-            scene=0,
-            scenes=[gltf.Scene(nodes=[0])],
-        )
+        asset = gltf.Asset(version="2.0", generator="sphere-fit-study")
+        self.gltf = gltf.GLTF2(asset=asset, scene=0, scenes=[gltf.Scene(nodes=[0])])
         self.bytes = bytearray()
 
     def add_nodes(self, nodes: list[JointNode], scene: Scene) -> None:
         """Add the joints in their rest pose."""
-        errors = dict(zip(scene.joints, scene.errors, strict=True))
+        known = dict(zip(scene.joints, zip(scene.errors, scene.doubts, strict=True), strict=True))
         for node in nodes:
             extras: dict[str, object] = {}
-            if node.name in errors and not np.isnan(errors[node.name]).all():
-                extras["error"] = round(float(np.nanmax(errors[node.name])), 6)
-            if doubt := _doubt(node, scene):
+            errors, doubt = known.get(node.name, (np.array([np.nan]), ""))
+            if not np.isnan(errors).all():
+                extras["error"] = round(float(np.nanmax(errors)), 6)
+            if doubt:
                 extras["doubt"] = doubt
-            self.gltf.nodes.append(
-                gltf.Node(
-                    name=node.name,
-                    translation=[float(x) for x in Y_UP @ node.offset],
-                    rotation=[0.0, 0.0, 0.0, 1.0],
-                    children=[nodes.index(child) for child in node.children],
-                    extras=extras,
-                )
-            )
+            place, below = [float(x) for x in Y_UP @ node.offset], [nodes.index(child) for child in node.children]
+            rest = {"translation": place, "rotation": [0.0, 0.0, 0.0, 1.0]}
+            self.gltf.nodes.append(gltf.Node(name=node.name, children=below, extras=extras, **rest))
 
     def add_skin(self, places: Floats) -> None:
         """Add the skin: all nodes, at their places in the rest pose (nodes, 3), y up."""
@@ -151,18 +139,12 @@ class _Document:
         for colour, part in ((_PLAIN, faces[~marked]), (_DOUBTED, faces[marked])):
             if not len(part):
                 continue
-            material = gltf.Material(
-                name="bone" if colour is _PLAIN else "bone of an unreliable joint",
-                pbrMetallicRoughness=gltf.PbrMetallicRoughness(
-                    baseColorFactor=colour, metallicFactor=0.0, roughnessFactor=0.9
-                ),
-                alphaCutoff=None,
-            )
-            self.gltf.materials.append(material)
+            name = "bone" if colour is _PLAIN else "bone of an unreliable joint"
+            surface = gltf.PbrMetallicRoughness(baseColorFactor=colour, metallicFactor=0.0, roughnessFactor=0.9)
             indices = self._accessor(part.reshape(-1, 1).astype("H"), gltf.ELEMENT_ARRAY_BUFFER)
-            primitives.append(
-                gltf.Primitive(attributes=attributes, indices=indices, material=len(self.gltf.materials) - 1)
-            )
+            number = len(self.gltf.materials)
+            self.gltf.materials.append(gltf.Material(name=name, pbrMetallicRoughness=surface, alphaCutoff=None))
+            primitives.append(gltf.Primitive(attributes=attributes, indices=indices, material=number))
         self.gltf.meshes.append(gltf.Mesh(name="bones", primitives=primitives))
         self.gltf.nodes.append(gltf.Node(name="bones", mesh=0, skin=0))
         self.gltf.scenes[0].nodes.append(len(self.gltf.nodes) - 1)
@@ -176,11 +158,10 @@ class _Document:
             if node.course is not None:
                 paths["translation"] = (Y_UP @ node.course).T.astype("f")
             for path, values in paths.items():
-                animation.samplers.append(
-                    gltf.AnimationSampler(input=times, output=self._accessor(values), interpolation="LINEAR")
-                )
                 target = gltf.AnimationChannelTarget(node=number, path=path)
-                animation.channels.append(gltf.AnimationChannel(sampler=len(animation.samplers) - 1, target=target))
+                animation.channels.append(gltf.AnimationChannel(sampler=len(animation.samplers), target=target))
+                output = self._accessor(values)
+                animation.samplers.append(gltf.AnimationSampler(input=times, output=output, interpolation="LINEAR"))
         self.gltf.animations.append(animation)
 
     def _accessor(
@@ -189,21 +170,14 @@ class _Document:
         """Append an array (count, components) to the bytes; returns the number of its accessor."""
         self.bytes += bytes(-len(self.bytes) % 4)
         data = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<")).tobytes()
-        self.gltf.bufferViews.append(
-            gltf.BufferView(buffer=0, byteOffset=len(self.bytes), byteLength=len(data), target=target)
-        )
+        number = len(self.gltf.accessors)  # one view each
+        view = gltf.BufferView(buffer=0, byteOffset=len(self.bytes), byteLength=len(data), target=target)
+        kind = {"componentType": _COMPONENTS[values.dtype.char], "type": _TYPES[values.shape[1]]}
+        low, high = ((f(values, axis=0).tolist() if bounds else None) for f in (np.min, np.max))
         self.bytes += data
-        self.gltf.accessors.append(
-            gltf.Accessor(
-                bufferView=len(self.gltf.bufferViews) - 1,
-                componentType=_COMPONENTS[values.dtype.char],
-                count=len(values),
-                type=_TYPES[values.shape[1]],
-                min=np.min(values, axis=0).tolist() if bounds else None,
-                max=np.max(values, axis=0).tolist() if bounds else None,
-            )
-        )
-        return len(self.gltf.accessors) - 1
+        self.gltf.bufferViews.append(view)
+        self.gltf.accessors.append(gltf.Accessor(bufferView=number, count=len(values), min=low, max=high, **kind))
+        return number
 
     def binary(self) -> bytes:
         """The file."""
@@ -216,7 +190,5 @@ class _Document:
 def _quaternions(rotations: Floats) -> Floats:
     """Quaternions x, y, z, w (frames, 4) of rotations (frames, 3, 3), without jumps of sign."""
     quaternions = Rotation.from_matrix(rotations).as_quat()
-    flips = np.cumprod(
-        np.concatenate([[1.0], np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)])
-    )
-    return np.asarray(quaternions * flips[:, None])
+    signs = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
+    return np.asarray(quaternions * np.cumprod([1.0, *signs])[:, None])

@@ -132,12 +132,11 @@ def limb_end(shape: SegmentShape, joint: Floats) -> Floats | None:
 def _across(name: str, calibration: Calibration) -> Floats | None:
     """Direction from the right to the left (3,), in a segment's axes, from its joints on both sides; None without."""
     below = {place.joint.name: place.in_parent for place in calibration.joints if place.joint.parent == name}
-    pairs = {
-        one: [p for j, p in below.items() if side(j) == one and not np.isnan(p).any()] for one in ("left", "right")
-    }
-    if not (pairs["left"] and pairs["right"]):
+    below = {joint: point for joint, point in below.items() if not np.isnan(point).any()}
+    left, right = ([point for joint, point in below.items() if side(joint) == one] for one in ("left", "right"))
+    if not (left and right):
         return None
-    across = np.mean(pairs["left"], axis=0) - np.mean(pairs["right"], axis=0)
+    across = np.mean(left, axis=0) - np.mean(right, axis=0)
     return across if np.linalg.norm(across) > 0.0 else None
 
 
@@ -194,22 +193,16 @@ class ExportedMotion:
         """Rotation (3, 3) of each segment's axes in the pose without rotations, z up."""
         return rest_rotations(self.skeleton.calibration, self.upright, self.rest)
 
-    def joint_labels(self) -> tuple[str, ...]:
-        """Labels of the joints as points beside the markers: their names.
+    def with_joints(self) -> Recording:
+        """The recording with the joint centres as points behind its markers, in its own axes; NaN where unknown.
 
-        ``_regression`` is added where a joint is not by motion, ``_joint`` where a marker has the name.
+        ``_regression`` is added to the name of a joint that is not by motion, ``_joint`` where a marker has the name.
         """
         taken = {marker.lower() for marker in self.recording.markers}
-        names = [
-            place.joint.name + "_regression" * (place.status == JointStatus.REGRESSION)
-            for place in self.skeleton.calibration.joints
-        ]
-        return tuple(name + "_joint" * (name.lower() in taken) for name in names)
-
-    def with_joints(self) -> Recording:
-        """The recording with the joint centres as points behind its markers, in its own axes; NaN where unknown."""
         known = np.flatnonzero(~np.isnan(self.skeleton.centers[:, 0]).all(axis=1))
-        labels = tuple(self.joint_labels()[number] for number in known)
+        places = [self.skeleton.calibration.joints[number] for number in known]
+        names = [p.joint.name + "_regression" * (p.status == JointStatus.REGRESSION) for p in places]
+        labels = [name + "_joint" * (name.lower() in taken) for name in names]
         points = np.concatenate([self.recording.positions, self.skeleton.centers[known]])
         return Recording(self.recording.name, (*self.recording.markers, *labels), points, self.recording.rate)
 
@@ -386,9 +379,8 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
         if parent is not None:
             nodes[parent].children.append(nodes[segment.name])
     if root not in nodes:
-        raise RecordingError(
-            f"{motion.skeleton.name}: its {root} is known in no frame, and a hierarchy of joints starts from it"
-        )
+        words = f"its {root} is known in no frame, and a hierarchy of joints starts from it"
+        raise RecordingError(f"{motion.skeleton.name}: {words}")
     return nodes[root]
 
 

@@ -154,10 +154,8 @@ def read_header(path: Path) -> C3DHeader:
         frames = parameter  # one of the two is damaged, and the file is as long as the parameter says
     promised = frames * frame_bytes
     if promised > _MUCH * size + _LITTLE:
-        raise RecordingError(
-            f"its header promises {frames} frames of {points} points and {analog} analog samples, "
-            f"{_size(promised)}, but the file has {_size(size)}: it is damaged; get a whole copy of it"
-        )
+        words = f"{frames} frames of {points} points and {analog} analog samples, {_size(promised)}, but the file has"
+        raise RecordingError(f"its header promises {words} {_size(size)}: it is damaged; get a whole copy of it")
     rotations = frames * numbers.get("ROTATION:RATIO", 0.0) * 4
     sound = sound and rotations <= _MUCH * size + _LITTLE
     agree = numbers.get("POINT:USED", points) == points and numbers.get("POINT:FRAMES", 0.0) <= frames
@@ -292,7 +290,6 @@ def _contents(
 def _numbered(parameters: Mapping[str, Iterable[object]], name: str) -> list[str]:
     """Texts of a parameter and of its continuations, 255 texts in each: LABELS, LABELS2, LABELS3, ..."""
     texts: list[str] = []
-    keys = [name, *(f"{name}{number}" for number in range(2, 260))]
-    for key in keys:
+    for key in (name, *(f"{name}{number}" for number in range(2, 260))):
         texts += [str(text).strip() for text in parameters.get(key, ())]
     return texts

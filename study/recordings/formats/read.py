@@ -23,6 +23,7 @@ from study.recordings.formats.text import (
     as_points,
     find_axes,
     missing_frames_note,
+    number_or_none,
     read_columns,
     read_rows,
     read_table,
@@ -72,10 +73,11 @@ def read_motive(lines: list[str]) -> FileContents:
     places = [place + axis for place, _, _ in chosen for axis in range(3)]
     keys = [cell.strip().lower() for cell in table[0]]
     given = dict(zip(keys[::2], table[0][1::2], strict=False))
+    rates = (given.get(f"{of} frame rate", "") for of in ("export", "capture"))
     return FileContents(
         labels=_labels([name for _, _, name in chosen], bodies),
         points=as_points(np.ascontiguousarray(numbers[:, places])),
-        rate=_rate(given),
+        rate=next((rate for rate in map(number_or_none, rates) if rate is not None), None),
         unit=given.get("length units") or None,
         notes=(*notes, *lacking),
     )
@@ -121,16 +123,6 @@ def _labels(names: list[str], bodies: set[str]) -> list[str]:
     ]
 
 
-def _rate(given: dict[str, str]) -> float | None:
-    """Frames per second of the export, or of the capture; None if neither is given."""
-    for key in ("export frame rate", "capture frame rate"):
-        try:
-            return float(given[key])
-        except (KeyError, ValueError):
-            continue
-    return None
-
-
 _QUALISYS = "NO_OF_FRAMES"
 _NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
 _ABSENT = ("", "null", "nan")
@@ -150,10 +142,9 @@ def read_qualisys(lines: list[str]) -> FileContents:
     labels = [name for name in header.get("MARKER_NAMES", []) if name]
     if not labels:
         raise RecordingError("no line MARKER_NAMES with the markers' names")
-    try:
-        rate = float(header["FREQUENCY"][0].replace(",", "."))
-    except (KeyError, ValueError, IndexError):
-        raise RecordingError("no line FREQUENCY with the frames per second") from None
+    rate = number_or_none("".join(header.get("FREQUENCY", [])[:1]).replace(",", "."))
+    if rate is None:
+        raise RecordingError("no line FREQUENCY with the frames per second")
     rows = lines[start : max((i for i, line in enumerate(lines, start=1) if line.strip()), default=0)]
     wanted = 3 * len(labels)
     cells = max((len(row.rstrip("\r\n").split("\t")) for row in rows), default=wanted)

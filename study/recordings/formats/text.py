@@ -51,9 +51,8 @@ def read_rows(lines: list[str], first: int, delimiter: str, columns: int, furthe
     cells = np.array([line.count(delimiter) + 1 for line in lines], dtype=int)
     if (cells < columns).any():
         row = int((cells < columns).argmax())
-        raise RecordingError(
-            f"line {first + row} has {cells[row]} cells; {columns} are needed; the line may be cut short"
-        )
+        place = f"line {first + row} has {cells[row]} cells"
+        raise RecordingError(f"{place}; {columns} are needed; the line may be cut short")
     decimal = "," if delimiter != "," and "," in text and "." not in text else "."
     table = pd.read_csv(
         io.StringIO(text),
@@ -108,10 +107,8 @@ def with_all_frames(counter: Floats, numbers: Floats, first: int) -> tuple[Float
     complete = np.full((whole, numbers.shape[1]), np.nan)
     complete[(counter - counter[0]).astype(int)] = numbers
     place = int((steps > 1).argmax())
-    words = (
-        f"{lacking} of {whole} frames are not in it, the first after frame {counter[place]:g}: they count as missing"
-    )
-    return complete, (words,)
+    words = f"{lacking} of {whole} frames are not in it, the first after frame {counter[place]:g}"
+    return complete, (f"{words}: they count as missing",)
 
 
 def missing_frames_note(held: int, promised: int) -> tuple[str, ...]:
@@ -150,6 +147,7 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 
 _COORDINATE = re.compile(r"(?P<marker>.*\S)[\s_.:\-|]+(Pos)?(?P<axis>[xyzXYZ])(\s*[\[(]\s*(?P<unit>\w+)\s*[\])])?$")
+_SECONDS = re.compile(r"time(stamp)?(\s*[\[(]\s*s\w*\s*[\])])?|t|time_s")
 _COUNTERS = {"frame", "frame#", "frames", "sub frame", "index", "field"}
 
 
@@ -165,7 +163,7 @@ def read_table(lines: list[str]) -> FileContents:
     if start == len(lines):
         raise RecordingError("it holds only comments")
     delimiter = find_delimiter(lines[start])
-    names = [name.strip().strip("\"'").strip() for name in lines[start].split(delimiter)]
+    names = cells_of(lines[start], delimiter)
     places: dict[str, dict[str, int]] = {}
     units, doubles = set(), []
     for place, name in enumerate(names):
@@ -175,8 +173,8 @@ def read_table(lines: list[str]) -> FileContents:
             axes[parts["axis"].lower()] = place
             units.add(parts["unit"] or "")
     if not places:
-        found_names = ", ".join(names[:4])[:80]
-        raise RecordingError(f"line {start + 1}: no columns such as LFHD_X, LFHD_Y, LFHD_Z; found {found_names}")
+        first = ", ".join(names[:4])[:80]
+        raise RecordingError(f"line {start + 1}: no columns such as LFHD_X, LFHD_Y, LFHD_Z; found {first}")
     if doubles:
         raise RecordingError(f"line {start + 1}: two columns have the name {doubles[0]!r}")
     for marker, axes in places.items():
@@ -190,17 +188,16 @@ def read_table(lines: list[str]) -> FileContents:
     notes: tuple[str, ...] = ()
     if low[0] in _COUNTERS:
         numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 2)
-    rate = _number(given["rate"], "rate") if "rate" in given else rate_of_times(low, numbers, start + 2)
+    rate = number_or_none(given["rate"]) if "rate" in given else rate_of_times(low, numbers, start + 2)
+    if rate is None and "rate" in given:
+        raise RecordingError(f"its rate {given['rate']!r} is not a number")
     unit = given.get("unit") or (units.pop() if len(units) == 1 else "") or None
     return FileContents(list(places), as_points(numbers[:, columns]), rate, unit, notes=notes)
 
 
 def rate_of_times(names: list[str], numbers: Floats, first: int) -> float | None:
     """Frames per second from a column of seconds; None if there is none."""
-    place = next(
-        (i for i, name in enumerate(names) if re.fullmatch(r"time(stamp)?(\s*[\[(]\s*s\w*\s*[\])])?|t|time_s", name)),
-        None,
-    )
+    place = next((i for i, name in enumerate(names) if _SECONDS.fullmatch(name)), None)
     if place is None or len(numbers) < 2:
         return None
     steps = np.diff(numbers[:, place])
@@ -211,13 +208,6 @@ def rate_of_times(names: list[str], numbers: Floats, first: int) -> float | None
         row = int(uneven.argmax())
         raise RecordingError(f"line {first + row + 1}: the step in time is {steps[row]:g} s, elsewhere {step:g} s")
     return float((len(numbers) - 1) / (numbers[-1, place] - numbers[0, place]))
-
-
-def _number(text: str, what: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise RecordingError(f"its {what} {text!r} is not a number") from None
 
 
 _SAME = 0.01
@@ -236,9 +226,8 @@ def read_trc(lines: list[str]) -> FileContents:
         RecordingError: one line, without the file's name.
     """
     if len(lines) < 6 or not lines[0].lstrip('"').startswith("PathFileType"):
-        raise RecordingError(
-            "not a TRC file: it must begin with PathFileType and have five lines of header before the rows"
-        )
+        wanted = "it must begin with PathFileType and have five lines of header before the rows"
+        raise RecordingError(f"not a TRC file: {wanted}")
     if "\t" not in lines[3] and "," in lines[3]:
         lines = [line.replace(",", "\t").replace('"', "") for line in lines]
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
@@ -299,10 +288,8 @@ def _rate(header: float, times: Floats) -> tuple[float, tuple[str, ...]]:
     if header > 0.0 and abs(header / rate / 1000.0 - 1.0) < _SAME:
         return header, (f"its column Time is in milliseconds: the header's rate of {header:g} Hz is used",)
     rounded = round(rate, 3)
-    return rounded, (
-        f"its header gives {header:g} Hz, but its column Time {rounded:g} Hz: the column is believed; "
-        "give another rate with --rate",
-    )
+    words = f"its header gives {header:g} Hz, but its column Time {rounded:g} Hz: the column is believed"
+    return rounded, (f"{words}; give another rate with --rate",)
 
 
 def _resolution(times: Floats) -> float:
@@ -375,7 +362,7 @@ def read_columns(lines: list[str], axes: int, rate: float | None = None) -> File
     if others := len(places) - len(markers):
         notes += (f"{others} points hold angles, forces and the like, not markers: left out",)
     if rate is None:
-        rate = next((value for key in _RATES if (value := _number_or_none(given.get(key, ""))) and value > 0.0), None)
+        rate = next((value for key in _RATES if (value := number_or_none(given.get(key, ""))) and value > 0.0), None)
     columns = [column for i in markers for column in (i, i + 1, i + 2)]
     return FileContents(
         labels=[heads[i] for i in markers],
@@ -405,7 +392,7 @@ def _units(cells: list[str], places: list[int], labelled: bool) -> dict[int, str
     words = {i: (group or [""])[0] for i, group in groups.items()}
     several = any(len(group) > 1 for group in groups.values()) and all(len(set(group)) < 2 for group in groups.values())
     named = labelled or all(known_unit(word) or word.lower() in _NO_LENGTHS for word in words.values())
-    return words if several and named and all(_number_or_none(word) is None for word in words.values()) else {}
+    return words if several and named and all(number_or_none(word) is None for word in words.values()) else {}
 
 
 def _rows(lines: list[str], start: int, delimiter: str, cells: int) -> tuple[list[str], int]:
@@ -426,7 +413,7 @@ def _rows(lines: list[str], start: int, delimiter: str, cells: int) -> tuple[lis
     rows = until_blank(lines, start)
     end = start + len(rows)
     after = next((cells_of(line, delimiter) for line in lines[end:] if line.strip(" ,;\t")), [])
-    if len(after) == cells and _number_or_none(after[0]) is not None:
+    if len(after) == cells and number_or_none(after[0]) is not None:
         raise RecordingError(f"line {end + 1} is empty, and further rows follow; remove the line")
     return rows, start
 
@@ -435,7 +422,7 @@ def read_vicon(lines: list[str], start: int) -> FileContents:
     """Read an export of Vicon Nexus: Trajectories, rate, labels, axes, units, then rows up to an empty line."""
     if len(lines) < start + 6:
         raise RecordingError(f"the file is cut short: no rows after the line Trajectories (line {start + 1})")
-    rate = _number_or_none(lines[start + 1].strip(" ,;\t"))
+    rate = number_or_none(lines[start + 1].strip(" ,;\t"))
     if rate is None:
         raise RecordingError(f"line {start + 2}: {lines[start + 1][:40]!r} should be the rate")
     if find_axes(lines[start : start + 4]) != 3:
@@ -448,7 +435,7 @@ def _keys(lines: list[str], delimiter: str) -> dict[str, str]:
     given: dict[str, str] = {}
     table = [cells_of(line.lstrip("# "), delimiter) for line in lines]
     for cells, below in zip(table, [*table[1:], *[[]] * bool(table)], strict=True):
-        if len(cells) > 1 and _number_or_none(cells[0]) is None and (len(cells) == 2 or not any(cells[2:])):
+        if len(cells) > 1 and number_or_none(cells[0]) is None and (len(cells) == 2 or not any(cells[2:])):
             given.setdefault(_plain(cells[0]), cells[1])
         elif len(cells) == 1 and ":" in cells[0]:
             key, _, value = cells[0].partition(":")
@@ -463,7 +450,8 @@ def _plain(key: str) -> str:
     return re.sub(r"[^a-z]", "", re.sub(r"[(\[].*", "", key.lower()))
 
 
-def _number_or_none(text: str) -> float | None:
+def number_or_none(text: str) -> float | None:
+    """The number that a cell holds, if it holds one."""
     try:
         return float(text)
     except ValueError:

@@ -537,8 +537,10 @@ def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:
     positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
     recording = Recording(f"synthetic-{r.seed}", markers, positions, r.rate)
     children = [i for i, part in enumerate(PARTS) if part.joint]
-    in_parent = r.height * np.array([PARTS[i].at for i in children])
-    axes = [PARTS[i].axis for i in children]
+    moving = [PARTS[i] for i in children]
+    in_parent = r.height * np.array([part.at for part in moving])
+    joint_of = {part.name: part.joint for part in PARTS}
+    lengths = zip(moving, np.linalg.norm(in_parent, axis=1), strict=True)
     truth = BodyTruth(
         segments=tuple(part.name for part in PARTS),
         rotations=motion.rotations,
@@ -546,25 +548,13 @@ def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:
         markers=markers,
         offsets=offsets,
         joints=JOINTS,
-        parents=tuple(str(PARTS[i].parent) for i in children),
-        children=tuple(PARTS[i].name for i in children),
+        parents=tuple(str(part.parent) for part in moving),
+        children=tuple(part.name for part in moving),
         centers=motion.origins[children],
         in_parent=in_parent,
-        axes=np.array([np.full(3, np.nan) if axis is None else unit(axis) for axis in axes]),
-        bones=_bones(in_parent),
+        axes=np.array([np.full(3, np.nan) if part.axis is None else unit(part.axis) for part in moving]),
+        bones={(one, str(p.joint)): float(far) for p, far in lengths if (one := joint_of[str(p.parent)]) is not None},
         swaps=tuple(swaps),
         missing=missing,
     )
     return recording, truth
-
-
-def _bones(in_parent: Floats) -> dict[tuple[str, str], float]:
-    """Length from a segment's joint to its parent to each joint that is fixed in the segment."""
-    joint_of = {part.name: part.joint for part in PARTS}
-    lengths = np.linalg.norm(in_parent, axis=1)
-    bones = {}
-    for part, length in zip((part for part in PARTS if part.joint), lengths, strict=True):
-        start = joint_of[str(part.parent)]
-        if start is not None:
-            bones[start, str(part.joint)] = float(length)
-    return bones

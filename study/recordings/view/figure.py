@@ -275,22 +275,18 @@ def prepare(
     """
     if frame is not None and not 0 <= frame < scene.frames:
         raise RecordingError(f"{scene.name}: no frame {frame}; there are 0 to {scene.frames - 1}")
-    frames = _complete(scene) if frame is None else np.array([frame])
+    # some of the frames with the fewest missing markers and bridged joints
+    bad = (scene.flags != Flag.SEEN).sum(axis=0) + np.isnan(scene.places[:, 0]).sum(axis=0)
+    best = np.flatnonzero(bad == bad.min())
+    best = best[np.unique(np.linspace(0, len(best) - 1, _CANDIDATES).astype(int))]
+    frames = best if frame is None else np.array([frame])
     azimuths = _AZIMUTHS if azimuth is None else np.array([azimuth])
-    best, camera = max(
+    chosen, camera = max(
         ((int(t), Camera(float(a), _ELEVATION)) for t in frames for a in azimuths),
         key=lambda pair: _apart(scene.points[:, :, pair[0]], pair[1]),
     )
-    labels = tuple(_label(scene, joint, best) for joint in range(len(scene.joints)))
-    return SkeletonView(scene, best, camera, exaggeration(scene) if factor is None else factor, labels)
-
-
-def _complete(scene: Scene) -> Ints:
-    """Some of the frames with the fewest missing markers and bridged joints."""
-    bad = (scene.flags != Flag.SEEN).sum(axis=0) + np.isnan(scene.places[:, 0]).sum(axis=0)
-    best = np.flatnonzero(bad == bad.min())
-    frames: Ints = best[np.unique(np.linspace(0, len(best) - 1, _CANDIDATES).astype(int))]
-    return frames
+    labels = tuple(_label(scene, joint, chosen) for joint in range(len(scene.joints)))
+    return SkeletonView(scene, chosen, camera, exaggeration(scene) if factor is None else factor, labels)
 
 
 def _apart(points: Floats, camera: Camera) -> float:
@@ -322,10 +318,8 @@ def draw(view: SkeletonView) -> Figure:
     seen = view.camera.project(shown[~np.isnan(shown[:, 0])])[:, :2]
     low, high = seen.min(axis=0), seen.max(axis=0)
     margin = _REACH * style.PAGE + _LETTER * (max(map(len, view.labels)) + 1)
-    width = max(
-        1.08 * (high[1] - low[1]) * style.PAGE / (0.9 * _HEIGHT),
-        (high[0] - low[0]) * style.PAGE / (style.PAGE - 2.0 * margin),
-    )
+    across = (high[0] - low[0]) * style.PAGE / (style.PAGE - 2.0 * margin)
+    width = max(1.08 * (high[1] - low[1]) * style.PAGE / (0.9 * _HEIGHT), across)
     height = width * 0.9 * _HEIGHT / style.PAGE
     middle = 0.5 * (low + high)
     ax.set_xlim(middle[0] - 0.5 * width, middle[0] + 0.5 * width)
@@ -399,14 +393,8 @@ def _draw_legend(figure: Figure, view: SkeletonView) -> None:
     if any(scene.doubts):
         look = {"markerfacecolor": "white", "markeredgecolor": FLAGGED, "markersize": 4.5, "linestyle": "none"}
         handles.append(Line2D([], [], marker="o", label="* not reliable", **look))  # type: ignore[arg-type]
-    figure.legend(
-        handles=handles,
-        loc="lower center",
-        bbox_to_anchor=(0.5, 0.055),
-        ncols=len(handles),
-        columnspacing=1.4,
-        handlelength=1.4,
-    )
+    look = {"bbox_to_anchor": (0.5, 0.055), "ncols": len(handles), "columnspacing": 1.4, "handlelength": 1.4}
+    figure.legend(handles=handles, loc="lower center", **look)
     words = "Numbers: largest standard error of the joint in its segment; for a hinge across its axis."
     figure.text(0.5, 0.04, words, ha="center", va="bottom", fontsize=style.SMALL)
 

@@ -151,7 +151,11 @@ def viewer_page(scene: Scene, rate: float = _RATE) -> str:
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
-    scripts = _scripts()
+    colors = {"sides": figure.SIDES, "marker": figure.MARKER, "ellipsoid": figure.ELLIPSOID}
+    colors |= {"flagged": figure.FLAGGED, "floor": figure.FLOOR, "ghost": figure.GHOST}
+    library = f"\n/*\n{_part('three.LICENSE.txt').strip()}\n*/\n{_part('three.min.js')}\n"
+    viewer = "\n".join(_part(name) for name in _SCRIPTS)
+    scripts = library, f'\n"use strict";\nconst COLORS = {json.dumps(colors)};\n{viewer}\n'
     hashes = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts)
     return environment.get_template("page.html").render(
         digests=" ".join(f"'sha256-{text}'" for text in hashes),  # the only scripts that may run
@@ -174,21 +178,6 @@ def write_viewer(scene: Scene, path: str | Path, rate: float = _RATE) -> Path:
         RunError: if it cannot be written.
     """
     return _written(path, viewer_page(scene, rate).encode("utf-8", "replace"), RunError)
-
-
-def _scripts() -> tuple[str, str]:
-    """The library with its licence, and the viewer."""
-    colors = {
-        "sides": figure.SIDES,
-        "marker": figure.MARKER,
-        "ellipsoid": figure.ELLIPSOID,
-        "flagged": figure.FLAGGED,
-        "floor": figure.FLOOR,
-        "ghost": figure.GHOST,
-    }
-    library = f"\n/*\n{_part('three.LICENSE.txt').strip()}\n*/\n{_part('three.min.js')}\n"
-    viewer = "\n".join(_part(name) for name in _SCRIPTS)
-    return library, f'\n"use strict";\nconst COLORS = {json.dumps(colors)};\n{viewer}\n'
 
 
 def _part(name: str) -> str:

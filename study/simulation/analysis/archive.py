@@ -68,14 +68,15 @@ def metadata(runs: Sequence[Run], texts: Mapping[str, int]) -> Entity:
     Returns:
         A JSON-LD object.
     """
-    files = [_text(name, size) for name, size in texts.items()]
-    actions: list[Entity] = []
-    software: dict[str, Entity] = {}
+    files = []
+    for name, size in texts.items():
+        what = _WORDS.get(name, "Config of a study" if name.startswith("configs/") else "Columns of a run's tables")
+        files.append(_file(name, what, _KINDS[Path(name).suffix], size))
+    tools = [_software(run) for run in runs]
+    software = {tool["@id"]: tool for tool in tools}
+    actions = [_action(run, tool["@id"]) for run, tool in zip(runs, tools, strict=True)]
     for run in runs:
-        tool = _software(run)
-        software[tool["@id"]] = tool
         files += _run_files(run)
-        actions.append(_action(run, tool["@id"]))
     names = ", ".join(map(name_of, runs))
     root = {
         "@id": "./",
@@ -85,39 +86,29 @@ def metadata(runs: Sequence[Run], texts: Mapping[str, int]) -> Entity:
         "description": "Runs of sphere-fit-study: tables, their schemas, configs, provenance, and how to rerun them.",
         "datePublished": max(str(run.manifest()["started"]) for run in runs)[:10],
         "license": {"@id": LICENCE},
-        "hasPart": [{"@id": each["@id"]} for each in files],
-        "mentions": [{"@id": each["@id"]} for each in actions],
+        "hasPart": [{"@id": entity["@id"]} for entity in files],
+        "mentions": [{"@id": entity["@id"]} for entity in actions],
     }
-    about = {
-        "@id": "ro-crate-metadata.json",
-        "@type": "CreativeWork",
-        "conformsTo": {"@id": CRATE},
-        "about": {"@id": "./"},
-    }
+    about = {"@id": "ro-crate-metadata.json", "@type": "CreativeWork", "conformsTo": {"@id": CRATE}}
+    about["about"] = {"@id": "./"}
     profile = {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"}
     licence = {"@id": LICENCE, "@type": "CreativeWork", "name": "BSD 3-Clause", "url": LICENCE}
     graph = [about, root, profile, licence, *software.values(), *actions, *files]
     return {"@context": [f"{CRATE}/context", "https://w3id.org/ro/terms/workflow-run/context"], "@graph": graph}
 
 
-def _text(name: str, size: int) -> Entity:
-    words = _WORDS.get(name, "Config of a study" if name.startswith("configs/") else "Columns of a run's tables")
-    kind = _KINDS[Path(name).suffix]
-    return {"@id": name, "@type": "File", "name": words, "encodingFormat": kind, "contentSize": str(size)}
+def _file(name: str, what: str, kind: str, size: int) -> Entity:
+    return {"@id": name, "@type": "File", "name": what, "encodingFormat": kind, "contentSize": str(size)}
 
 
 def _run_files(run: Run) -> list[Entity]:
     """An entity for each file of a run; tables have their digests."""
     digests, result = run.manifest()["tables"], []
     for path in files_of(run):
-        entity = {
-            "@id": f"runs/{name_of(run)}/{path.name}",
-            "@type": "File",
-            "name": f"{path.stem} of {name_of(run)}",
-            "encodingFormat": PARQUET if path.suffix == ".parquet" else _KINDS[path.suffix],
-            "contentSize": str(path.stat().st_size),
-        }
-        result.append(entity | ({"sha256": digests[path.stem]} if path.stem in digests else {}))
+        kind = PARQUET if path.suffix == ".parquet" else _KINDS[path.suffix]
+        name, what = f"runs/{name_of(run)}/{path.name}", f"{path.stem} of {name_of(run)}"
+        digest = {"sha256": digests[path.stem]} if path.stem in digests else {}
+        result.append(_file(name, what, kind, path.stat().st_size) | digest)
     return result
 
 
@@ -159,17 +150,15 @@ def _software(run: Run) -> Entity:
 
 def _identified(software: Mapping[str, Any]) -> Entity:
     """Software Heritage identifiers of the commit and its tree, if the run knows them and no change was uncommitted."""
-    found = [software[key] for key in ("revision", "directory") if software.get(key) and not software["dirty"]]
-    return {"identifier": found} if found else {}
+    known = [software[key] for key in ("revision", "directory") if software.get(key) and not software["dirty"]]
+    return {"identifier": known} if known else {}
 
 
+_MEASURES = (f"`{name}`: {measure.meaning}" for name, measure in MEASURES.items() if not name.endswith(("_ok", "_all")))
 _PERFORMANCE = (
-    "; ".join(
-        f"`{name}`: {measure.meaning}" for name, measure in MEASURES.items() if not name.endswith(("_ok", "_all"))
-    )
-    + ". A name with `_ok` is of the estimator's own ok fits alone, which are other trials for each estimator; one with"
-    " `_all` counts fits that are not ok as infinitely wrong. Each measure has its Monte-Carlo standard"
-    " error in the column `…_error`. No data set is drawn again."
+    f"{'; '.join(_MEASURES)}. A name with `_ok` is of the estimator's own ok fits alone, which are other trials for"
+    " each estimator; one with `_all` counts fits that are not ok as infinitely wrong. Each measure has its Monte-Carlo"
+    " standard error in the column `…_error`. No data set is drawn again."
 )
 
 
@@ -178,9 +167,8 @@ def readme(runs: Sequence[Run]) -> str:
     first, software = name_of(runs[0]), runs[0].manifest()["software"]
     pinned = "\n".join(f"    {name}=={version}" for name, version in software["packages"].items())
     rows = "\n".join(
-        f"| `runs/{(name := name_of(run))}` | `configs/{name}.toml` | {run.manifest()['fits']:,} | "
-        f"{', '.join(tables_of(run))} |"
-        for run in runs
+        f"| `runs/{name}` | `configs/{name}.toml` | {run.manifest()['fits']:,} | {', '.join(tables_of(run))} |"
+        for name, run in ((name_of(run), run) for run in runs)
     )
     python, version, commit = software["python"], software["study"], software.get("commit") or "unknown"
     identifiers = ", ".join(_identified(software).get("identifier", []))
@@ -214,6 +202,10 @@ to the bit.) `timings` has the seconds of another time. A run with estimators of
 """
 
 
+_MEDIAN_VARIANCES = (0.316, 1.36)
+"""n times the squared relative error of a median of n trials, for |z| of a normal z in three dimensions and in one."""
+
+
 def ademp(runs: Sequence[Run]) -> str:
     """The studies by aims, data-generating mechanisms, estimands, methods and performance measures."""
     parts = [
@@ -227,30 +219,21 @@ def ademp(runs: Sequence[Run]) -> str:
         trials = study.design.trials
         directions = "by its law" if DIRECTIONS.name in study.design.given() else "uniform"
         data = f"Points on a sphere in {study.dimension} dimensions, x = c + r u + σ z: u {directions} on a cap, "
+        low, high = (math.sqrt(variance / trials) for variance in _MEDIAN_VARIANCES)  # of a median of n: n = v/e²
+        known = f"Trials: {trials:,}, so that a median of as many errors near the bound is known to"
+        known += f" {low:.1%} to {high:.1%}."
+        sources = [ESTIMATORS[n].reference if n in ESTIMATORS else "the user's own" for n in study.estimators]
+        methods = [f"`{name}` ({source})" for name, source in zip(study.estimators, sources, strict=True)]
         count = "" if study.design.kind == "random" else f" Conditions: {manifest['cells']:,}."
         parts += [
             f"## {name_of(run)}",
             "**Aims.** " + (comments[0] if comments else "As the config says."),
-            f"**Data.** {data}{_noise(study)}. {_conditions(run)}{count} {_trials(trials)} Seed: {study.seed}.",
+            f"**Data.** {data}{_noise(study)}. {_conditions(run)}{count} {known} Seed: {study.seed}.",
             "**Estimands.** The centre c; radius and noise beside it.",
-            "**Methods.** " + "; ".join(f"`{name}` ({_reference(name)})" for name in study.estimators) + ".",
+            f"**Methods.** {'; '.join(methods)}.",
             f"**Performance.** {_PERFORMANCE} {manifest['failures']:,} of {manifest['fits']:,} fits raised.",
         ]
     return "\n\n".join(parts) + "\n"
-
-
-_MEDIAN_VARIANCES = (0.316, 1.36)
-"""n times the squared relative error of a median of n trials, for |z| of a normal z in three dimensions and in one."""
-
-
-def _trials(count: int) -> str:
-    """The number of trials, and the error of a median of so many: n = v/e²."""
-    low, high = (math.sqrt(variance / count) for variance in _MEDIAN_VARIANCES)
-    return f"Trials: {count:,}, so that a median of as many errors near the bound is known to {low:.1%} to {high:.1%}."
-
-
-def _reference(name: str) -> str:
-    return ESTIMATORS[name].reference if name in ESTIMATORS else "the user's own"
 
 
 def _noise(study: Study) -> str:
@@ -276,12 +259,9 @@ def _conditions(run: Run) -> str:
 
 def _values(value: object) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{key} {each}" for key, each in value.items())
-    return (
-        ", ".join(f"{each:g}" if isinstance(each, float) else str(each) for each in value)
-        if isinstance(value, list)
-        else str(value)
-    )
+        return ", ".join(f"{key} {entry}" for key, entry in value.items())
+    values = value if isinstance(value, list) else [value]
+    return ", ".join(f"{v:g}" if isinstance(v, float) and values is value else str(v) for v in values)
 
 
 def codemeta(runs: Sequence[Run]) -> dict[str, object]:
@@ -322,11 +302,15 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
     if out.suffix != ".zip":
         raise RunError(f"{out}: give a name that ends in .zip")
     names = list(map(name_of, runs))
-    for name in names:
+    for name, run in zip(names, runs, strict=True):
         if names.count(name) > 1:
             raise RunError(f"{name}: given twice; an archive has a run once")
-    for run in runs:
-        _check(run)
+        if (stopped := budget_message(run)) is not None:  # the config alone would compute other tables
+            raise RunError(stopped)
+        if faults := verify(run, share=0.0).faults:
+            raise RunError(faults[0])
+        for table in tables_of(run):
+            run.check(table)
     texts = {
         "README.md": readme(runs),
         "ADEMP.md": ademp(runs),
@@ -348,16 +332,6 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
     return out
 
 
-def _check(run: Run) -> None:
-    """Raise a RunError unless a run is whole and its tables are as they were written."""
-    if (stopped := budget_message(run)) is not None:  # the config alone would compute other tables
-        raise RunError(stopped)
-    if faults := verify(run, share=0.0).faults:
-        raise RunError(faults[0])
-    for name in tables_of(run):
-        run.check(name)
-
-
 def _copy(file: zipfile.ZipFile, path: Path, name: str) -> None:
     """Copy a file into the archive in pieces; tables are compressed already."""
     kind = zipfile.ZIP_STORED if path.suffix == ".parquet" else zipfile.ZIP_DEFLATED
@@ -376,12 +350,12 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 def _schemas(run: Run) -> dict[str, list[dict[str, str]]]:
     """Columns of each table: name, type, unit and meaning."""
-    declared = schemas.declared(run.study.dimension, run.study.conditions())
+    declared, fields = (
+        schemas.declared(run.study.dimension, run.study.conditions()),
+        ("name", "type", "unit", "meaning"),
+    )
     return {
-        name: [
-            {"name": column.name, "type": str(column.type), "unit": column.unit, "meaning": column.meaning}
-            for column in declared.get(name, [])
-        ]
+        name: [{field: str(getattr(column, field)) for field in fields} for column in declared.get(name, [])]
         for name in tables_of(run)
     }
 
@@ -389,7 +363,7 @@ def _schemas(run: Run) -> dict[str, list[dict[str, str]]]:
 def citation() -> str:
     """Text of CITATION.cff, which stands in the package, or in a checkout beside it."""
     package = Path(str(resources.files("study")))
-    path = next(each / "CITATION.cff" for each in (package, package.parent) if (each / "CITATION.cff").is_file())
+    path = next(p / "CITATION.cff" for p in (package, package.parent) if (p / "CITATION.cff").is_file())
     return path.read_text(encoding="utf-8")
 
 

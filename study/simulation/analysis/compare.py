@@ -16,7 +16,7 @@ a thousand times, whatever the dependence between the comparisons.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -43,31 +43,33 @@ class Comparison:
     """The comparison of one group and estimator.
 
     Attributes:
-        key: names of the group and the estimator.
-        words: the group's conditions in words.
+        group, estimator: their names.
+        conditions: the group's conditions in words.
         measure: name of the measure that is compared.
-        one, other: the measure in the two runs.
+        first, second: the measure in the two runs.
         chance: probability of so large a difference between equal runs.
         trials: the smaller of the two numbers of trials.
         equal: true if all numbers of the trials that both runs have are the same to the bit.
-        whole: true if both runs have the same trials; of summaries, as many.
+        same_trials: true if both runs have the same trials; of summaries, as many.
     """
 
-    key: Key
-    words: str
+    group: str
+    estimator: str
+    conditions: str
     measure: str
-    one: float
-    other: float
+    first: float
+    second: float
     chance: float
     trials: int
     equal: bool
-    whole: bool
+    same_trials: bool
 
     @property
     def deviation(self) -> float:
         """The difference in standard errors: the normal deviate that is as improbable."""
         size = float(scipy.stats.norm.isf(0.5 * max(self.chance, 1e-300)))
-        return math.copysign(size, self.other - self.one) if math.isfinite(self.other - self.one) else size
+        change = self.second - self.first
+        return math.copysign(size, change) if math.isfinite(change) else size
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ class Difference:
     @property
     def whole(self) -> bool:
         """True if the runs have the same groups, estimators and trials."""
-        return self.only == (0, 0) and all(row.whole for row in self.comparisons)
+        return self.only == (0, 0) and all(row.same_trials for row in self.comparisons)
 
 
 def compare(one: Run, other: Run) -> Difference:
@@ -152,31 +154,23 @@ def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> C
     both = one.merge(other, on=["cell", "trial"], suffixes=("_a", "_b")) if paired else one.iloc[:0]
     words = _words(one.iloc[0], key)
     values = [_over_bound(frame, suffix) for frame, suffix in ((one, ""), (other, ""))]
-    medians = [float(np.median(v)) if len(v) else math.nan for v in values]
-    blank = Comparison(
-        key, words, "median over bound", medians[0], medians[1], 1.0, min(len(one), len(other)), False, False
-    )
+    first, second = (float(np.median(v)) if len(v) else math.nan for v in values)
+    trials, measure = min(len(one), len(other)), "median over bound"
     if not len(both):
         differ = len(np.unique(np.concatenate(values))) > 1
         chance = scipy.stats.mannwhitneyu(values[0], values[1]).pvalue if differ else 1.0
-        return replace(blank, chance=float(chance))
-    same = True
-    for name in ("error", "radius_error", "status"):
-        same = same and both[f"{name}_a"].equals(both[f"{name}_b"].rename(f"{name}_a"))
-    first, second = _over_bound(both, "_a"), _over_bound(both, "_b")
+        return Comparison(*key, words, measure, first, second, float(chance), trials, False, False)
+    columns = ("error", "radius_error", "status")
+    same = all(both[f"{name}_a"].equals(both[f"{name}_b"].rename(f"{name}_a")) for name in columns)
+    one_ratio, other_ratio = _over_bound(both, "_a"), _over_bound(both, "_b")
     with np.errstate(invalid="ignore"):
-        rounding = (np.abs(first - second) <= _ROUNDING) | (first == second)
-    worse, better = int(np.sum(second[~rounding] > first[~rounding])), int(np.sum(second[~rounding] < first[~rounding]))
+        rounding = (np.abs(one_ratio - other_ratio) <= _ROUNDING) | (one_ratio == other_ratio)
+    worse = int(np.sum(other_ratio[~rounding] > one_ratio[~rounding]))
+    better = int(np.sum(other_ratio[~rounding] < one_ratio[~rounding]))
     chance = scipy.stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
-    return replace(
-        blank,
-        one=float(np.median(first)),
-        other=float(np.median(second)),
-        chance=float(chance),
-        trials=len(both),
-        equal=same,
-        whole=len(both) == len(one) == len(other),
-    )
+    first, second = float(np.median(one_ratio)), float(np.median(other_ratio))
+    whole = len(both) == len(one) == len(other)
+    return Comparison(*key, words, measure, first, second, float(chance), len(both), same, whole)
 
 
 def _over_bound(frame: pd.DataFrame, suffix: str) -> Floats:
@@ -198,14 +192,12 @@ def _by_summary(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int]
         equal = bool(mine[columns].equals(theirs[columns]))
         words, trials = _words(mine, key), int(min(mine["planned"], theirs["planned"]))
         whole = bool(mine["planned"] == theirs["planned"])
-        for measure, values in (("share ok", _shares(mine, theirs)), ("median over bound", _medians(mine, theirs))):
-            comparisons.append(Comparison(key, words, measure, *values, trials, equal, whole))
+        counts = [[int(row["ok"]), int(row["planned"] - row["ok"])] for row in (mine, theirs)]
+        chance = float(scipy.stats.fisher_exact(counts)[1])
+        shares = mine["ok"] / mine["planned"], theirs["ok"] / theirs["planned"], chance
+        for measure, (x, y, p) in (("share ok", shares), ("median over bound", _medians(mine, theirs))):
+            comparisons.append(Comparison(key[0], key[1], words, measure, x, y, p, trials, equal, whole))
     return comparisons, (len(a) - len(shared), len(b) - len(shared)), "summaries; one run has no error table"
-
-
-def _shares(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
-    counts = [[int(row["ok"]), int(row["planned"] - row["ok"])] for row in (one, other)]
-    return one["ok"] / one["planned"], other["ok"] / other["planned"], float(scipy.stats.fisher_exact(counts)[1])
 
 
 def _medians(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
@@ -236,21 +228,10 @@ def as_data(difference: Difference) -> dict[str, object]:
         {"folder": run.folder, "run": run.study.run_name(), "made_by": run.maker(), "only_here": only}
         for run, only in zip(difference.runs, difference.only, strict=True)
     ]
+    names = ("group", "estimator", "conditions", "measure", "first", "second", "deviation", "chance")
     comparisons = [
-        {
-            "group": row.key[0],
-            "estimator": row.key[1],
-            "conditions": row.words,
-            "measure": row.measure,
-            "first": row.one,
-            "second": row.other,
-            "deviation": row.deviation,
-            "chance": row.chance,
-            "trials": row.trials,
-            "equal": row.equal,
-            "same_trials": row.whole,
-            "different": row.chance < difference.threshold,
-        }
+        {name: getattr(row, name) for name in (*names, "trials", "equal", "same_trials")}
+        | {"different": row.chance < difference.threshold}
         for row in difference.comparisons
     ]
     data = {"verdict": difference.verdict, "runs": runs, "test": difference.how, "threshold": difference.threshold}
@@ -277,17 +258,9 @@ def printed(difference: Difference, most: int = 5) -> Iterator[str]:
     beyond = sum(row.chance < difference.threshold for row in difference.comparisons)
     yield f"  {beyond:,} deviate by more than {limit:.2f} standard errors (marked !), which makes runs different;"
     yield f"  equal runs deviate so far at most once in {1 / FALSE_ALARM:g} times"
-    rows = [
-        [
-            "!" if row.chance < difference.threshold else "",
-            f"{row.words}, {row.key[1]}",
-            row.measure,
-            f"{row.one:.4g}",
-            f"{row.other:.4g}",
-            f"{row.deviation:+.2f}",
-            f"{row.trials:,}",
-        ]
-        for row in sorted(difference.comparisons, key=lambda c: (c.chance, c.key))[:most]
-    ]
+    rows = []
+    for row in sorted(difference.comparisons, key=lambda c: (c.chance, c.group, c.estimator))[:most]:
+        rows.append(["!" * (row.chance < difference.threshold), f"{row.conditions}, {row.estimator}", row.measure])
+        rows[-1] += [f"{row.first:.4g}", f"{row.second:.4g}", f"{row.deviation:+.2f}", f"{row.trials:,}"]
     titles = ["", "group and estimator", "measure", "first run", "second run", "standard errors", "trials"]
     yield from columns(rows, titles, "<<<>", indent=2)

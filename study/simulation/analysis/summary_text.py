@@ -273,13 +273,8 @@ def printed(run: Run, choice: RowChoice | None = None, every: bool = False, only
     for _, part in chosen.groupby("group", sort=False):
         fits = part.to_dict("records")
         bounds = [f"{value:.3g}" for value in medians_at_bounds(run.study, fits[0])] if bounded else []
-        rows.append(
-            [
-                _conditions(fits[0], named),
-                *bounds,
-                *(_median(fit, "ratio_median_ok" if only_ok else "ratio_median") for fit in fits),
-            ]
-        )
+        medians = [_median(fit, "ratio_median_ok" if only_ok else "ratio_median") for fit in fits]
+        rows.append([_conditions(fits[0], named), *bounds, *medians])
     yield from columns(rows, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(chosen["estimator"])])
     yield from notes
 
@@ -366,9 +361,7 @@ def _median(row: RowValues, name: str) -> str:
     failed = 1.0 - row["ok"] / row["planned"]
     if np.isnan(row[name]):
         return "none ok" if name.endswith("_ok") else "unknown"
-    text = "inf"
-    if np.isfinite(row[name]):
-        text = f"{row[name]:.3g} ± {row[f'{name}_error']:.2g}"
+    text = f"{row[name]:.3g} ± {row[f'{name}_error']:.2g}" if np.isfinite(row[name]) else "inf"
     return text + (f" ({failed:.1%})" if failed > 0 else "")
 
 

@@ -136,7 +136,8 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
             continue
         computed = tables(study, compute(study, unit))
         for name in compared:
-            rows = schemas.table(columns[name], computed[name]) if computed[name] else _empty(columns[name])
+            empty = schemas.schema(columns[name]).empty_table()
+            rows = schemas.table(columns[name], computed[name]) if computed[name] else empty
             if name != "points":
                 rows = rows.take(pa.array(jobs.order(study.estimators, unit, rows)))
             rows = there.kept(rows)
@@ -149,10 +150,6 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
         if name != main and (strays := pq.read_metadata(run.path(name)).num_rows - seen[name]):
             found[name].faults.append(f"{strays:,} rows are of no unit")
     return found
-
-
-def _empty(columns: list[schemas.Column]) -> pa.Table:
-    return schemas.schema(columns).empty_table()
 
 
 class _Stored:
@@ -190,10 +187,8 @@ class _Stored:
                 open_cells = [cell for cell, count in counts.items() if count > 0]
                 if open_cells:
                     last = unit.first + max(counts.values())
-                    yield (
-                        Batch(unit.group.only(open_cells), unit.first, last),
-                        each * sum(counts[c] for c in open_cells),
-                    )
+                    rows = each * sum(counts[c] for c in open_cells)
+                    yield Batch(unit.group.only(open_cells), unit.first, last), rows
 
     def kept(self, rows: pa.Table) -> pa.Table:
         """Leave out rows of trials that an adaptive run did not give to their cells."""
@@ -344,7 +339,8 @@ def verify(run: Run, share: float = 0.01) -> Verification:
     again: dict[str, Recomputed] = {}
     if share > 0.0:
         with threadpool_limits(limits=1):
-            again |= recompute_units(run, good, seed, share) if _countable(run, good) else {}
+            if run.study.precision is None or "precision" in good:  # the trials of each cell are known
+                again |= recompute_units(run, good, seed, share)
             if {"errors", "summary"} <= set(good):
                 again["summary"] = recompute_summary(run, seed, share)
             again |= recompute_chains(run, good, seed, share)
@@ -370,11 +366,6 @@ def _wrong_counts(run: Run, good: list[str]) -> list[str]:
     path = run.folder / "manifest.json"
     wrong = [name for name, count in counts.items() if manifest[name] != count]
     return [f"{path}: {name} = {manifest[name]:,}, where the tables have {counts[name]:,}" for name in wrong]
-
-
-def _countable(run: Run, good: list[str]) -> bool:
-    """True if the trials of each cell are known: an adaptive run has them in its precision table."""
-    return run.study.precision is None or "precision" in good
 
 
 def printed(found: Verification) -> Iterator[str]:

@@ -24,6 +24,8 @@ from study.simulation.experiment.sampling import Workspace, draw
 
 Columns = dict[str, NDArray[Any]]
 """Columns of a table by name."""
+_KINDS: dict[str, type] = {"status": np.int8, "iterations": np.int32}
+"""Types of the numbers of a fit, besides floating point."""
 
 
 @dataclass(frozen=True)
@@ -35,21 +37,15 @@ class Errors:
         estimators: the names.
         conditions: names of the conditions that are columns of the table.
         bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
-        center: estimated minus true centre (C, E, T, d), in the unit of the cells.
-        radius: estimated minus true radius (C, E, T).
-        noise_variance: as the fit has it (C, E, T); so are ``status``, ``condition`` and ``iterations``.
+        fits: estimated minus true centre (C, E, T, d) and radius (C, E, T), in the unit of the cells; the rest as the
+            fits have it (C, E, T).
     """
 
     batch: Batch
     estimators: tuple[str, ...]
     conditions: tuple[str, ...]
     bound: Floats
-    center: Floats
-    radius: Floats
-    noise_variance: Floats
-    status: NDArray[np.int8]
-    condition: Floats
-    iterations: NDArray[np.int32]
+    fits: Estimates
 
     @classmethod
     def of(
@@ -73,38 +69,31 @@ class Errors:
         true_center = np.where(of_spheres, [cell.level.center for cell in cells], 0.0)[:, None, None]
         true_radius = np.where(of_spheres, [cell.level.radius for cell in cells], 0.0)[:, None, None]
 
-        def by_cell(name: str, kind: type = float) -> NDArray[Any]:
+        def by_cell(name: str) -> NDArray[Any]:
             groups = []
             for at_once in fits:
                 # np.stack and np.moveaxis would take three times as long, and a tenth of a unit of few samples
-                values: NDArray[Any] = np.array([getattr(fit, name) for fit in at_once], dtype=kind)
+                values: NDArray[Any] = np.array([getattr(fit, name) for fit in at_once], dtype=_KINDS.get(name, float))
                 by_level = values.reshape(len(at_once), len(bound), -1, *values.shape[2:])
                 groups.append(by_level.swapaxes(1, 2).swapaxes(0, 1))
             return np.asarray(np.concatenate(groups)[level])
 
-        return cls(
-            batch=batch,
-            estimators=study.estimators,
-            conditions=tuple(condition.name for condition in study.conditions()),
-            bound=bound,
-            center=(by_cell("center") - true_center) * scale[..., None],
-            radius=(by_cell("radius") - true_radius) * scale,
-            noise_variance=by_cell("noise_variance") * scale**2,
-            status=by_cell("status", np.int8),
-            condition=by_cell("condition"),
-            iterations=by_cell("iterations", np.int32),
+        whole = Estimates(*map(by_cell, Estimates._fields))
+        errors = whole._replace(
+            center=(whole.center - true_center) * scale[..., None],
+            radius=(whole.radius - true_radius) * scale,
+            noise_variance=whole.noise_variance * scale**2,
         )
+        return cls(batch, study.estimators, tuple(c.name for c in study.conditions()), bound, errors)
 
     @classmethod
     def joined(cls, parts: Sequence["Errors"]) -> "Errors":
         """Join consecutive trials of the same cells."""
         if len(parts) == 1:
             return parts[0]
-        of_fits: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts], axis=2) for name in Estimates._fields
-        }
+        fits = Estimates(*(np.concatenate(arrays, axis=2) for arrays in zip(*(p.fits for p in parts), strict=True)))
         batch = replace(parts[0].batch, last=parts[-1].batch.last)
-        return replace(parts[0], batch=batch, bound=np.concatenate([part.bound for part in parts]), **of_fits)
+        return replace(parts[0], batch=batch, bound=np.concatenate([part.bound for part in parts]), fits=fits)
 
     @property
     def cells(self) -> tuple[Cell, ...]:
@@ -119,7 +108,7 @@ class Errors:
     @property
     def distance(self) -> Floats:
         """Distance from the estimated to the true centre (C, E, T)."""
-        return np.asarray(np.linalg.norm(self.center, axis=3))
+        return np.asarray(np.linalg.norm(self.fits.center, axis=3))
 
     @property
     def center_bound(self) -> Floats:
@@ -133,12 +122,13 @@ class Errors:
 
     def columns(self) -> Columns:
         """Rows of the error table: block by block, cell by cell, estimator by estimator, trial by trial."""
-        c, e, t = self.radius.shape
+        fits = self.fits
+        c, e, t = fits.radius.shape
         places, ends = np.arange(c * e * t).reshape(c, e, t), np.cumsum([n for *_, n in self.batch.blocks()])[:-1]
         place = np.concatenate([part.ravel() for part in np.split(places, ends, axis=2)])
         cell, estimator, trial = np.unravel_index(place, (c, e, t))
         of_cells = [cell.values for cell in self.cells]
-        error = self.center.reshape(c * e * t, self.center.shape[3])[place]
+        error = fits.center.reshape(c * e * t, fits.center.shape[3])[place]
         return {
             "cell": np.array([cell.name for cell in self.cells], dtype=object)[cell],
             "trial": self.batch.first + trial,
@@ -146,13 +136,13 @@ class Errors:
             "estimator": np.array(self.estimators, dtype=object)[estimator],
             **{f"error_{i + 1}": error[:, i] for i in range(error.shape[1])},
             "error": self.distance.ravel()[place],
-            "radius_error": self.radius.ravel()[place],
+            "radius_error": fits.radius.ravel()[place],
             "bound": self.center_bound[cell, trial],
             "radius_bound": self.radius_bound[cell, trial],
-            "noise_variance": self.noise_variance.ravel()[place],
-            "status": self.status.ravel()[place],
-            "condition": self.condition.ravel()[place],
-            "iterations": self.iterations.ravel()[place],
+            "noise_variance": fits.noise_variance.ravel()[place],
+            "status": fits.status.ravel()[place],
+            "condition": fits.condition.ravel()[place],
+            "iterations": fits.iterations.ravel()[place],
         }
 
 

@@ -38,26 +38,8 @@ from pydantic import (
 
 from study.fits import ESTIMATORS
 from study.fits.samples import Worded
-from study.simulation.experiment.conditions import (
-    ANGLE,
-    CONDITIONS,
-    DEPARTURES,
-    DIRECTIONS,
-    LAW,
-    LAWS,
-    NOISE,
-    OUTLIER_SHARE,
-    OUTLIER_SIZE,
-    RADIUS,
-    SAMPLES,
-    STATED_VARIANCE,
-    STORED,
-    Condition,
-    Distribution,
-    Value,
-    is_number,
-)
-from study.simulation.experiment.designs import MAX_CELLS, Cell, Grid, GridDesign, Random, RandomDesign
+from study.simulation.experiment.conditions import CONDITIONS, DEPARTURES, LAWS, STORED, Condition, Distribution, Value
+from study.simulation.experiment.designs import MAX_CELLS, Cell, Grid, GridDesign, Random, RandomDesign, as_list
 from study.simulation.experiment.noise import MOST_SPACED, PATH, SPACED, GaussianNoise, gaussian
 from study.text import did_you_mean
 from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
@@ -76,11 +58,6 @@ class ChainStatus(Worded):
     NOT_MIXED = 4, "walkers that started at different modes of the posterior did not mix within the budget of steps"
 
 
-def _listed(value: object) -> Sequence[Any]:
-    """Make a list of one value."""
-    return value if isinstance(value, list | tuple) else (value,)
-
-
 def _conditions(value: object) -> tuple[tuple[str, tuple[Value, ...]], ...]:
     """Check ``where``, which has conditions and the values chosen of each."""
     if not isinstance(value, dict):
@@ -88,7 +65,7 @@ def _conditions(value: object) -> tuple[tuple[str, tuple[Value, ...]], ...]:
     unknown = [key for key in value if key not in CONDITIONS]
     if unknown:
         raise ValueError(f"{', '.join(unknown)} unknown: conditions are {', '.join(CONDITIONS)}")
-    listed = {key: _listed(values) for key, values in value.items()}
+    listed = {key: as_list(values) for key, values in value.items()}
     if any(not values for values in listed.values()):
         raise ValueError("every list must have a value; leave a condition out to choose all of its cells")
     if any(not CONDITIONS[key].holds(v) for key, values in listed.items() for v in values):
@@ -112,8 +89,8 @@ class Posterior(Frozen):
 
     trials: Annotated[int, Field(ge=1)] = 4
     where: Annotated[tuple[tuple[str, tuple[float | str, ...]], ...], BeforeValidator(_conditions)] = ()
-    noise: Annotated[Distinct[Noise], BeforeValidator(_listed)] = ("known", "unknown")
-    likelihood: Annotated[Distinct[Likelihood], BeforeValidator(_listed)] = ("geometric",)
+    noise: Annotated[Distinct[Noise], BeforeValidator(as_list)] = ("known", "unknown")
+    likelihood: Annotated[Distinct[Likelihood], BeforeValidator(as_list)] = ("geometric",)
     box: Annotated[float, Field(gt=0.0, le=1e3)] = 10.0
     walkers: Annotated[int, Field(ge=8, le=4096)] = 64
     max_steps: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
@@ -127,9 +104,7 @@ class Posterior(Frozen):
 
 def same(a: Value, b: Value) -> bool:
     """True if two values of a condition are the same word, or agree to nine digits."""
-    if isinstance(a, str) or isinstance(b, str):
-        return a == b
-    return abs(a - b) <= 1e-9 * max(abs(a), abs(b))
+    return a == b if isinstance(a, str) or isinstance(b, str) else math.isclose(a, b, rel_tol=1e-9)
 
 
 MEASURES = (
@@ -322,11 +297,11 @@ def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
     design, d = raw.get("design"), raw.get("dimension", 3)
     if not isinstance(d, int) or not isinstance(design, dict):
         return
-    given = [key for key in (NOISE.name, NOISE.alternative) if key in design]
+    either = ("noise", "noise_over_radius")
+    given = [key for key in either if key in design]
     if len(given) != 1:
         words = f"give noise or noise_over_radius, one of the two (found {' and '.join(given) or 'neither'})"
-        either = () if given else tuple(("design", str(key)) for key in (NOISE.name, NOISE.alternative))
-        yield Fault(("design",), words, wants=either)
+        yield Fault(("design",), words, wants=() if given else tuple(("design", key) for key in either))
     counts = _sample_counts(design.get("samples"))
     if counts and min(counts) < d + 1:
         words = f"{min(counts):g} samples are too few: a sphere in dimension {d} needs at least {d + 1}"
@@ -338,46 +313,43 @@ def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
     if shape is not None and not _is_covariance(shape, d):
         words = f"must be a symmetric, positive definite {d} × {d} matrix (list of rows)"
         yield Fault(("noise_shape",), words, shape)
-    grid = design.get("kind") == "grid"
-    if raw.get("route") == "moments":
-        names = raw.get("estimators")
-        known = [name for name in names if name in ESTIMATORS] if isinstance(names, list) else []
-        if others := [name for name in known if not ESTIMATORS[name].moments_suffice]:
-            closed = ", ".join(name for name, entry in ESTIMATORS.items() if entry.moments_suffice)
-            words = f"{', '.join(others)} need the points; the moments suffice for {closed}"
-            yield Fault(("estimators",), words)
-        if shape is not None:
-            yield Fault(("noise_shape",), 'the route "moments" is for isotropic noise')
-        if raw.get("keep_points"):
-            yield Fault(("keep_points",), 'the route "moments" forms no points')
-        if not grid:
-            yield Fault(("route",), 'a random design draws every trial for one level: route = "points"')
-    if raw.get("keep") == "summary":
-        if not grid:
-            yield Fault(("keep",), 'a random design has one trial in a cell: keep = "errors"')
-        if raw.get("keep_points"):
-            yield Fault(("keep_points",), 'belongs to the errors, which keep = "summary" does not store')
+    random, points = design.get("kind") != "grid", raw.get("keep_points")
+    moments, summary = raw.get("route") == "moments", raw.get("keep") == "summary"
+    names, closed = raw.get("estimators"), [name for name, entry in ESTIMATORS.items() if entry.moments_suffice]
+    others = [n for n in as_list(names) if isinstance(n, str) and n in ESTIMATORS and n not in closed]
+    if moments and isinstance(names, list) and others:
+        words = f"{', '.join(others)} need the points; the moments suffice for {', '.join(closed)}"
+        yield Fault(("estimators",), words)
+    for wrong, key, words in (
+        (moments and shape is not None, "noise_shape", 'the route "moments" is for isotropic noise'),
+        (moments and points, "keep_points", 'the route "moments" forms no points'),
+        (moments and random, "route", 'a random design draws every trial for one level: route = "points"'),
+        (summary and random, "keep", 'a random design has one trial in a cell: keep = "errors"'),
+        (summary and points, "keep_points", 'belongs to the errors, which keep = "summary" does not store'),
+    ):
+        if wrong:
+            yield Fault((key,), words)
 
 
 def _departure_faults(study: Study) -> Iterator[Fault]:
     """Find entries that do not go with another law of the noise or of the directions, with outliers, or another σ̂."""
     given = study.design.given()
     named = [condition.name for condition in DEPARTURES if condition.name in given]
-    others = " and ".join(condition.name for condition in (STATED_VARIANCE, DIRECTIONS) if condition.name in given)
+    others = " and ".join(name for name in ("stated_variance", "directions") if name in given)
     if named and study.posterior is not None:
         words = f"its likelihoods are of normal noise without outliers: take {' and '.join(named)} out of the design"
         yield Fault(("posterior",), words)
     if others and study.posterior is not None:
         words = f"its likelihoods are of the true σ, and of directions by area: take {others} out of the design"
         yield Fault(("posterior",), words)
-    if LAW.name in named and study.noise_shape is not None:
-        yield Fault(("noise_shape",), f"is the covariance of normal noise: take {LAW.name} out of the design")
-    if OUTLIER_SIZE.name in named and OUTLIER_SHARE.name not in named:
-        words = f"has no effect without {OUTLIER_SHARE.name}, the probability of an outlier"
-        yield Fault(("design", OUTLIER_SIZE.name), words)
-    if study.dimension > MOST_SPACED and {SPACED, PATH} & set(study.design.values(DIRECTIONS) or ()):
+    if "law" in named and study.noise_shape is not None:
+        yield Fault(("noise_shape",), "is the covariance of normal noise: take law out of the design")
+    if "outlier_size" in named and "outlier_share" not in named:
+        words = "has no effect without outlier_share, the probability of an outlier"
+        yield Fault(("design", "outlier_size"), words)
+    if study.dimension > MOST_SPACED and {SPACED, PATH} & set(study.design.values(CONDITIONS["directions"]) or ()):
         words = f"{SPACED} and {PATH} are directions of circles and spheres, not of dimension {study.dimension}"
-        yield Fault(("design", DIRECTIONS.name), words)
+        yield Fault(("design", "directions"), words)
 
 
 def _moment_faults(study: Study) -> Iterator[Fault]:
@@ -393,19 +365,18 @@ def _moment_faults(study: Study) -> Iterator[Fault]:
 def _level_faults(study: Study) -> Iterator[Fault]:
     """Find noise that float64 cannot hold both as σ and as σ over the radius."""
     given = study.design.given()
-    name = NOISE.name if NOISE.name in given else NOISE.alternative
+    name = "noise" if "noise" in given else "noise_over_radius"
     if name not in given:  # which is another fault
         return
     noises, radii = (
-        entry.possible() if isinstance(entry, Distribution) else entry for entry in (given[name], given[RADIUS.name])
+        entry.possible() if isinstance(entry, Distribution) else entry for entry in (given[name], given["radius"])
     )
     for noise, radius in product((min(noises), max(noises)), (min(radii), max(radii))):
         if noise > 0.0 and radius > 0.0:  # the lower end of a law is never drawn
-            other = noise / radius if name == NOISE.name else noise * radius
+            kind, other = ("σ/r", noise / radius) if name == "noise" else ("σ", noise * radius)
             if not 0.0 < other < math.inf:
-                kind = "σ/r" if name == NOISE.name else "σ"
                 words = f"with radius = {radius:g} {kind} is {other:g} in float64: give another noise or radius"
-                yield Fault(("design", str(name)), words, noise)
+                yield Fault(("design", name), words, noise)
                 return
 
 
@@ -417,19 +388,18 @@ def _posterior_faults(study: Study) -> Iterator[Fault]:
     where = dict(posterior.where)
     possible = {name: design.values(condition) for name, condition in CONDITIONS.items()}
     for name, chosen in where.items():
-        values = possible[name]
         for value in chosen:
-            if values is not None and not any(same(value, v) for v in values):
+            if (values := possible[name]) is not None and not any(same(value, v) for v in values):
                 words = value if isinstance(value, str) else f"{value:.12g}"
                 yield Fault(("posterior", "where"), f"no cell has {name} = {words}")
     if "trials" in posterior.model_fields_set and posterior.trials > design.trials:
         words = f"more trials than a cell has: design.trials = {design.trials:,}"
         yield Fault(("posterior", "trials"), words, posterior.trials)
-    angles = where.get(ANGLE.name) or possible[ANGLE.name] or (math.nan,)
+    angles = where.get("angle") or possible["angle"] or (math.nan,)
     if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in angles):
         words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
         yield Fault(("posterior", "likelihood"), words)
-    least = min(map(float, where.get(SAMPLES.name, ())), default=design.least_samples())
+    least = min(map(float, where.get("samples", ())), default=design.least_samples())
     if "unknown" in posterior.noise and least < d + 2:
         words = f"an unknown noise needs at least {d + 2} samples, not {least:g}; choose with where"
         yield Fault(("posterior", "noise"), words)
@@ -463,19 +433,13 @@ def _precision_faults(study: Study) -> Iterator[Fault]:
 
 def _sample_counts(samples: object) -> list[int]:
     """Numbers of samples that a design's entry can give, ends of ranges among them; none if the schema refuses it."""
-    if isinstance(samples, dict):
-        if "law" in samples:
-            ends = [samples.get(key) for key in ("low", "high", "value")]
-            values = [*ends, *_as_list(samples.get("values"))]
-        else:
-            values = [v for ends in samples.values() for v in _as_list(ends)[:2]]
+    if isinstance(samples, dict) and "law" in samples:
+        values = [*map(samples.get, ("low", "high", "value")), *as_list(samples.get("values"))]
+    elif isinstance(samples, dict):
+        values = [v for ends in samples.values() for v in as_list(ends)[:2]]
     else:
-        values = _as_list(samples)
-    return [round(v) for v in values if isinstance(v, int | float) and is_number(v)]
-
-
-def _as_list(value: object) -> list[Any]:
-    return list(value) if isinstance(value, list) else [value]
+        values = list(as_list(samples))
+    return [round(v) for v in values if CONDITIONS["samples"].holds(v)]
 
 
 def _is_covariance(shape: object, d: int) -> bool:

@@ -9,7 +9,7 @@ group's trials: a unit of work, which a worker computes at once, or a part of on
 import hashlib
 import math
 import operator
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import chain, product
@@ -27,14 +27,8 @@ from pydantic import (
 
 from study.fits.random import Name, stream
 from study.simulation.experiment.conditions import (
-    CENTER,
     CONDITIONS,
-    DIRECTIONS,
-    NOISE,
-    RADIUS,
-    SAMPLES,
     SILENT,
-    STATED_VARIANCE,
     Condition,
     Constant,
     Distribution,
@@ -95,13 +89,13 @@ class Cell:
     @property
     def stated_noise(self) -> float:
         """The standard deviation σ that the estimators are given."""
-        variance = float(dict(self.further).get(STATED_VARIANCE.name, 1.0))
+        variance = float(dict(self.further).get("stated_variance", 1.0))
         return self.noise if variance == 1.0 else self.noise * math.sqrt(variance)
 
     @property
     def directions(self) -> str:
         """Law of the directions."""
-        return str(dict(self.further).get(DIRECTIONS.name, DIRECTIONS.default))
+        return str(self.values["directions"])
 
     @property
     def distance(self) -> float:
@@ -111,14 +105,9 @@ class Cell:
     @property
     def values(self) -> dict[str, Value]:
         """The values of all stored conditions by name."""
-        known = {
-            "samples": self.samples,
-            "noise": self.noise,
-            "angle": self.angle,
-            "radius": self.radius,
-            "center": self.distance,
-        }
-        return known | {c.name: c.default for c in SILENT if c.default is not None} | dict(self.further)
+        known = {name: getattr(self, name) for name in ("samples", "noise", "angle", "radius")}
+        silent = {c.name: c.default for c in SILENT if c.default is not None}
+        return known | {"center": self.distance} | silent | dict(self.further)
 
 
 def further(values: Mapping[str, Value]) -> Further:
@@ -136,16 +125,6 @@ MAX_CELLS = 10_000_000
 TypeAndDefault = tuple[Any, Any]
 """Type and default of a field, as `pydantic.create_model` takes them."""
 _TUPLES: dict[type, Any] = {int: tuple[int, ...], float: tuple[float, ...], str: tuple[str, ...]}
-
-
-def axes() -> dict[str, Any]:
-    """The fields of a grid by the condition's name."""
-    return {name: axis(condition) for name, condition in CONDITIONS.items() if condition.axis}
-
-
-def laws() -> dict[str, Any]:
-    """The fields of a random design by the condition's name."""
-    return {name: law(condition) for name, condition in CONDITIONS.items() if condition.law}
 
 
 def axis(condition: Condition) -> TypeAndDefault:
@@ -170,15 +149,16 @@ def _field(condition: Condition, given: Any, default: object) -> TypeAndDefault:
     return given, ... if default is None else default
 
 
+def as_list(value: Any) -> Sequence[Any]:
+    """A list of one value, unless it is a list."""
+    return value if isinstance(value, list | tuple) else (value,)
+
+
 def _expanded(condition: Condition, given: Any) -> tuple[Value, ...]:
     """Expand a grid axis, which is a value, a list, ``linspace`` or ``logspace``, and check every value."""
-    values: list[Any]
-    if isinstance(given, dict):
-        values = _spaced(given)
-        if condition.kind is int:
-            values = [float(round(v)) if math.isfinite(v) else v for v in values]
-    else:
-        values = list(given) if isinstance(given, list | tuple) else [given]
+    values: list[Any] = _spaced(given) if isinstance(given, dict) else list(as_list(given))
+    if isinstance(given, dict) and condition.kind is int:
+        values = [float(round(v)) if math.isfinite(v) else v for v in values]
     if not values:
         raise ValueError(f"the list is empty; give at least one value, each {condition.rule}")
     wrong = [v for v in values if not condition.holds(v) or not condition.allowed(v)]
@@ -425,7 +405,7 @@ class Grid(_Design):
 
     def least_samples(self) -> int:
         """The smallest number of samples listed."""
-        return min(map(int, self.given()[SAMPLES.name]))
+        return min(map(int, self.given()["samples"]))
 
     def values(self, condition: Condition) -> tuple[Value, ...]:
         """The values that a condition takes: also those of σ if σ/r is listed, and the reverse."""
@@ -433,9 +413,9 @@ class Grid(_Design):
         if condition.name in given:
             return given[condition.name]
         if condition.alternative:
-            change = operator.mul if condition is NOISE else operator.truediv
+            change = operator.mul if condition.name == "noise" else operator.truediv
             other = given.get(condition.alternative, ())
-            return tuple(change(float(v), float(r)) for v, r in product(other, given[RADIUS.name]))
+            return tuple(change(float(v), float(r)) for v, r in product(other, given["radius"]))
         return () if condition.default is None else (condition.default,)
 
     def independent(self) -> bool:
@@ -444,7 +424,8 @@ class Grid(_Design):
 
     def same_draws(self, other: "Grid | Random") -> bool:
         """True if the other is a grid whose cells share draws in the same way."""
-        return _sharing(self) == _sharing(other)
+        shared = {"kind", "draws"}
+        return self.model_dump(include=shared) == other.model_dump(include=shared)
 
     def groups(self, seed: int, dimension: int) -> Iterator[Group]:
         """A group for each number of samples, angle and other drawn condition; or one for each cell, if independent."""
@@ -466,7 +447,8 @@ class Grid(_Design):
         return super()._unwritten() | ({"most_samples"} if self.most_samples is None else set())
 
 
-Axes: Any = create_model("Axes", __base__=_Design, __module__=__name__, **axes())
+_AXES: Any = {name: axis(condition) for name, condition in CONDITIONS.items() if condition.axis}
+Axes: Any = create_model("Axes", __base__=_Design, __module__=__name__, **_AXES)
 GridDesign: type[Grid] = create_model("GridDesign", __base__=(Grid, Axes), __module__=__name__)
 """A grid with all of its entries: kind and trials, then the axes, then the others. The digest needs this order."""
 
@@ -478,12 +460,8 @@ def diagonal_center(distance: float, dimension: int) -> tuple[float, ...]:
 
 def _cell(values: Mapping[str, Value], dimension: int) -> Cell:
     """Make the cell of a combination of values; it is fitted in a unit of about its radius."""
-    scale = float(f"1e{math.floor(math.log10(float(values[RADIUS.name])))}")
-    return Cell.of(values, diagonal_center(float(values[CENTER.name]), dimension), scale)
-
-
-def _sharing(design: "Grid | Random") -> dict[str, object]:
-    return design.model_dump(include={"kind", "draws"})
+    scale = float(f"1e{math.floor(math.log10(float(values['radius'])))}")
+    return Cell.of(values, diagonal_center(float(values["center"]), dimension), scale)
 
 
 _BLOCK = 1024
@@ -508,7 +486,7 @@ class Random(_Design):
 
     def least_samples(self) -> int:
         """The smallest number of samples that can be drawn."""
-        law: Distribution = self.given()[SAMPLES.name]
+        law: Distribution = self.given()["samples"]
         return round(min(law.possible()))
 
     def values(self, condition: Condition) -> tuple[Value, ...] | None:
@@ -533,7 +511,8 @@ class Random(_Design):
         yield RandomGroup(("trial",), 1, (), seed, dimension, self)
 
 
-Laws: Any = create_model("Laws", __base__=_Design, __module__=__name__, **laws())
+_LAWS: Any = {name: law(condition) for name, condition in CONDITIONS.items() if condition.law}
+Laws: Any = create_model("Laws", __base__=_Design, __module__=__name__, **_LAWS)
 RandomDesign: type[Random] = create_model("RandomDesign", __base__=(Random, Laws), __module__=__name__)
 """A random design with all of its entries: kind and trials, then the laws."""
 
@@ -567,13 +546,13 @@ class RandomGroup(Group):
 
     def sizes(self, first: int, last: int) -> Iterator[tuple[int, int]]:
         """Number of samples of each of the trials from first to before last."""
-        return ((int(self._drawn(SAMPLES, i)), 1) for i in range(first, last))
+        return ((int(self._drawn(CONDITIONS["samples"], i)), 1) for i in range(first, last))
 
     def cell(self, trial: int) -> Cell:
         """Draw the cell of a trial. Every condition is drawn from a stream of its own."""
         values: dict[str, Value] = {name: self._drawn(CONDITIONS[name], trial) for name in self.design.given()}
         heading = stream(self.seed, "design", "heading", trial).standard_normal(self.dimension)
-        center = float(values[CENTER.name]) * heading / np.linalg.norm(heading)
+        center = float(values["center"]) * heading / np.linalg.norm(heading)
         return Cell.of(values, tuple(rounded(v) for v in center))
 
     def _drawn(self, condition: Condition, trial: int) -> Value:

@@ -42,14 +42,6 @@ class Departure(Protocol):
         """
 
 
-class OtherLaw(Departure, Protocol):
-    """A law of noise that is not normal, of covariance I: σ means the same in all."""
-
-    @property
-    def excess_kurtosis(self) -> float:
-        """The excess kurtosis of a coordinate."""
-
-
 @dataclass(frozen=True)
 class GaussianNoise:
     """Normal noise of a sample, of any size σ.
@@ -296,70 +288,69 @@ def upright(directions: Floats) -> Floats:
 
 NORMAL = "normal"
 RADIAL = "radial"
-LAWS: dict[str, OtherLaw] = {"laplace": LaplaceNoise(), "uniform": UniformNoise()}
-"""The laws of covariance σ² I without parameters, besides the normal one."""
-STRUCTURED: dict[str, Callable[[list[float], float], Departure | None]] = {
+LAWS: dict[str, Callable[[list[float], float], Departure | None]] = {
+    "laplace": lambda numbers, angle: None if numbers else LaplaceNoise(),
+    "uniform": lambda numbers, angle: None if numbers else UniformNoise(),
+    "student": lambda numbers, angle: StudentNoise(numbers[0]) if len(numbers) == 1 and numbers[0] > 2.0 else None,
     RADIAL: lambda numbers, angle: None if numbers else RadialNoise(),
     "rim": lambda numbers, angle: RimNoise(numbers[0], angle) if len(numbers) == 1 else None,
     "memory": lambda numbers, angle: MemoryNoise(numbers[0]) if len(numbers) == 1 and numbers[0] < 1.0 else None,
     "form": lambda numbers, angle: FormError(numbers[0], numbers[1], angle) if len(numbers) == 2 else None,
 }
-"""The laws in which a sample's noise depends on its direction or on its neighbours, by the word before their numbers.
+"""The laws besides the normal one, by the word before their numbers; those of covariance I have an excess kurtosis.
 
 Each is made from its numbers, all of them above 0, and the half-angle of the cap in radians; None if they do not fit.
 """
 
 RULE = (
-    f"{NORMAL}, {', '.join(LAWS)}, student(ν) with ν above 2, such as student(5), {RADIAL}, rim(k), memory(ρ) with ρ "
+    f"{NORMAL}, laplace, uniform, student(ν) with ν above 2, such as student(5), {RADIAL}, rim(k), memory(ρ) with ρ "
     "below 1, or form(length, size)"
 )
 SIZE = 10.0
 """Length of an outlier's displacement in units of σ, where a config gives none."""
 
 
-def numbers_of(word: str) -> tuple[str, list[float]] | None:
-    """The name of a law and its numbers; None if the word is not written as a law is, or a number is not above 0.
+def law_of(word: str, half_angle: float = math.pi) -> Departure | None:
+    """The law that a word names, besides the normal one; None for that, and for a word that is written as no law is.
 
     A number has one way of writing, so that a law has one name: ``student(5)``, not ``student(5.0)``.
+
+    Args:
+        word: name and numbers.
+        half_angle: of the cap, in radians.
     """
     match = re.fullmatch(r"([a-z]+)(?:\(([0-9.e+-]+(?:, [0-9.e+-]+)*)\))?", word)
-    if match is None:
+    if match is None or match[1] not in LAWS:
         return None
     try:
         numbers = [float(number) for number in match[2].split(", ")] if match[2] else []
     except ValueError:
         return None
     written = match[1] + (f"({', '.join(f'{number:g}' for number in numbers)})" if numbers else "")
-    return (match[1], numbers) if written == word and all(0.0 < v < math.inf for v in numbers) else None
+    known = written == word and all(0.0 < v < math.inf for v in numbers)
+    return LAWS[match[1]](numbers, half_angle) if known else None
 
 
 def freedom(word: str) -> float | None:
     """The degrees of freedom ν of ``student(ν)``; None for another word, or if ν is not above 2."""
-    name, numbers = numbers_of(word) or ("", [])
-    return numbers[0] if name == "student" and len(numbers) == 1 and numbers[0] > 2.0 else None
+    law = law_of(word)
+    return law.freedom if isinstance(law, StudentNoise) else None
 
 
 def excess_kurtosis(word: str) -> float:
     """The excess kurtosis of a coordinate under a law of covariance σ² I: 0 if normal, larger with heavier tails."""
-    nu = freedom(word)
-    if nu is not None:
-        return StudentNoise(nu).excess_kurtosis
-    return 0.0 if word == NORMAL else LAWS[word].excess_kurtosis
+    law: Any = law_of(word)
+    return 0.0 if law is None else float(law.excess_kurtosis)
 
 
 def has_equal_covariance(word: str) -> bool:
     """True if a word names a law of covariance σ² I."""
-    return word == NORMAL or word in LAWS or freedom(word) is not None
+    return word == NORMAL or hasattr(law_of(word), "excess_kurtosis")
 
 
 def is_law(word: str) -> bool:
     """True if a word names a law."""
-    return has_equal_covariance(word) or _structured(word, math.pi) is not None
-
-
-def _structured(word: str, half_angle: float) -> Departure | None:
-    name, numbers = numbers_of(word) or ("", [])
-    return STRUCTURED[name](numbers, half_angle) if name in STRUCTURED else None
+    return word == NORMAL or law_of(word) is not None
 
 
 def departures(conditions: Mapping[str, Any]) -> list[Departure]:
@@ -369,12 +360,9 @@ def departures(conditions: Mapping[str, Any]) -> list[Departure]:
         conditions: values of the conditions ``angle``, ``law``, ``outlier_share`` and ``outlier_size``, as far as they
             are not at their defaults; others do not matter.
     """
-    law, share = conditions.get("law", NORMAL), conditions.get("outlier_share", 0.0)
-    steps: list[Departure] = []
-    if law != NORMAL:
-        structured, nu = _structured(law, math.radians(conditions.get("angle", 180.0))), freedom(law)
-        steps.append(structured or (LAWS[law] if nu is None else StudentNoise(nu)))
-    if share > 0.0:
+    law = law_of(conditions.get("law", NORMAL), math.radians(conditions.get("angle", 180.0)))
+    steps: list[Departure] = [] if law is None else [law]
+    if (share := conditions.get("outlier_share", 0.0)) > 0.0:
         steps.append(Outliers(share, conditions.get("outlier_size", SIZE)))
     return steps
 

@@ -15,20 +15,12 @@ from study.simulation.figures import arc
 from study.simulation.figures.figure import FAILED, FigureModule, NotApplicable, Tables, failure, gathered
 from study.simulation.runs.run_folder import Run
 
+_MODULES = ("fig6_mgdk", "fig7_power_law", "fig_efficiency", "fig_regret", "fig_map", "fig_robustness", "fig_misfit")
+_POSTERIORS = ("fig_posterior", "fig_calibration")
 FIGURES: dict[str, FigureModule] = {
-    name: arc.ELLIPSES.get(name) or import_module(f"{__name__}.{name}")
-    for name in (
-        *("fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig6_mgdk", "fig7_power_law"),
-        *(
-            "fig_efficiency",
-            "fig_regret",
-            "fig_map",
-            "fig_robustness",
-            "fig_misfit",
-            "fig_posterior",
-            "fig_calibration",
-        ),
-    )
+    "fig2_error": import_module(f"{__name__}.fig2_error"),
+    **arc.FIGURES,
+    **{name: import_module(f"{__name__}.{name}") for name in (*_MODULES, *_POSTERIORS)},
 }
 
 __all__ = ["FAILED", "FIGURES", "Drawing", "FigureModule", "Gallery", "NotApplicable", "Tables", "draw_all", "gathered"]

@@ -1,4 +1,4 @@
-"""Figures 3 and 4, and their data set, which is that of figure 5 too: one noisy arc, with error ellipses.
+"""Figures 3, 4 and 5 of one noisy arc: two with error ellipses, one with the circles of three methods.
 
 The paper shows one arc of 100 points with noise 0.05 and says of it that the spectral radius ρ(Σ̂C⁻¹), UGDK's Leontief
 condition, is 0.557238. Of the trials whose points are stored, the one with the nearest ρ is taken, for all the figures.
@@ -16,7 +16,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,7 +29,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.claims.ugdk import PAPER_CONDITION
-from study.simulation.figures.figure import NotApplicable, Tables
+from study.simulation.figures.figure import FigureModule, NotApplicable, Tables
 from study.simulation.statistics import inside, quantile, robust_sd
 
 LEVELS = (0.68, 0.95)
@@ -155,18 +155,12 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
             {axis: (mine[f"x_{i}"] - mine[f"center_{i}"]) / radius for i, axis in ((1, "x"), (2, "y"))}
         ),
         fits={
-            str(fit["estimator"]): FittedCircle(
-                fit["error_1"] / radius, fit["error_2"] / radius, 1.0 + fit["radius_error"] / radius
-            )
-            for fit in fits.to_dict("records")
+            str(fit): FittedCircle(x / radius, y / radius, 1.0 + r / radius)
+            for fit, x, y, r in fits[["estimator", "error_1", "error_2", "radius_error"]].to_numpy()
         },
-        errors=pd.DataFrame(
-            {
-                "estimator": known["estimator"].astype(str),
-                "x": known["error_1"] / radius,
-                "y": known["error_2"] / radius,
-            }
-        ),
+        errors=(known[["error_1", "error_2"]] / radius)
+        .set_axis(["x", "y"], axis=1)
+        .assign(estimator=known["estimator"].astype(str)),
         spreads={
             str(name): _spread((part[["error_1", "error_2"]] / radius).to_numpy())
             for name, part in known.groupby("estimator", observed=True, sort=False)
@@ -291,9 +285,6 @@ class UgdkEllipse(EllipseFigure):
     estimator = "ugdk"
 
 
-ELLIPSES = {"fig3_gdke_ellipse": GdkeEllipse(), "fig4_ugdk_ellipse": UgdkEllipse()}
-
-
 def panels() -> tuple[Figure, Axes, Axes]:
     """A page-wide figure with a panel for the circles, and one for their centres enlarged."""
     figure = Figure(figsize=(style.PAGE, 2.95), layout="constrained")
@@ -325,12 +316,10 @@ def _draw_whole(ax: Axes, frame: EllipseFrame) -> None:
     ax.add_patch(Circle((fit.x, fit.y), fit.radius, fill=False, linewidth=1.3, edgecolor=color, zorder=4))
     ax.plot(fit.x, fit.y, marker=style.marker(frame.estimator), color=color, markersize=4, zorder=5)
     left, right, bottom, top = frame.window
-    ax.add_patch(
-        Rectangle((left, bottom), right - left, top - bottom, fill=False, linewidth=0.6, edgecolor=style.FAINT)
-    )
+    framed: style.Marks = {"fill": False, "linewidth": 0.6, "edgecolor": style.FAINT}
+    ax.add_patch(Rectangle((left, bottom), right - left, top - bottom, **framed))
     span = max(1.25, abs(fit.x) + fit.radius + 0.1)
-    ax.set_xlim(-span, span)
-    ax.set_ylim(-span, span)
+    ax.set(xlim=(-span, span), ylim=(-span, span))
     ax.set_title(f"{style.label(frame.estimator)}'s circle", loc="left")
 
 
@@ -348,12 +337,11 @@ def _draw_zoom(ax: Axes, frame: EllipseFrame) -> None:
     left, right, bottom, top = frame.window
     ax.set_xlim(left, right)
     ax.set_ylim(bottom, top)
-    beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.SMALL, "zorder": 7}
+    beside: style.Marks = {"textcoords": "offset points", "fontsize": style.SMALL, "zorder": 7}
     text = f"68 % and 95 % of {style.label(frame.estimator)}'s spread"
-    if fit.x > 0.5 * (left + right) + wide:  # there is no room to its right
-        ax.annotate(text, (fit.x + wide, fit.y + tall), (0, 4), ha="right", va="bottom", color=color, **beside)
-    else:
-        ax.annotate(text, (fit.x, fit.y + tall), (0, 4), ha="center", va="bottom", color=color, **beside)
+    no_room = fit.x > 0.5 * (left + right) + wide  # to its right
+    at, side = (fit.x + wide if no_room else fit.x, fit.y + tall), "right" if no_room else "center"
+    ax.annotate(text, at, (0, 4), ha=side, va="bottom", color=color, **beside)
     ax.annotate("true centre", (0.0, min(0.0, fit.y - tall)), (0, -6), ha="center", va="top", **beside)
     frame_axes(ax)
     ax.yaxis.set_major_locator(MaxNLocator(3))
@@ -385,3 +373,103 @@ def _dots_words(dots: pd.DataFrame, window: Window) -> str:
     left, right, bottom, top = window
     outside = int((~(dots["x"].between(left, right) & dots["y"].between(bottom, top))).sum())
     return f"dots: centres of {len(dots)} trials" + (f", {outside} of them off the scale" if outside else "")
+
+
+METHODS = ["mle", "ugdk", "gdke"]
+
+
+@dataclass(frozen=True)
+class MethodsFrame:
+    """Content of figure 5.
+
+    Attributes:
+        data: the data set.
+        circles: each method's, in the order of their centres along the axis.
+        same: for each method the other estimators that give the same circle.
+    """
+
+    data: DataSet
+    circles: dict[str, FittedCircle]
+    same: dict[str, list[str]]
+
+
+class MethodsFigure:
+    """Figure 5: the circles of MLE, UGDK and GDKE on the data set of figures 3 and 4.
+
+    The paper's figure 5 overlays the three and concludes that UGDK removes the bias of GDKE and is close to MLE.
+
+    Look at: the order of the centres, GDKE's pulled towards the points by half a radius, the other two near the truth.
+    One data set cannot say which of those two is better; the spreads in figure 4 and the run's summary can.
+    """
+
+    def prepare(self, tables: Tables) -> MethodsFrame:
+        """Choose the data set and collect the circles.
+
+        Raises:
+            NotApplicable: see `choose`.
+        """
+        data = choose(tables, METHODS)
+        circles = {name: data.fits[name] for name in sorted(METHODS, key=lambda name: data.fits[name].x)}
+        others = {name: fit for name, fit in data.fits.items() if name not in METHODS}
+        same = {
+            name: [other for other, fit in others.items() if np.allclose(fit, circle, atol=1e-9)]
+            for name, circle in circles.items()
+        }
+        return MethodsFrame(data, circles, same)
+
+    @style.journal()
+    def draw(self, frame: MethodsFrame) -> Figure:
+        """Draw the circles on the left, their centres enlarged on the right."""
+        figure, whole, zoom = panels()
+        draw_data(whole, frame.data)
+        zoom.plot(0.0, 0.0, marker="+", color="black", markersize=9, markeredgewidth=1.2, zorder=6)
+        for name, circle in frame.circles.items():
+            color, marker = style.color(name), style.marker(name)
+            center = circle.x, circle.y
+            whole.add_patch(Circle(center, circle.radius, fill=False, linewidth=1.2, edgecolor=color, zorder=4))
+            for ax in (whole, zoom):
+                ax.plot(*center, marker=marker, color=color, markersize=4, zorder=5)
+        span = max(1.25, *(max(abs(c.x), abs(c.y)) + c.radius + 0.05 for c in frame.circles.values()))
+        whole.set_xlim(-span, span)
+        whole.set_ylim(-span, span)
+        whole.set_title("fitted circles", loc="left")
+        _draw_centres(zoom, frame)
+        style.stamp(figure, frame.data.stamp)
+        return figure
+
+
+def _draw_centres(ax: Axes, frame: MethodsFrame) -> None:
+    """Show the centres alone, each named beside its mark, with numbers below."""
+    x, y = ([getattr(circle, axis) for circle in frame.circles.values()] + [0.0] for axis in "xy")
+    left, right, bottom, top = window(x, y, pad=0.25, spare=0.67, below=0.3)  # room above for the names
+    ax.set_xlim(left, right)
+    ax.set_ylim(bottom, top)
+    frame_axes(ax)
+    ax.yaxis.set_major_locator(MaxNLocator(3))
+    # names at different heights, the leftmost highest, so that neighbours do not overlap
+    small: style.Marks = {"textcoords": "offset points", "ha": "center", "fontsize": style.SMALL}
+    line = {"arrowstyle": "-", "linewidth": 0.6, "color": style.FAINT, "shrinkA": 0, "shrinkB": 3}
+    for rung, (name, circle) in enumerate(reversed(frame.circles.items())):
+        at = circle.x, circle.y
+        ax.annotate(style.label(name), at, (0, 10 + 11 * rung), color=style.color(name), arrowprops=line, **small)
+    ax.annotate("true centre", (0.0, 0.0), (0, -7), va="top", **small)
+    ax.set_title("their centres", loc="left")
+    write_below(ax, [frame.data.caption, *_circle_words(frame)])
+
+
+def _circle_words(frame: MethodsFrame) -> list[str]:
+    """The circles in numbers, the best first, each with the estimators that coincide with it."""
+    lines = []
+    for name, circle in sorted(frame.circles.items(), key=lambda item: item[1].off):
+        off, wider = style.number(circle.off), style.number(circle.radius - 1.0)
+        lines.append(f"{style.label(name)}: centre {off} r off, radius off by {wider} r")
+        if same := frame.same[name]:
+            lines[-1] += f"; the same: {', '.join(map(style.label, same))}"
+    return lines
+
+
+FIGURES: dict[str, FigureModule] = {
+    "fig3_gdke_ellipse": GdkeEllipse(),
+    "fig4_ugdk_ellipse": UgdkEllipse(),
+    "fig5_methods": MethodsFigure(),
+}

@@ -94,12 +94,8 @@ def prepare(tables: Tables) -> ErrorFrame:
     limits = _robust_limits(dots["error"].to_numpy())
     usable = (dots["error"] > 0.0) & np.isfinite(dots["error"])
     sloped = dots[usable.groupby([dots["cell"], dots["trial"]]).transform("all")]
-    panels = pd.DataFrame(
-        [
-            _panel(str(n), part, sloped[sloped["estimator"] == n], limits)
-            for n, part in dots.groupby("estimator", sort=False)
-        ]
-    )
+    groups = dots.groupby("estimator", sort=False)
+    panels = pd.DataFrame([_panel(str(n), part, sloped[sloped["estimator"] == n], limits) for n, part in groups])
     bound = _running_bound(dots[dots["estimator"] == panels["estimator"].iloc[0]])
     stamp = f"{tables.name} · {panels['planned'].min():,} trials"
     if len(bound):
@@ -162,16 +158,13 @@ def draw(frame: ErrorFrame) -> Figure:
     for (row, column), (_, panel) in zip(places, frame.panels.iterrows(), strict=False):
         _draw_panel(axes[row, column], frame, panel, narrow=columns > 1)
         _draw_ratios(axes[row + 1, column], frame, panel["estimator"])
-        for ax, words in (
-            (axes[row, column], "error over radius, $|ĉ − c|/r$"),
-            (axes[row + 1, column], "error over own √tr CRLB"),
-        ):
+        words = "error over radius, $|ĉ − c|/r$", "error over own √tr CRLB"
+        for ax, label in zip(axes[row : row + 2, column], words, strict=True):
             ax.tick_params(labelleft=column == 0, labelbottom=ax is axes[row + 1, column])
-            ax.set_ylabel(words if column == 0 else "")
+            ax.set_ylabel(label if column == 0 else "")
         axes[row + 1, column].set_xlabel("noise over radius, $σ/r$")
-    for row, column in places[count:]:
-        axes[row, column].remove()
-        axes[row + 1, column].remove()
+    for ax in [ax for row, column in places[count:] for ax in axes[row : row + 2, column]]:
+        ax.remove()
     _label_lines(axes[0, 0], frame)
     figure.legend(handles=_key(), loc="outside upper center", ncols=4, handletextpad=0.2, columnspacing=2.0)
     style.stamp(figure, frame.stamp)
@@ -186,14 +179,12 @@ def _draw_panel(ax: Axes, frame: ErrorFrame, panel: "pd.Series[Any]", narrow: bo
     ax.plot([low, high], [low, high], color=style.FAINT, linewidth=0.8, dashes=(5, 2.5), zorder=4)
     ax.plot(frame.bound["noise"], frame.bound["bound"], color="black", linewidth=1.0, zorder=4)
     words = _words(panel)
-    at: dict[str, Any] = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
-    if narrow:  # the corner that the diagonal leaves free is too small
-        above = 5.0 + 1.35 * style.SMALL * (1 + words.count("\n"))
-        ax.annotate(style.label(name), xytext=(0, above), va="bottom", fontsize=9, weight="bold", **at)
-        ax.annotate(words, xytext=(0, 3), va="bottom", fontsize=style.SMALL, linespacing=1.35, **at)
-    else:
-        ax.annotate(style.label(name), xytext=(6, -2), va="top", fontsize=9, weight="bold", **at)
-        ax.annotate(words, xytext=(6, -18), va="top", fontsize=style.SMALL, linespacing=1.35, **at)
+    at: style.Marks = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
+    # the corner that the diagonal leaves free is too small in a narrow panel
+    above = 5.0 + 1.35 * style.SMALL * (1 + words.count("\n"))
+    side, of_name, of_words = ("bottom", (0, above), (0, 3)) if narrow else ("top", (6, -2), (6, -18))
+    ax.annotate(style.label(name), xytext=of_name, va=side, fontsize=9, weight="bold", **at)
+    ax.annotate(words, xytext=of_words, va=side, fontsize=style.SMALL, linespacing=1.35, **at)
 
 
 def _draw_dots(ax: Axes, frame: ErrorFrame, name: str, column: str) -> None:
@@ -201,10 +192,9 @@ def _draw_dots(ax: Axes, frame: ErrorFrame, name: str, column: str) -> None:
     color = style.color(name)
     dots = frame.dots[frame.dots["estimator"] == name]
     plain, far, bad = (dots[dots["kind"] == kind] for kind in ("ok", "far", "not ok"))
-    cloud: dict[str, Any] = {"linewidths": 0.0, "rasterized": True}  # thousands of dots would swell the SVG
-    ax.scatter(
-        bad["noise"], bad[column], s=7, marker="x", color=style.FAINT, alpha=0.45, rasterized=True, linewidths=0.6
-    )
+    cloud: style.Marks = {"linewidths": 0.0, "rasterized": True}  # thousands of dots would swell the SVG
+    crosses: style.Marks = {"marker": "x", "color": style.FAINT, "alpha": 0.45, "rasterized": True}
+    ax.scatter(bad["noise"], bad[column], s=7, linewidths=0.6, **crosses)
     ax.scatter(plain["noise"], plain[column], s=4, color=color, alpha=0.4, zorder=3, **cloud)
     ax.scatter(far["noise"], far[column], s=4, color=color, zorder=3, **cloud)
     ax.scatter(far["noise"], far[column], s=18, facecolors="none", edgecolors=style.INK, linewidths=0.5, zorder=5)
@@ -229,20 +219,17 @@ def _draw_ratios(ax: Axes, frame: ErrorFrame, name: str) -> None:
 def _scales(ax: Axes, frame: ErrorFrame, limits: tuple[int, int], narrow: bool) -> None:
     """Set logarithmic axes with ticks at the same powers of ten in all panels."""
     log_axes(ax)
-    ax.set_xlim(*(10.0**power for power in frame.noise_limits))
-    ax.set_ylim(*(10.0**power for power in limits))
+    low, high = frame.noise_limits
+    ax.set(xlim=(10.0**low, 10.0**high), ylim=(10.0 ** limits[0], 10.0 ** limits[1]))
     ax.set_xticks(_ticks(frame.noise_limits, narrow), minor=False)
     ax.set_yticks(_ticks(limits, narrow), minor=False)
     ax.minorticks_off()
 
 
 def _words(panel: "pd.Series[Any]") -> str:
-    if math.isfinite(panel["slope"]):
-        lines = [f"slope {panel['slope']:.3f} [{panel['slope_low']:.3f}, {panel['slope_high']:.3f}]"]
-    else:
-        lines = ["too few fits for a slope"]
-    lines.append(f"{panel['far']:,} beyond 10 × √tr CRLB")
-    lines.append(f"{panel['not_ok']:,} of {panel['planned']:,} not ok")
+    slope = f"slope {panel['slope']:.3f} [{panel['slope_low']:.3f}, {panel['slope_high']:.3f}]"
+    lines = [slope if math.isfinite(panel["slope"]) else "too few fits for a slope"]
+    lines += [f"{panel['far']:,} beyond 10 × √tr CRLB", f"{panel['not_ok']:,} of {panel['planned']:,} not ok"]
     if panel["off_scale"]:
         lines.append(f"{panel['off_scale']:,} off the scale")
     return "\n".join(lines)
@@ -254,16 +241,10 @@ def _label_lines(ax: Axes, frame: ErrorFrame) -> None:
     ax.text(10.0**at, 10.0**at, "error = noise  ", ha="right", va="bottom", fontsize=style.SMALL, color="#666666")
     if len(frame.bound):
         row = frame.bound.iloc[round(0.55 * (len(frame.bound) - 1))]
-        ax.annotate(
-            "√tr CRLB,\nmedian in each decade",
-            (row["noise"], row["bound"]),
-            (0.97, 0.16),
-            textcoords="axes fraction",
-            ha="right",
-            va="center",
-            fontsize=style.SMALL,
-            arrowprops={"arrowstyle": "-", "linewidth": 0.6, "color": "black", "relpos": (0.6, 1.0), "shrinkB": 0},
-        )
+        arrow = {"arrowstyle": "-", "linewidth": 0.6, "color": "black", "relpos": (0.6, 1.0), "shrinkB": 0}
+        small: style.Marks = {"textcoords": "axes fraction", "ha": "right", "va": "center", "fontsize": style.SMALL}
+        words = "√tr CRLB,\nmedian in each decade"
+        ax.annotate(words, (row["noise"], row["bound"]), (0.97, 0.16), arrowprops=arrow, **small)
 
 
 def _ticks(limits: tuple[int, int], narrow: bool) -> list[float]:
@@ -274,19 +255,11 @@ def _ticks(limits: tuple[int, int], narrow: bool) -> list[float]:
 
 def _key() -> list[Line2D]:
     """Legend entries of the three marks."""
-    plain: dict[str, Any] = {"linestyle": "none", "markeredgewidth": 0.6}
+    plain: style.Marks = {"linestyle": "none", "markeredgewidth": 0.6}
+    ring: style.Marks = {"marker": "o", "markersize": 5, "markerfacecolor": "none", "color": style.INK}
     return [
         Line2D([], [], marker="o", markersize=2.5, color="#555555", label="a fit that is ok", **plain),
-        Line2D(
-            [],
-            [],
-            marker="o",
-            markersize=5,
-            markerfacecolor="none",
-            color=style.INK,
-            label="ok, error beyond 10 × its own √tr CRLB",
-            **plain,
-        ),
+        Line2D([], [], label="ok, error beyond 10 × its own √tr CRLB", **ring, **plain),
         Line2D([], [], marker="x", markersize=3.5, color=style.FAINT, label="a fit whose status is not ok", **plain),
         Line2D([], [], linewidth=1.2, color=style.INK, dashes=(2, 1), label="median in each decade"),
     ]

@@ -12,7 +12,6 @@ their first values. A fit without a number counts as worse than any.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -132,7 +131,7 @@ def _circles(ax: Axes, frame: MarkersFrame) -> None:
     outer, inner, both = frame.radii
     circles = ((0, outer, OUTER), (1, inner, INNER), (2, both[0], JOINT), (2, both[1], JOINT))
     for which, radius, color in circles:
-        look: dict[str, Any] = {"linewidth": 1.2, "linestyle": _LINES[which], "color": color}
+        look: style.Marks = {"linewidth": 1.2, "linestyle": _LINES[which], "color": color}
         ax.add_patch(Circle(tuple(frame.centers[which]), radius, fill=False, zorder=4, **look))
     for center, color, mark in zip(frame.centers, _COLORS, _MARKS, strict=True):
         ax.plot(*center, mark, color=color, markersize=4.0, zorder=5)
@@ -148,7 +147,7 @@ def _errors(ax: Axes, frame: MarkersFrame) -> None:
     share = (np.arange(frame.distances.shape[1]) + 0.5) / frame.distances.shape[1]
     for row, (distance, color) in enumerate(zip(frame.distances, _COLORS, strict=True)):
         words = f"{_NAMES[row]}: median {frame.medians[row].value:.3f} ± {frame.medians[row].error:.3f}"
-        look: dict[str, Any] = {"linestyle": _LINES[row], "marker": _MARKS[row], "markersize": 4.0, "markevery": 0.12}
+        look: style.Marks = {"linestyle": _LINES[row], "marker": _MARKS[row], "markersize": 4.0, "markevery": 0.12}
         ax.plot(np.sort(distance), share, color=color, label=words, **look)
     ax.legend(loc="upper left", handlelength=3.0, borderaxespad=0.0)
     ax.axhline(0.5, color=style.FAINT, linewidth=0.7, linestyle=(0, (3, 2)))

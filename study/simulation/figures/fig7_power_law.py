@@ -24,10 +24,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.arrays import Bools, Floats
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import gdke_bias, median_at_bound
-from study.simulation.figures.figure import NotApplicable, Tables, at_first, log_axes, look
+from study.simulation.figures.figure import NotApplicable, Tables, at_first, behind_medians, log_axes, look
 from study.simulation.statistics import power_law
 
 _LEAST_SAMPLES = 4
@@ -77,17 +76,9 @@ def prepare(tables: Tables) -> PowerLawFrame:
     levels = np.sort(summary["level"].unique())
     picked = levels[np.unique(np.linspace(0, len(levels) - 1, min(len(levels), _MOST_PANELS)).round().astype(int))]
     summary = summary[summary["level"].isin(picked)].sort_values("samples", kind="stable")
-    curves = pd.DataFrame(
-        {
-            "group": summary["group"],
-            "level": summary["level"],
-            "estimator": summary["estimator"].astype(str),
-            "samples": summary["samples"],
-            "median": summary["relative_median"],
-            "error": summary["relative_median_error"],
-            "planned": summary["planned"],
-        }
-    ).reset_index(drop=True)
+    columns = {"relative_median": "median", "relative_median_error": "error"}
+    curves = summary[["group", "level", "estimator", "samples", *columns, "planned"]].rename(columns=columns)
+    curves = curves.astype({"estimator": str}).reset_index(drop=True)
     angle = float(summary["angle"].iloc[0])
     moments = cap_moments(math.radians(angle), tables.dimension)
     shape = tables.noise_law.covariance(1.0)
@@ -99,7 +90,7 @@ def prepare(tables: Tables) -> PowerLawFrame:
         limits=pd.Series({v: gdke_bias(v, moments, shape) if biased else math.nan for v in picked}),
         at_bound=median_at_bound(moments, tables.dimension) if tables.noise_law.isotropic else math.nan,
         fixed=f"$φ$ = {angle:g}°",
-        stamp=f"{tables.name} · at least {curves['planned'].min():,} trials behind each median",
+        stamp=behind_medians(tables, curves["planned"].min()),
     )
 
 
@@ -127,6 +118,8 @@ def _laws(level: Any, part: pd.DataFrame) -> list[dict[str, Any]]:
         there = np.isfinite(median) & (median > 0.0)
         off = np.abs(np.log(median[there] / (law.factor * samples[there] ** law.exponent)))
         allowed = np.maximum(_TOLERANCE, 3.0 * error[there] / median[there])
+        lost = samples[~there]
+        which = f"$N$ = {', '.join(f'{n:.0f}' for n in lost)}" if there.any() else "every $N$"
         rows.append(
             {
                 "level": level,
@@ -134,18 +127,10 @@ def _laws(level: Any, part: pd.DataFrame) -> list[dict[str, Any]]:
                 "exponent": law.exponent,
                 "interval": 1.96 * law.error,
                 "describes": bool(np.isfinite(law.exponent) and np.all(off <= allowed)),
-                "failed": _failed(samples, there),
+                "failed": f"half of the fits\nwithout a number at {which}" if len(lost) else "",
             }
         )
     return rows
-
-
-def _failed(samples: Floats, there: Bools) -> str:
-    """Sentence that names the N without a median."""
-    if there.all():
-        return ""
-    which = "every $N$" if not there.any() else f"$N$ = {', '.join(f'{n:.0f}' for n in samples[~there])}"
-    return f"half of the fits\nwithout a number at {which}"
 
 
 @style.journal()
@@ -189,7 +174,9 @@ def _draw_panel(ax: Axes, frame: PowerLawFrame, level: float, short: bool) -> bo
     ends = [(float(bound["bound"].iloc[-1]), _bound_words(bound, short), "black")]
     names = [name for law in laws["estimators"] for name in law]
     for place, name in enumerate(names):
-        _draw_curve(ax, name, curves[curves["estimator"] == name], 1.0 - place / len(names))
+        curve, size = curves[curves["estimator"] == name], 1.0 - place / len(names)  # later ones do not hide these
+        marks = {"linewidth": 0.6 + 1.5 * size, "elinewidth": 0.9, "zorder": 3} | look(name, 2.5 + 4.0 * size)
+        ax.errorbar(curve["samples"], curve["median"], yerr=curve["error"].where(np.isfinite(curve["error"])), **marks)
     for _, law in laws.iterrows():
         last = curves.loc[curves["estimator"] == law["estimators"][0], "median"]
         if len(last):
@@ -206,19 +193,6 @@ def _draw_panel(ax: Axes, frame: PowerLawFrame, level: float, short: bool) -> bo
     ax.set_ylabel("median error over radius")
     ax.set_title(f"$σ/r$ = {style.number(level)}, {frame.fixed}", loc="left")
     return biased
-
-
-def _draw_curve(ax: Axes, name: str, curve: pd.DataFrame, size: float) -> None:
-    """Draw a curve; curves drawn first are wider and have larger marks, so that later ones do not hide them."""
-    ax.errorbar(
-        curve["samples"],
-        curve["median"],
-        yerr=curve["error"].where(np.isfinite(curve["error"])),
-        **look(name, 2.5 + 4.0 * size),
-        linewidth=0.6 + 1.5 * size,
-        elinewidth=0.9,
-        zorder=3,
-    )
 
 
 def _bound_words(bound: pd.DataFrame, short: bool) -> str:

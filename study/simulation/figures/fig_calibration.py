@@ -40,7 +40,7 @@ _COLORS = {
     "geometric": dict(zip(_NAMES, ("#222222", "#0072b2", "#d55e00", "#009e73", "#882255"), strict=True)),
     "whole_sphere": dict(zip(_NAMES, ("#888888", "#56b4e9", "#e69f00", "#7fc9b4", "#cc79a7"), strict=True)),
 }
-_LINES: dict[str, Any] = {"known": "-", "unknown": (0, (4, 2))}
+_LINES: style.Marks = {"known": "-", "unknown": (0, (4, 2))}
 
 
 @dataclass(frozen=True)
@@ -89,10 +89,8 @@ def prepare(tables: Tables) -> CalibrationFrame:
     curves = []
     for (likelihood, noise_is), part in kinds:
         use = part[part["ok"]]
-        for parameter in [
-            name for name in _NAMES if f"rank_{name}" in use
-        ]:  # an older table has none of the likelihood
-            ranks = use[f"rank_{parameter}"].dropna().to_numpy()
+        for parameter in _NAMES:  # an older table has no ranks of the likelihood
+            ranks = use.get(f"rank_{parameter}", pd.Series(dtype=float)).dropna().to_numpy()
             if len(ranks):
                 curves.append(Curve(parameter, str(likelihood), str(noise_is), np.sort(ranks)))
     if not curves:
@@ -176,7 +174,7 @@ def _draw_coverage(ax: Axes, frame: CalibrationFrame) -> None:
             at = place + 0.3 * (kinds.index(row.noise_is) - 0.5 * (len(kinds) - 1))
             ax.plot([row.low, row.high], [at, at], color=color, linewidth=1.0, zorder=3)
             face = _fill(row.noise_is, color)
-            look: dict[str, Any] = {"color": color, "markerfacecolor": face, "markeredgewidth": 0.8}
+            look: style.Marks = {"color": color, "markerfacecolor": face, "markeredgewidth": 0.8}
             ax.plot(row.share, at, marker=marker, markersize=4, zorder=4, **look)
         labels.append("posterior" + _suffix(likelihood, several) if chain else style.label(method))
     ax.set_yticks(range(len(labels)), labels)

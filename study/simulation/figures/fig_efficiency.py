@@ -23,10 +23,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.fits.cap import CapMoments, cap_moments
+from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import gdke_leaves, median_attainable, noise_at_kappa, ugdk_leaves
 from study.simulation.claims.claim import error_over
-from study.simulation.figures.figure import NotApplicable, Tables, at_first, handle, log_axes, look
+from study.simulation.figures.figure import NotApplicable, Tables, at_first, behind_medians, handle, log_axes, look
 from study.simulation.statistics import quantile
 
 _LEAST_LEVELS = 4
@@ -74,7 +74,8 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     samples = int(cells["samples"].iloc[0])
     place = dict(zip(cells["group"], zip(cells["angle"], level, strict=True), strict=True))
     caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in cells["angle"].unique()}
-    shown = _shown(tables.estimators)
+    order = sorted(tables.estimators, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+    shown = order[:_MOST_CURVES]
     errors = tables.some_errors(["cell", "estimator", "error", "bound"], shown)
     ratios = errors.assign(ratio=error_over(errors, "bound")).groupby(["cell", "estimator"], observed=True, sort=False)
     rows = []
@@ -86,41 +87,16 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     curves[["ratio", "error"]] = curves[["ratio", "error"]].div(tables.efficient(curves["angle"]), axis=0)
     levels = curves[["angle", "level"]].drop_duplicates()
     reached = [median_attainable(row.angle, row.level, tables.dimension) for row in levels.itertuples()]
-    least = curves["trials"].min()
+    names = [style.label(name) for name in tables.estimators if name not in shown]
+    others = f" · not drawn: {', '.join(names)} · " if names else " · "
+    marks = [(a, gdke_leaves(samples, m), ugdk_leaves(m), noise_at_kappa(3.0, samples, m)) for a, m in caps.items()]
     return EfficiencyFrame(
         curves=curves,
         attainable=levels.assign(ratio=reached / tables.efficient(levels["angle"])),
-        marks=pd.DataFrame([{"angle": angle, **_marks(moments, samples)} for angle, moments in caps.items()]),
+        marks=pd.DataFrame(marks, columns=["angle", "gdke", "ugdk", "fails"]),
         samples=samples,
-        stamp=" · ".join([tables.name, *_others(tables.estimators, shown), f"at least {least:,} {_behind(curves)}"]),
+        stamp=behind_medians(tables, curves["trials"].min(), curves).replace(" · ", others, 1),
     )
-
-
-def _shown(estimators: list[str]) -> list[str]:
-    """Estimators that are drawn: the first of `_FIRST`, then others in the order of the config."""
-    order = sorted(estimators, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
-    return order[:_MOST_CURVES]
-
-
-def _others(estimators: list[str], shown: list[str]) -> list[str]:
-    names = [style.label(name) for name in estimators if name not in shown]
-    return [f"not drawn: {', '.join(names)}"] if names else []
-
-
-def _behind(curves: pd.DataFrame) -> str:
-    """Words on the trials, and the typical Monte-Carlo error."""
-    relative = (curves["error"] / curves["ratio"])[np.isfinite(curves["ratio"]) & np.isfinite(curves["error"])]
-    usual = f", usual standard error {100.0 * relative.median():.1f} %" if len(relative) else ""
-    return f"trials behind each median{usual}"
-
-
-def _marks(moments: CapMoments, samples: int) -> dict[str, float]:
-    """Relative noise at which theory predicts each change."""
-    return {
-        "gdke": gdke_leaves(samples, moments),
-        "ugdk": ugdk_leaves(moments),
-        "fails": noise_at_kappa(3.0, samples, moments),
-    }
 
 
 @style.journal()
@@ -139,19 +115,13 @@ def draw(frame: EfficiencyFrame) -> Figure:
     for ax in axes[:, 0]:
         ax.set_ylabel("median error,\nCramér-Rao = 1")
     names = list(dict.fromkeys(frame.curves["estimator"]))
-    handles = [handle(name) for name in names]
-    handles.append(Line2D([], [], color="black", linewidth=1.0, linestyle=(0, (4, 2)), label="attainable bound"))
-    handles.append(Line2D([], [], color="black", linewidth=0.8, label="Cramér-Rao bound"))
-    marked = (
+    attainable = Line2D([], [], color="black", linewidth=1.0, linestyle=(0, (4, 2)), label="attainable bound")
+    handles = [*map(handle, names), attainable, Line2D([], [], color="black", linewidth=0.8, label="Cramér-Rao bound")]
+    title = (
         "ticks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
     )
-    figure.legend(
-        handles=handles,
-        loc="outside upper center",
-        ncols=min(len(handles), 5),
-        title=marked,
-        title_fontsize=style.SMALL,
-    )
+    place: style.Marks = {"loc": "outside upper center", "ncols": min(len(handles), 5)}
+    figure.legend(handles=handles, title=title, title_fontsize=style.SMALL, **place)
     style.stamp(figure, frame.stamp)
     return figure
 
@@ -169,28 +139,18 @@ def _panel(ax: Axes, frame: EfficiencyFrame, angle: float) -> None:
     for place, (name, curve) in enumerate(curves):
         shown = curve.sort_values("level")
         size = 1.0 - place / len(curves)  # larger marks first: later ones do not hide them
-        ax.plot(
-            shown["level"], shown["ratio"], **look(str(name), 2.2 + 2.4 * size), linewidth=0.7 + 0.9 * size, zorder=3
-        )
+        marked = look(str(name), 2.2 + 2.4 * size)
+        ax.plot(shown["level"], shown["ratio"], **marked, linewidth=0.7 + 0.9 * size, zorder=3)
     marks = frame.marks[frame.marks["angle"] == angle].iloc[0]
     low, high = mine["level"].min(), mine["level"].max()
     ax.set_xlim(low / 1.3, high * 1.3)
     present = set(mine["estimator"])
-    for key, words, name, side in (
-        ("gdke", "$s^*$", "gdke", "left"),
-        ("ugdk", "$σ^2=v/2$", "ugdk", "right"),
-        ("fails", "$κ=3$", "ugdk", "left"),
-    ):
+    small: style.Marks = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    for key, words, side in (("gdke", "$s^*$", "left"), ("ugdk", "$σ^2=v/2$", "right"), ("fails", "$κ=3$", "left")):
+        name = "ugdk" if key == "fails" else key
         if name in present and low <= marks[key] <= high:
-            ax.axvline(marks[key], 0.0, 0.09, color=style.color(name), linewidth=1.2, zorder=1)
-            ax.annotate(
-                words,
-                (marks[key], 0.0),
-                (2 if side == "left" else -2, 2),
-                ("data", "axes fraction"),
-                "offset points",
-                ha=side,
-                fontsize=style.SMALL,
-                color=style.color(name),
-            )
+            at, color = (marks[key], 0.0), style.color(name)
+            ax.axvline(marks[key], 0.0, 0.09, color=color, linewidth=1.2, zorder=1)
+            away = 2 if side == "left" else -2
+            ax.annotate(words, at, (away, 2), ha=side, color=color, fontsize=style.SMALL, **small)
     ax.set_title(f"$φ$ = {angle:g}°, $N$ = {frame.samples:,}", loc="left")

@@ -22,7 +22,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from study import style
-from study.simulation.figures.figure import NotApplicable, Tables, at_first
+from study.simulation.figures.figure import NotApplicable, Tables, at_first, behind_medians
 
 _LEAST = 2
 _FAR = 100.0
@@ -76,11 +76,8 @@ def prepare(tables: Tables) -> MapFrame:
             "ratio": result["ratio_median"] / tables.efficient(result["angle"]),
         }
     ).reset_index(drop=True)
-    relative = (result["ratio_median_error"] / result["ratio_median"]).to_numpy()
-    known = relative[np.isfinite(relative)]
-    usual = f", usual standard error {100.0 * np.median(known):.1f} %" if len(known) else ""
-    least = int(result["planned"].min())
-    return MapFrame(ratios, f"{tables.name} · at least {least:,} trials behind each median{usual}")
+    medians = result[["ratio_median", "ratio_median_error"]].set_axis(["ratio", "error"], axis=1)
+    return MapFrame(ratios, behind_medians(tables, int(result["planned"].min()), medians))
 
 
 @style.journal()
@@ -97,19 +94,15 @@ def draw(frame: MapFrame) -> Figure:
             mesh = _panel(ax, mine, norm)
         row[0].set_ylabel(f"{style.label(name)}\n$φ$", color=style.color(name), fontsize=8.5)
     for ax, count in zip(axes[0], counts, strict=True):
-        ax.set_title(f"$N$ = {_short(int(count))}", fontsize=8.0)
+        power = round(math.log10(count))
+        short = f"$10^{power}$" if count >= 1000 and 10**power == count else f"{count:,}"
+        ax.set_title(f"$N$ = {short}", fontsize=8.0)
     axes[-1, len(counts) // 2].set_xlabel("noise over radius, $σ/r$")
     bar = figure.colorbar(mesh, ax=axes, extend="both", aspect=30, pad=0.01, fraction=0.03)
     bar.set_label("median error, efficient = 1; hatched: no number", fontsize=8.0)
     bar.set_ticks([0.01, 0.1, 1.0, 10.0, 100.0], labels=["≤0.01", "0.1", "1", "10", "≥100"])
     style.stamp(figure, frame.stamp)
     return figure
-
-
-def _short(count: int) -> str:
-    """Short form of a number of samples: 4, 100, 10³."""
-    power = round(math.log10(count))
-    return f"$10^{power}$" if count >= 1000 and 10**power == count else f"{count:,}"
 
 
 def _panel(ax: Axes, mine: pd.DataFrame, norm: LogNorm) -> QuadMesh:
@@ -127,15 +120,10 @@ def _panel(ax: Axes, mine: pd.DataFrame, norm: LogNorm) -> QuadMesh:
     ax.set_xscale("log")
     ax.set_xlim(10.0 ** borders[0], 10.0 ** borders[-1])
     ax.set_yticks(edges[:-1] + 0.5, [f"{angle:g}°" for angle in table.index], fontsize=6.0)
-    ax.set_xticks(_decades(levels), minor=False)
+    first, last = math.ceil(levels[0]), math.floor(levels[-1])
+    step = max(1, round((last - first) / 3))
+    ax.set_xticks([10.0**k for k in range(first, last + 1) if k % step == 0], minor=False)
     ax.minorticks_off()
     ax.tick_params(axis="x", labelsize=6.5)
     ax.tick_params(length=2.0)
     return mesh
-
-
-def _decades(levels: np.ndarray) -> list[float]:
-    """A few round powers of ten within the levels, and 1 if it is among them."""
-    low, high = math.ceil(levels[0]), math.floor(levels[-1])
-    step = max(1, round((high - low) / 3))
-    return [10.0**k for k in range(low, high + 1) if k % step == 0]

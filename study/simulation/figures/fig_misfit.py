@@ -21,7 +21,16 @@ from matplotlib.figure import Figure
 from study import style
 from study.simulation.experiment.conditions import DIRECTIONS, LAW
 from study.simulation.experiment.noise import NORMAL, has_equal_covariance
-from study.simulation.figures.figure import NotApplicable, Tables, at_first, handle, look
+from study.simulation.figures.figure import (
+    NotApplicable,
+    Tables,
+    at_first,
+    behind_medians,
+    finite,
+    handle,
+    plain_ticks,
+    side_by_side,
+)
 
 _MOST = 4
 """Angles and laws of directions that are shown, the first ones."""
@@ -80,7 +89,7 @@ def prepare(tables: Tables) -> MisfitFrame:
         medians=medians.drop(columns=["median", "share"]).assign(ratio=ratio, error=error).reset_index(drop=True),
         samples=int(rows["samples"].iloc[0]),
         noise=float(rows["noise"].iloc[0] / rows["radius"].iloc[0]),
-        stamp=f"{tables.name} · at least {int(rows['planned'].min()):,} trials behind each median",
+        stamp=behind_medians(tables, int(rows["planned"].min())),
     )
 
 
@@ -99,30 +108,13 @@ def draw(frame: MisfitFrame) -> Figure:
     for row, law in zip(axes, directions, strict=True):
         for ax, angle in zip(row, angles, strict=True):
             part = frame.medians[(frame.medians["directions"] == law) & (frame.medians["angle"] == angle)]
-            ax.axhline(1.0, color="black", linewidth=0.8)
-            ax.grid(visible=False, axis="x")
-            for number, name in enumerate(names):
-                mine = part[part["estimator"] == name]
-                places = np.array([laws.index(word) for word in mine["law"]])
-                ax.errorbar(
-                    places + _DODGE * (number - 0.5 * (len(names) - 1)),
-                    np.where(np.isfinite(mine["ratio"]), mine["ratio"], np.nan),
-                    yerr=1.96 * np.where(np.isfinite(mine["error"]), mine["error"], np.nan),
-                    linestyle="",
-                    elinewidth=1.0,
-                    **look(name, 3.2),
-                )
+            part = part.assign(at=part["law"].map(laws.index))
+            side_by_side(ax, part, names, _DODGE, 3.2, linestyle="")
             ax.set_title(f"$φ$ = {angle:g}°, directions: {law}", loc="left")
             ax.set_xticks(range(len(laws)), laws, rotation=50, ha="right", rotation_mode="anchor")
         row[0].set_ylabel("median error,\nwhite noise = 1")
-    axes[0, 0].set_yscale("log")
-    ticks = [t for t in (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0) if t <= max(3.0, 1.2 * _largest(frame.medians))]
-    axes[0, 0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes[0, 0].minorticks_off()
+    largest = float(np.nanmax(finite(frame.medians["ratio"])))
+    plain_ticks(axes[0, 0], (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0), 0.0, max(3.0, 1.2 * largest))
     figure.legend(handles=list(map(handle, names)), loc="upper center", ncols=8, columnspacing=1.2)
     style.stamp(figure, f"$N$ = {frame.samples:,}, $σ/r$ = {frame.noise:g} · {frame.stamp}")
     return figure
-
-
-def _largest(medians: pd.DataFrame) -> float:
-    return float(medians["ratio"][np.isfinite(medians["ratio"])].max())

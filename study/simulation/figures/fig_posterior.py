@@ -127,7 +127,7 @@ def draw(frame: PosteriorFrame) -> Figure:
 
 def _plane(ax: Axes, view: ParameterPlane, names: list[str]) -> None:
     ax.grid(False)
-    shaded: dict[str, Any] = {"colors": _SHADES[::-1], "levels": [0.0, *_LEVELS], "zorder": 1}
+    shaded: style.Marks = {"colors": _SHADES[::-1], "levels": [0.0, *_LEVELS], "zorder": 1}
     ax.contourf(view.x, view.y, view.share, **shaded)
     for level, shade in zip(_LEVELS, _SHADES[::-1], strict=True):
         ax.add_patch(Rectangle((0.0, 0.0), 0.0, 0.0, color=shade, label=f"posterior, {level:.0%}".replace("%", " %")))
@@ -139,7 +139,7 @@ def _plane(ax: Axes, view: ParameterPlane, names: list[str]) -> None:
     ax.plot(0.0, 0.0, marker="+", color="black", markersize=9, markeredgewidth=1.2, linestyle="none", label="truth")
     for place, (name, (x, y)) in enumerate(zip(names, view.answers, strict=True)):
         size = 8.0 - 4.0 * place / len(names)  # larger marks first: later ones do not hide them
-        look: dict[str, Any] = {"marker": style.marker(name), "color": style.color(name), "markersize": size}
+        look: style.Marks = {"marker": style.marker(name), "color": style.color(name), "markersize": size}
         ax.plot(x, y, linestyle="none", zorder=5, label=style.label(name), **look)
     ax.set_xlabel("centre along the axis, $(ĉ_1 − c_1)/r$")
     ax.set_ylabel("radius, $(r̂ − r)/r$" if view.words == "radius" else "centre across it, $(ĉ_2 − c_2)/r$")

@@ -101,15 +101,8 @@ def _panel(ax: Axes, frame: RegretFrame, name: str, names: list[str]) -> None:
             ax.plot(shown, lane, "o", color=color, markersize=2.4, markeredgewidth=0.0, alpha=0.8, clip_on=False)
         mean = float(frame.means.loc[frame.means["estimator"] == estimator, name].iloc[0])
         ax.plot(min(mean, _EDGE), row, "+", color=style.INK, markersize=9, markeredgewidth=1.3, zorder=4)
-        ax.annotate(
-            style.decimals(mean, 2),
-            (1.0, row),
-            (6, 0),
-            ("axes fraction", "data"),
-            "offset points",
-            va="center",
-            fontsize=style.SMALL,
-        )
+        at = ("axes fraction", "data"), "offset points"
+        ax.annotate(style.decimals(mean, 2), (1.0, row), (6, 0), *at, va="center", fontsize=style.SMALL)
     ax.set_xscale("log")
     ax.set_xlim(1.0, _EDGE)
     ax.set_xticks([1, 2, 3, 5, 10], ["1", "2", "3", "5", "10"])

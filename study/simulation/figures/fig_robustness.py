@@ -16,23 +16,31 @@ next to nothing changes: the error of least squares depends on the covariance al
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
 from study.simulation.experiment.conditions import LAW, OUTLIER_SHARE, OUTLIER_SIZE
 from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom, has_equal_covariance
-from study.simulation.figures.figure import NotApplicable, Tables, at_first, handle, look
+from study.simulation.figures.figure import (
+    NotApplicable,
+    Tables,
+    at_first,
+    behind_medians,
+    finite,
+    handle,
+    plain_ticks,
+    side_by_side,
+)
 
 _LEAST = 3
 _MOST_ROWS = 4
 _TOP, _ROW, _BOTTOM = 0.5, 2.2, 0.75  # inches
+_TICKS = (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _DODGE = 0.08
 """Distance between the marks of two estimators at one place."""
 
@@ -69,8 +77,8 @@ def prepare(tables: Tables) -> RobustnessFrame:
     tables.require_grid(isotropic=True)
     law, share, size = LAW.name, OUTLIER_SHARE.name, OUTLIER_SIZE.name
     for name, least in ((law, NORMAL), (share, 0.0)):
-        found = set(tables.summary[name]) if name in tables.summary else set()
-        if len(found) < _LEAST or least not in found:
+        values = set(tables.summary[name]) if name in tables.summary else set()
+        if len(values) < _LEAST or least not in values:
             raise NotApplicable(f"needs at least {_LEAST} values of {name} in the grid, with {least} among them")
     tables.require_directions_by_area()
     tables.require_all_trials("ratio_median")
@@ -96,7 +104,7 @@ def prepare(tables: Tables) -> RobustnessFrame:
         size=float(rows[size].iloc[0]) if size in rows else float(OUTLIER_SIZE.default or 0.0),
         dimension=tables.dimension,
         samples=int(rows["samples"].iloc[0]),
-        stamp=f"{tables.name} · at least {int(rows['planned'].min()):,} trials behind each median",
+        stamp=behind_medians(tables, int(rows["planned"].min())),
     )
 
 
@@ -120,19 +128,24 @@ def draw(frame: RobustnessFrame) -> Figure:
     for (left, right), angle in zip(axes, angles, strict=True):
         shares = frame.shares[frame.shares["angle"] == angle]
         values = list(shares["share"].unique())
-        _panel(left, shares, "share", values, names)
+        marks: style.Marks = {"size": 3.6, "linewidth": 0.5, "zorder": 3}
+        side_by_side(left, shares.assign(at=shares["share"].map(values.index)), names, _DODGE, **marks)
         as_noise = [math.sqrt(1.0 + share * frame.size**2 / frame.dimension) for share in values]
         left.plot(range(len(values)), as_noise, color="black", linewidth=0.8, linestyle="--", zorder=2)
         left.set_xticks(range(len(values)), [f"{100.0 * share:.3g} %" for share in values])
         tails = frame.tails[frame.tails["angle"] == angle]
         laws = list(tails["law"].unique())
-        _panel(right, tails, "law", laws, names)
+        side_by_side(right, tails.assign(at=tails["law"].map(laws.index)), names, _DODGE, **marks)
         right.set_xticks(range(len(laws)), [_law_label(word) for word in laws])
         left.set_ylabel("median error,\nefficient = 1")
         left.set_title(f"$φ$ = {angle:g}°, $N$ = {frame.samples:,}, normal noise", loc="left")
         right.set_title(f"$φ$ = {angle:g}°, no outliers", loc="left")
-    _decades(axes[0, 0], frame.shares["ratio"])
-    _near_one(axes[0, 1], frame.tails["ratio"])
+    finite_shares, finite_tails = finite(frame.shares["ratio"]), finite(frame.tails["ratio"])
+    low, high = min(0.85, 0.9 * np.nanmin(finite_shares)), max(4.0, 1.25 * np.nanmax(finite_shares))
+    plain_ticks(axes[0, 0], _TICKS, low, high)
+    axes[0, 0].set_ylim(low, high)
+    # the laws have a linear axis of their own, on which small differences can be seen
+    axes[0, 1].set_ylim(min(0.85, np.nanmin(finite_tails) - 0.1), max(1.2, np.nanmax(finite_tails) + 0.1))
     axes[-1, 0].set_xlabel(f"share of outliers, each displaced by {frame.size:g} $σ$")
     axes[-1, 1].set_xlabel("law of the noise, and its excess kurtosis")
     dashed = Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="outliers taken for noise")
@@ -142,41 +155,6 @@ def draw(frame: RobustnessFrame) -> Figure:
     )
     style.stamp(figure, frame.stamp)
     return figure
-
-
-def _panel(ax: Axes, rows: pd.DataFrame, column: str, places: list[object], names: Sequence[str]) -> None:
-    """Draw the medians of each estimator at places side by side, with their intervals."""
-    ax.axhline(1.0, color="black", linewidth=0.8)
-    ax.grid(visible=False, axis="x")
-    for number, name in enumerate(names):
-        mine = rows[rows["estimator"] == name]
-        x = np.array([places.index(value) for value in mine[column]]) + _DODGE * (number - 0.5 * (len(names) - 1))
-        ax.errorbar(
-            x,
-            np.where(np.isfinite(mine["ratio"]), mine["ratio"], np.nan),
-            yerr=1.96 * np.where(np.isfinite(mine["error"]), mine["error"], np.nan),
-            **look(name, 3.6),
-            linewidth=0.5,
-            elinewidth=1.0,
-            zorder=3,
-        )
-
-
-def _decades(ax: Axes, ratios: pd.Series) -> None:
-    """Give the panels of outliers a logarithmic axis, with room for all medians."""
-    finite = ratios[np.isfinite(ratios)]
-    low, high = min(0.85, 0.9 * finite.min()), max(4.0, 1.25 * finite.max())
-    ax.set_yscale("log")
-    ticks = [t for t in (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0) if low <= t <= high]
-    ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    ax.minorticks_off()
-    ax.set_ylim(low, high)
-
-
-def _near_one(ax: Axes, ratios: pd.Series) -> None:
-    """Give the panels of laws a linear axis of its own, on which small differences can be seen."""
-    finite = ratios[np.isfinite(ratios)]
-    ax.set_ylim(min(0.85, finite.min() - 0.1), max(1.2, finite.max() + 0.1))
 
 
 def _law_label(word: str) -> str:

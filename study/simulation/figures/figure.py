@@ -5,18 +5,20 @@ All computing is in ``prepare``; ``draw`` reads no files. `NotApplicable` says w
 
 import math
 import traceback
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol, Self
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
+from study.arrays import Floats
 from study.files import RunError
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import median_at_bound
@@ -116,9 +118,8 @@ class Tables:
             used=None if every else used,
         )
         if tables.summary.empty:
-            raise RunError(
-                f"{run.folder}: its budget ended before any cell had a trial; run `study run` again to resume"
-            )
+            words = "its budget ended before any cell had a trial; run `study run` again to resume"
+            raise RunError(f"{run.folder}: {words}")
         return tables
 
     @cached_property
@@ -150,10 +151,8 @@ class Tables:
 
     def efficient(self, angles: "pd.Series[float]") -> "pd.Series[float]":
         """For each half-angle in degrees the median over √tr CRLB of Gaussian errors at the bound: figures' unit."""
-        unit = {
-            angle: median_at_bound(cap_moments(math.radians(angle), self.dimension), self.dimension)
-            for angle in angles.unique()
-        }
+        d = self.dimension
+        unit = {angle: median_at_bound(cap_moments(math.radians(angle), d), d) for angle in angles.unique()}
         return angles.map(unit)
 
     def require_errors(self) -> None:
@@ -228,14 +227,41 @@ def look(estimator: str, size: float) -> dict[str, Any]:
 
 def handle(estimator: str) -> Line2D:
     """Legend entry of an estimator."""
-    return Line2D(
-        [],
-        [],
-        color=style.color(estimator),
-        marker=style.marker(estimator),
-        markersize=3.5,
-        label=style.label(estimator),
-    )
+    return Line2D([], [], **look(estimator, 3.5) | {"markeredgewidth": 1.0}, label=style.label(estimator))
+
+
+def finite(values: "pd.Series[float]") -> Floats:
+    """Values for a curve: NaN, which leaves a gap, where they are infinite."""
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def behind_medians(tables: Tables, trials: int, medians: pd.DataFrame | None = None) -> str:
+    """A stamp: the run, the least number of trials, and the usual standard error of medians (ratio, error)."""
+    words = f"{tables.name} · at least {trials:,} trials behind each median"
+    if medians is None:
+        return words
+    relative = finite(medians["error"] / finite(medians["ratio"]))
+    known = relative[~np.isnan(relative)]
+    return words + (f", usual standard error {100.0 * np.median(known):.1f} %" if len(known) else "")
+
+
+def side_by_side(ax: Axes, rows: pd.DataFrame, names: Sequence[str], dodge: float, size: float, **line: Any) -> None:
+    """Draw medians (ratio) at their places (at) with 95 % intervals (error), those of several estimators apart."""
+    ax.axhline(1.0, color="black", linewidth=0.8)
+    ax.grid(visible=False, axis="x")
+    for number, name in enumerate(names):
+        mine = rows[rows["estimator"] == name]
+        x = mine["at"] + dodge * (number - 0.5 * (len(names) - 1))
+        bars = 1.96 * finite(mine["error"])
+        ax.errorbar(x, finite(mine["ratio"]), yerr=bars, elinewidth=1.0, **look(name, size), **line)
+
+
+def plain_ticks(ax: Axes, ticks: Iterable[float], low: float, high: float) -> None:
+    """Make the vertical axis logarithmic; of these ticks it has those within the limits, written as they are."""
+    shown = [tick for tick in ticks if low <= tick <= high]
+    ax.set_yscale("log")
+    ax.set_yticks(shown, [f"{tick:g}" for tick in shown])
+    ax.minorticks_off()
 
 
 def log_axes(ax: Axes) -> None:

@@ -18,6 +18,7 @@ import math
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -42,10 +43,11 @@ from study.simulation.posterior.sampler import Chain, Prior, likelihood_rank, sa
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.run_folder import Run
-from study.simulation.runs.workers import Dispatch, Threads, Workers
+from study.simulation.runs.workers import Dispatch, Workers
 from study.text import columns, number
 
 KEYS = ["cell", "trial", "likelihood", "noise_is"]
+_METHOD = ["likelihood", "noise_is", "method"]
 LEVELS = (0.68, 0.95)
 FLAT = 0.02
 """σ²/v above which the posterior is skewed (docs/theory.md §6)."""
@@ -116,12 +118,12 @@ def coverage(result: pd.DataFrame) -> pd.DataFrame:
         interval, and ``p`` of the exact binomial test of the nominal level.
     """
     rows = []
-    for keys, part in result.groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
+    for keys, part in result.groupby(_METHOD, sort=False, observed=True):
         inside, ok = part["level"].to_numpy(), part["ok"].to_numpy()
         for level in LEVELS:
             test = scipy.stats.binomtest(int(np.sum(ok & (inside < level))), len(part), level)
             low, high = test.proportion_ci(0.95, method="exact")
-            row: dict[str, object] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
+            row: dict[str, object] = dict(zip(_METHOD, keys, strict=True))
             row |= {"level": level, "trials": len(part), "failed": int(np.sum(~ok)), "share": test.statistic}
             rows.append(row | {"low": low, "high": high, "p": test.pvalue})
     return pd.DataFrame(rows)
@@ -138,14 +140,13 @@ def uniformity(result: pd.DataFrame) -> pd.DataFrame:
         uniform), ``distance`` from the uniform distribution, and its ``p``.
     """
     rows = []
-    parameters = [name for name in result.columns if name.startswith("rank_")]
-    for keys, part in result[result["ok"]].groupby(["likelihood", "noise_is", "method"], sort=False, observed=True):
-        for name in parameters:
+    for keys, part in result[result["ok"]].groupby(_METHOD, sort=False, observed=True):
+        for name in [name for name in result.columns if name.startswith("rank_")]:
             ranks = part[name].dropna().to_numpy()
             if len(ranks) < 2:
                 continue
             test = scipy.stats.kstest(ranks, "uniform")
-            row: dict[str, object] = dict(zip(["likelihood", "noise_is", "method"], keys, strict=True))
+            row: dict[str, object] = dict(zip(_METHOD, keys, strict=True))
             row |= {"parameter": name.removeprefix("rank_"), "trials": len(ranks), "mean": float(ranks.mean())}
             rows.append(row | {"distance": float(test.statistic), "p": float(test.pvalue)})
     return pd.DataFrame(rows)
@@ -219,14 +220,8 @@ def _posterior(trial: Trial, chain: Chain, draws: Floats, walkers: int) -> Row:
         known = i < draws.shape[1] and len(draws) > 0
         values = draws[:, i] if known else np.full(1, math.nan)
         row |= {f"mean_{name}": values.mean(), f"sd_{name}": values.std()}
-        row |= {
-            f"{label}_{name}": quantile
-            for label, quantile in zip(
-                schemas.POSTERIOR_QUANTILES,
-                np.quantile(values, list(schemas.POSTERIOR_QUANTILES.values())),
-                strict=True,
-            )
-        }
+        quantiles = np.quantile(values, list(schemas.POSTERIOR_QUANTILES.values()))
+        row |= {f"{label}_{name}": q for label, q in zip(schemas.POSTERIOR_QUANTILES, quantiles, strict=True)}
         row[f"rank_{name}"] = float(np.mean(values < 0.0)) if known else math.nan
     if len(draws):
         center, covariance = draws[:, :d].mean(axis=0), np.cov(draws[:, :d].T)
@@ -293,9 +288,8 @@ class ChainTask:
     @property
     def key(self) -> dict[str, str | int]:
         """The columns that identify the chain in every table."""
-        where = self.trial
-        names = {"likelihood": self.likelihood, "noise_is": self.noise_is}
-        return {"cell": where.cell.name, "trial": where.trial, **names}
+        names = self.trial.cell.name, self.trial.trial, self.likelihood, self.noise_is
+        return dict(zip(KEYS, names, strict=True))
 
     def part(self, study: Study, posterior: Posterior) -> str:
         """Name of the chain's part: a digest of all that determines it."""
@@ -327,10 +321,8 @@ def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
 
 def chain_tasks(study: Study, posterior: Posterior) -> list[ChainTask]:
     """Every chain that a config asks for, in the order of the tables."""
-    places = [trial for trial in all_trials(study, posterior.trials) if posterior.chooses(trial.cell)]
-    return [
-        ChainTask(place, name, noise) for place in places for name in posterior.likelihood for noise in posterior.noise
-    ]
+    chosen = (trial for trial in all_trials(study, posterior.trials) if posterior.chooses(trial.cell))
+    return [ChainTask(*task) for task in product(chosen, posterior.likelihood, posterior.noise)]
 
 
 def printed(run: Run) -> Iterator[str]:
@@ -369,15 +361,14 @@ def printed_calibration(result: pd.DataFrame) -> Iterator[str]:
     if curved.empty:
         return
     yield f"calibration of {len(curved[curved['method'] == 'posterior'])} chains, those with σ²/v < {FLAT}:"
-    keys = ["likelihood", "noise_is", "method"]
-    ranks = {(*(row[key] for key in keys), row["parameter"]): row["p"] for row in uniformity(curved).to_dict("records")}
-    parameters = list(dict.fromkeys(key[-1] for key in ranks))
+    uniform = uniformity(curved).to_dict("records")
+    ranks = {tuple(row[key] for key in (*_METHOD, "parameter")): row["p"] for row in uniform}
+    parameters = list(dict.fromkeys(row["parameter"] for row in uniform))
     rows = []
-    for key, part in coverage(curved).groupby(keys, sort=False, observed=True):
+    for key, part in coverage(curved).groupby(_METHOD, sort=False, observed=True):
         shares = [f"{row['share']:.1%} ({row['low']:.1%} … {row['high']:.1%})" for _, row in part.iterrows()]
-        rows.append(
-            [*map(str, key), *shares, *(number(ranks.get((*key, name), math.nan), ".2g") for name in parameters)]
-        )
+        tests = [number(ranks.get((*key, name), math.nan), ".2g") for name in parameters]
+        rows.append([*map(str, key), *shares, *tests])
     titles = [*(f"{level:.0%} set" for level in LEVELS), *(f"p of {name}" for name in parameters)]
     yield from columns(rows, ["likelihood", "noise", "method", *titles], "<<<>")
     yield "p: probability of ranks at least so far from uniform, by Kolmogorov and Smirnov's test, if they were uniform"
@@ -386,7 +377,6 @@ def printed_calibration(result: pd.DataFrame) -> Iterator[str]:
 _OUTPUTS = ("chain",)
 _HEAVY = 1e8
 """Weight of a chain per sample, so large that each chain is sent to a worker alone."""
-Shared = tuple[Study, Posterior]
 
 
 def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None] | None = None) -> None:
@@ -426,7 +416,19 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
         if usable:
             _keep_finished(run, parts, keys, list(stored))
         run.forget(*stored)
-        _compute(parts, (study, posterior), keys, backend, progress)
+        missing = [item for item in keys.items() if not parts.outputs(item[0])]
+        lost: list[str] = []
+
+        def ended(items: tuple[tuple[str, ChainTask], ...], failure: str) -> None:
+            if failure:
+                lost.append(failure)
+            if progress is not None:
+                progress(len(items) / len(missing))
+
+        dispatch = Dispatch(backend, _chains, (study, posterior), parts)
+        dispatch.compute(missing, lambda item: _HEAVY * item[1].trial.cell.samples, ended)
+        if lost:
+            raise RunError(f"{run.folder}: {len(lost)} chains could not be run: {lost[0]}; the others are stored")
         for name, columns in stored.items():
             result = (schemas.completed(table, columns) for key in keys for _, _, table in parts.tables(key, name))
             run.join(name, columns, result, metadata)
@@ -447,25 +449,6 @@ def _keep_finished(run: Run, parts: Parts, wanted: dict[str, ChainTask], names: 
     parts.commit()
 
 
-def _compute(
-    parts: Parts, shared: Shared, keys: dict[str, ChainTask], backend: Threads, progress: Callable[[float], None] | None
-) -> None:
-    """Run the missing chains and store each as it finishes."""
-    missing = [item for item in keys.items() if not parts.outputs(item[0])]
-    lost: list[str] = []
-
-    def ended(items: tuple[tuple[str, ChainTask], ...], failure: str) -> None:
-        if failure:
-            lost.append(failure)
-        if progress is not None:
-            progress(len(items) / len(missing))
-
-    dispatch = Dispatch(backend, _chains, shared, parts)
-    dispatch.compute(missing, lambda item: _HEAVY * item[1].trial.cell.samples, ended)
-    if lost:
-        raise RunError(f"{parts.folder.parent}: {len(lost)} chains could not be run: {lost[0]}; the others are stored")
-
-
-def _chains(shared: Shared, items: tuple[tuple[str, ChainTask], ...]) -> Packet:
+def _chains(shared: tuple[Study, Posterior], items: tuple[tuple[str, ChainTask], ...]) -> Packet:
     """Run chains, in a worker."""
     return Packet.of([(key, _OUTPUTS) for key, _ in items], [task.compute(*shared) for _, task in items])

@@ -63,9 +63,8 @@ def _columns(record: Record) -> dict[str, object]:
     }
     if record.worst_of_groups is not None:
         rows = record.worst_of_groups.set_index(["group", "estimator"]).reindex(names)
-        trials = [
-            f"{c}/{t:.0f}" if isinstance(c, str) else None for c, t in zip(rows["cell"], rows["trial"], strict=True)
-        ]
+        worst = zip(rows["cell"], rows["trial"], strict=True)
+        trials = [f"{cell}/{trial:.0f}" if isinstance(cell, str) else None for cell, trial in worst]
         data |= {"worst": trials, "ratio": _rounded(rows["ratio"], _ERROR_DIGITS)}
     return data
 
@@ -96,11 +95,11 @@ def _condition(name: str, symbol: str, values: pd.Series, mark: str) -> dict[str
 
 def _failed(frame: pd.DataFrame) -> list[dict[str, object]]:
     """Fits that are not ok, by status, without those that occur nowhere."""
-    names = [status.name.lower() for status in Status if status != Status.OK]
+    counts = {status.name.lower(): frame.get(status.name.lower()) for status in Status if status != Status.OK}
     return [
-        {"words": name.replace("_", " "), "counts": frame[name].tolist()}
-        for name in names
-        if name in frame and frame[name].any()
+        {"words": name.replace("_", " "), "counts": column.tolist()}
+        for name, column in counts.items()
+        if column is not None and column.any()
     ]
 
 

@@ -144,15 +144,10 @@ def table(
         lines.append(_filled("<tr{}>{}</tr>\n", _filled(' id="{}"', ids[index]) if ids else "", cells))
     above = [_filled('<p class="caption">{}</p>\n', caption)] if caption else []
     if long:
-        above.append(
-            _filled('<p class="unprinted">The {} rows of this table are on the screen alone.</p>\n', str(len(rows)))
-        )
-    whole = _filled(
-        '\n<table class="{}">\n<thead><tr>{}</tr></thead>\n<tbody>\n{}</tbody>\n</table>\n',
-        look or ("wide" if len(head) > 8 else "plain"),
-        titles,
-        lines,
-    )
+        unprinted = "The {} rows of this table are on the screen alone."
+        above.append(_filled(f'<p class="unprinted">{unprinted}</p>\n', str(len(rows))))
+    markup = '\n<table class="{}">\n<thead><tr>{}</tr></thead>\n<tbody>\n{}</tbody>\n</table>\n'
+    whole = _filled(markup, look or ("wide" if len(head) > 8 else "plain"), titles, lines)
     return joined([*above, scrolling("scroll screen" if long else "scroll", label, whole)])
 
 

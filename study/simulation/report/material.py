@@ -91,15 +91,11 @@ def findings(
         readings: verdicts under other readings of the paper.
     """
     rows = {row["name"]: row for row in claims.to_dict("records")}
-    told = [
-        Headline(
-            head.format(otherwise=readings.otherwise(name) if readings else ""),
-            _filled(claim.story, row["finding"]),
-            int(row["number"]),
-        )
-        for name, claim in _CLAIMS.items()
-        if (row := rows.get(name)) and (head := claim.head(row["verdict"]))
-    ]
+    told = []
+    for name, claim in _CLAIMS.items():
+        if (row := rows.get(name)) and (head := claim.head(row["verdict"])):
+            head = head.format(otherwise=readings.otherwise(name) if readings else "")
+            told.append(Headline(head, _filled(claim.story, row["finding"]), int(row["number"])))
     return [*told[:1], *_instead(efficiency), *_reached(efficiency), *told[1:]]
 
 

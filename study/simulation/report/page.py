@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
-from study.files import RunError, regular, write
+from study.files import RunError, explained, regular, write
 from study.simulation.claims import Verdict
 from study.simulation.claims.readings import Readings
 from study.simulation.figures import Gallery, gathered
@@ -24,28 +24,20 @@ from study.simulation.report.runs import overview_section, posterior_section, ru
 from study.simulation.report.words import count, readable
 from study.simulation.runs.run_folder import Run
 
-_LOOKS = {
-    Verdict.REPRODUCED: "good",
-    Verdict.PARTLY: "partly",
-    Verdict.NOT_REPRODUCED: "bad",
-    Verdict.NOT_EVALUATED: "untested",
-}
-
-
+_LOOKS = dict(zip(map(str, Verdict), ("good", "partly", "bad", "untested"), strict=True))
+_SHORT = dict(zip(map(str, Verdict), ("yes", "part", "no", "–"), strict=True))
 _PROSE = "stacked prose"
 
 
 def claims_section(material: Material) -> Iterable[Section]:
     """Section of the claims: first those with a verdict, then those without, and why."""
-    claims = material.claims
-    yield Section("The paper's claims", "claims", [*_claims(material, claims)])
+    yield Section("The paper's claims", "claims", [*_claims(material, material.claims)])
 
 
 def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Markup]:
     if claims.empty:
-        yield html.paragraph(
-            "No claim of the paper was judged: that takes runs of the project's own configs, such as paper.toml."
-        )
+        words = "No claim of the paper was judged: that takes runs of the project's own configs, such as paper.toml."
+        yield html.paragraph(words)
         return
     without = claims["verdict"] == Verdict.NOT_EVALUATED
     judged, rest = claims[~without], claims[without]
@@ -58,13 +50,11 @@ def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Markup]:
         caption = "Each verdict is computed from numbers with their Monte-Carlo errors, by the rule given with them."
         yield html.table("The paper's claims and what was found", caption, head, rows, look=_PROSE, ids=ids)
     if not rest.empty:
-        rows = [
-            [str(r.number), str(r.section), str(r.statement), html.coded(str(r.finding))] for r in rest.itertuples()
-        ]
+        cells = rest[["number", "section", "statement", "finding"]].astype(str).to_numpy()
+        rows = [[*first, html.coded(why)] for *first, why in cells]
         table = html.table("Claims not evaluated", "", ["No.", "§", "Claim", "Why not"], rows, look=_PROSE)
-        title = f"{len(rows)} claim{'s' * (len(rows) > 1)} not evaluated, and why"
         yield from _missing(rest, judged, material)
-        yield html.folded(title, table)
+        yield html.folded(f"{len(rows)} claim{'s' * (len(rows) > 1)} not evaluated, and why", table)
 
 
 def tally(claims: pd.DataFrame) -> Markup:
@@ -78,7 +68,7 @@ def tally(claims: pd.DataFrame) -> Markup:
 
 
 def _badge(verdict: str, words: str) -> Markup:
-    return html.badge(words, _LOOKS.get(Verdict(verdict), "untested") if verdict in set(Verdict) else "untested")
+    return html.badge(words, _LOOKS.get(verdict, "untested"))
 
 
 def _judged(row: Any, material: Material) -> list[Content]:
@@ -100,22 +90,14 @@ def _judged(row: Any, material: Material) -> list[Content]:
     numbers = html.items([readable(part) for part in str(row.finding).splitlines()])
     rule = html.facts([(term, content) for term, content in facts if content])
     verdict = str(row.verdict)
+    otherwise = material.readings.otherwise(str(row.claim)).partition("; ")[2] if material.readings else ""
     result: list[str] = [
         html.paragraph([_badge(verdict, verdict)]),
         html.paragraph(html.coded(answer(str(row.claim), verdict, str(row.finding)))),
-        *_otherwise(str(row.claim), material),
+        *([html.paragraph(["Read otherwise: ", otherwise, "."])] if otherwise else []),
         html.folded("Numbers and rule", [numbers, rule]),
     ]
     return [str(row.number), str(row.section), str(row.statement), result]
-
-
-def _otherwise(claim: str, material: Material) -> list[Markup]:
-    """Sentence on a claim whose verdict another reading of the paper changes; nothing if it stands."""
-    words = material.readings.otherwise(claim).partition("; ")[2] if material.readings else ""
-    return [html.paragraph(["Read otherwise: ", words, "."])] if words else []
-
-
-_SHORT = {Verdict.REPRODUCED: "yes", Verdict.PARTLY: "part", Verdict.NOT_REPRODUCED: "no", Verdict.NOT_EVALUATED: "–"}
 
 
 def readings_section(material: Material) -> Iterable[Section]:
@@ -145,7 +127,7 @@ def readings_section(material: Material) -> Iterable[Section]:
         cells: list[Content] = []
         for key in readings.others:
             verdict = readings.verdict(row["name"], *key)
-            short = _SHORT[Verdict(verdict)] if verdict else "·"
+            short = _SHORT[verdict] if verdict else "·"
             cells.append(_badge(verdict, short) if verdict not in ("", row["verdict"]) else short)
         short = _SHORT.get(row["verdict"], "–")
         lines.append([html.link(f"{row['number']} {row['name']}", f"claim-{row['number']}"), short, *cells])
@@ -174,15 +156,11 @@ def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> It
     configs = dict.fromkeys(config for config, _, table in (read.partition("/") for read in reads) if table)
     needed: list[str] = [f"configs/{name}.toml" for name in configs if name not in given]
     if needed:
-        needed = [f"runs of {', '.join(map(str, needed))}"]
+        needed = [f"runs of {', '.join(needed)}"]
     for table, option in (("cost", "--cost"), ("case-study", "--recording")):
         if table in reads and table not in _reads(judged):
-            needed += [", and "] * bool(needed) + [
-                "what ",
-                html.code(f"study {table}"),
-                " writes, given by ",
-                html.code(option),
-            ]
+            given_by = [html.code(f"study {table}"), " writes, given by ", html.code(option)]
+            needed += [", and "] * bool(needed) + ["what ", *given_by]
     if needed:
         yield html.paragraph(["Missing are ", *needed, "."])
 
@@ -212,15 +190,6 @@ def read_bench(path: Path) -> pd.DataFrame:
     return result
 
 
-def _spoken(cost: str, unit: str) -> str:
-    """A cost in the unit that suits it: 8.69e+06 ns are 8.69 ms."""
-    if unit != "ns":
-        return f"{cost}{words.JOINED}{unit}"
-    value = float(cost)
-    size, name = next((pair for pair in _TIMES if value >= pair[0]), (1.0, "ns"))
-    return f"{words.timed(value / size)}{words.JOINED}{name}"
-
-
 def speed_section(material: Material) -> Iterable[Section]:
     """Section with a table per group of benchmarks; empty if there are none."""
     if material.bench is None:
@@ -233,8 +202,12 @@ def speed_section(material: Material) -> Iterable[Section]:
         )
     ]
     for group, part in material.bench.groupby("group", sort=False):
-        cells = part[["what", "cost", "measured", "ratio", "aim"]].to_numpy(dtype=str).tolist()
-        rows = [[what, _spoken(cost, unit), words.readable(ratio), aim] for what, cost, unit, ratio, aim in cells]
+        rows = []
+        for what, cost, unit, ratio, aim in part[["what", "cost", "measured", "ratio", "aim"]].to_numpy(dtype=str):
+            # a cost in the unit that suits it: 8.69e+06 ns are 8.69 ms
+            size, name = next((t for t in _TIMES if unit == "ns" and float(cost) >= t[0]), (1.0, unit))
+            spoken = words.timed(float(cost) / size) if unit == "ns" else cost
+            rows.append([what, f"{spoken}{words.JOINED}{name}", words.readable(ratio), aim])
         head = ["What", "Cost", "Ratio", "Aim"]
         content.append(html.table(f"Speed: {group}", str(group), head, rows, numeric={1, 2}))
     yield Section("Speed", "speed", content)
@@ -316,9 +289,7 @@ def save(page: str, path: Path) -> Path:
     Raises:
         RunError: if it cannot be written.
     """
-    try:
+    with explained(path, of_run=False):
         path.parent.mkdir(parents=True, exist_ok=True)
         write(path, page.encode("utf-8", "replace"))  # a folder's name may hold bytes that are not text
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path

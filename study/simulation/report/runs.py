@@ -69,10 +69,8 @@ def precision(record: Record) -> list[Markup]:
     """Table with a row per reason why cells got no more trials."""
     asked, frame = record.run.study.precision, record.run.table("precision")
     assert asked is not None
-    if asked.target is not None:
-        goal = f"at most {words.number(asked.target)}"
-    else:
-        goal = f"at most {words.number(100.0 * (asked.relative_target or 0.0))} % of it"
+    relative = f"{words.number(100.0 * (asked.relative_target or 0.0))} % of it"
+    goal = f"at most {relative if asked.target is None else words.number(asked.target)}"
     whose = ", ".join(asked.estimators) if asked.estimators else "every estimator"
     rows = []
     for reason, meaning in _REASONS.items():
@@ -121,9 +119,8 @@ def times(record: Record) -> list[Markup]:
     head = ["Step", "Data sets", "Seconds", "ns per sample"]
     blocks: list[Markup] = [html.table(f"Time by step, {record.name}", caption, head, rows, numeric={1, 2, 3})]
     if frame["samples"].nunique() > 1:
-        blocks.append(
-            html.folded("Nanoseconds per sample, by the number of samples", _by_samples(frame, steps, record.name))
-        )
+        table = _by_samples(frame, steps, record.name)
+        blocks.append(html.folded("Nanoseconds per sample, by the number of samples", table))
     return blocks
 
 
@@ -221,9 +218,8 @@ def efficiency(record: Record) -> list[Markup]:
     """Median error over the bound: a row per group, a column per estimator."""
     frame = record.summary
     if frame["group"].nunique() > _TOO_LONG:
-        return [
-            html.paragraph(["There are too many conditions for a table; ", html.code("summary.parquet"), " has them."])
-        ]
+        said = ["There are too many conditions for a table; ", html.code("summary.parquet"), " has them."]
+        return [html.paragraph(said)]
     by_decade = bool(frame["decade"].notna().any())
     titles, conditions, fixed = _conditions(frame, by_decade)
     shown = [name for name in record.estimators if name in set(frame["estimator"])]
@@ -232,12 +228,12 @@ def efficiency(record: Record) -> list[Markup]:
     for row in frame.to_dict("records"):
         groups.setdefault(row["group"], []).append(row)
     for part in groups.values():
-        found = {str(row["estimator"]): row for row in part}
-        first = next(iter(found.values()))
+        fits = {str(row["estimator"]): row for row in part}
+        first = part[0]
         cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
         if bounded:
             cells += [f"{value:.3g}" for value in medians_at_bounds(record.run.study, first)]
-        rows.append([*cells, *(_ratio(found[name]) if name in found else "–" for name in shown)])
+        rows.append([*cells, *(_ratio(fits[name]) if name in fits else "–" for name in shown)])
     least = words.count(int(frame["planned"].min()))
     law = f" ({name})" if (name := bound_law(frame)) else ""
     efficient = (
@@ -257,27 +253,20 @@ def efficiency(record: Record) -> list[Markup]:
     table = html.table(f"Error over the bound, {record.name}", caption, head, rows, numeric=range(len(head)))
     if len(rows) <= _LONG:
         return [table]
-    summary = f"The table of all {words.count(len(rows))} conditions"
-    return [
-        html.paragraph("There are many conditions; the figures show them better."),
-        html.folded(summary, table, printed=False),
-    ]
+    folded = html.folded(f"The table of all {words.count(len(rows))} conditions", table, printed=False)
+    return [html.paragraph("There are many conditions; the figures show them better."), folded]
 
 
 def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], list[Callable[[RowValues], str]], str]:
     """Titles and formats of the columns that distinguish groups, and the conditions that all groups share."""
     if by_decade:
-        return ["σ/r from"], [_decade], ""
+        return ["σ/r from"], [lambda row: words.power_of_ten(int(row["decade"]))], ""
     made = {c: partial(words.condition, c) for c in LABELS if not c.stored or c.name in frame}
     records = frame.drop_duplicates("group").to_dict("records")
     columns = {c: [make(row) for row in records] for c, make in made.items()}
     vary = [c for c, texts in columns.items() if len(set(texts)) > 1] or [SAMPLES]
     fixed = ", ".join(f"{c.symbol} = {texts[0]}" for c, texts in columns.items() if c not in vary)
     return [c.symbol for c in vary], [made[c] for c in vary], f", all at {fixed}" if fixed else ""
-
-
-def _decade(row: RowValues) -> str:
-    return words.power_of_ten(int(row["decade"]))
 
 
 def _ratio(row: RowValues) -> Content:
@@ -307,9 +296,8 @@ def worst_trials(record: Record) -> list[Markup]:
     """Table of the trials with the largest errors over the bound, with the commands that replay them."""
     frame = record.worst
     if frame is None:
-        return [
-            html.paragraph('The study kept its summary alone (keep = "summary"): which trials were worst is not known.')
-        ]
+        words_of = 'The study kept its summary alone (keep = "summary"): which trials were worst is not known.'
+        return [html.paragraph(words_of)]
     if frame.empty:
         return [html.paragraph("No fit is ok and has a finite bound.")]
     folder = shlex.quote(str(record.run.folder))
@@ -333,10 +321,8 @@ def worst_trials(record: Record) -> list[Markup]:
         f"Largest error over a finite bound{law} among the fits that are ok; a trial counts once, by its worst "
         "estimator. The command draws the same points again; the fits that it shows are those of the version installed."
     )
-    label = f"The worst trials, {record.name}"
-    return [
-        html.table(label, caption, head, rows, numeric=frozenset({1, *range(3, 4 + len(conditions))}), look="stacked")
-    ]
+    numeric = {1, *range(3, 4 + len(conditions))}
+    return [html.table(f"The worst trials, {record.name}", caption, head, rows, numeric=numeric, look="stacked")]
 
 
 _LONG_CHAINS = 20
@@ -350,10 +336,8 @@ def posterior_section(material: Material) -> Iterable[Section]:
             posteriors, answers = record.run.table("posterior"), record.run.table("answers")
             if posteriors.empty:  # no chain was run; `study verify` tells of chains that are missing
                 continue
-            content += [
-                html.heading(f"Run {record.name}", f"posterior-{record.name}"),
-                *_said(record, posteriors, answers),
-            ]
+            content.append(html.heading(f"Run {record.name}", f"posterior-{record.name}"))
+            content += _said(record, posteriors, answers)
     if content:
         yield Section("Posteriors", "posteriors", content)
 
@@ -372,10 +356,9 @@ def _said(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -> li
             "Cramér-Rao bound's."
         )
     table = _chain_kinds(record, cells)
-    shown: Markup = (
-        table if len(cells) <= _LONG_CHAINS else html.folded(f"All {len(cells)} kinds of chain", table, printed=False)
-    )
-    return [html.paragraph(said), *_coverage(record, posteriors, answers), shown]
+    if len(cells) > _LONG_CHAINS:
+        table = html.folded(f"All {len(cells)} kinds of chain", table, printed=False)
+    return [html.paragraph(said), *_coverage(record, posteriors, answers), table]
 
 
 def _chain_kinds(record: Record, cells: pd.DataFrame) -> Markup:
@@ -409,9 +392,8 @@ def _chain_kinds(record: Record, cells: pd.DataFrame) -> Markup:
 def _coverage(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
     """Table of coverage: share of sets of a nominal level that hold the truth."""
     if not record.run.study.independent():
-        return [
-            html.note("Coverage is not shown: cells of this run share draws, and so are not independent of each other.")
-        ]
+        said = "Coverage is not shown: cells of this run share draws, and so are not independent of each other."
+        return [html.note(said)]
     everything = posterior.trials(posteriors, answers)
     curved = everything[everything["flatness"] < posterior.FLAT]
     if curved.empty:

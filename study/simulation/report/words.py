@@ -107,14 +107,14 @@ def moment(text: str) -> str:
     return text.replace("T", " ").replace("+00:00", " UTC")
 
 
-def _joined(found: re.Match[str]) -> str:
-    return measured(float(found[1]), float(found[2])).replace(" ", JOINED)
-
-
 def readable(text: str) -> str:
     """Rewrite numbers within a program's text (1.2e-05, -3) with powers of ten and true minus signs."""
-    text = re.sub(rf"(?<![\w.)\]])({_NUMBER}) ± ({_NUMBER})", _joined, text)
-    text = re.sub(r"(?<=\d)e([+-]\d+)\b", lambda found: f"{JOINED}×{JOINED}{power_of_ten(int(found[1]))}", text)
+
+    def joined(match: re.Match[str]) -> str:
+        return measured(float(match[1]), float(match[2])).replace(" ", JOINED)
+
+    text = re.sub(rf"(?<![\w.)\]])({_NUMBER}) ± ({_NUMBER})", joined, text)
+    text = re.sub(r"(?<=\d)e([+-]\d+)\b", lambda match: f"{JOINED}×{JOINED}{power_of_ten(int(match[1]))}", text)
     return re.sub(r"(?<![\w.)\]-])-(?=[\d.])", "−", text)
 
 
@@ -156,9 +156,8 @@ def values(finding: str) -> list[Quantity]:
 
 def dimension(study: Study) -> str:
     """Name of the fitted shape in d dimensions."""
-    return {2: "circles in the plane", 3: "spheres in space"}.get(
-        study.dimension, f"spheres in {study.dimension} dimensions"
-    )
+    d = study.dimension
+    return {2: "circles in the plane", 3: "spheres in space"}.get(d, f"spheres in {d} dimensions")
 
 
 def condition(which: Condition, row: RowValues) -> str:

@@ -9,7 +9,7 @@ workers nor on interruptions. Once a time budget is spent, a run starts no new w
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -17,8 +17,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from study.arrays import Ints
-from study.simulation.experiment.compute import Columns
 from study.simulation.experiment.config import Precision, Study
 from study.simulation.experiment.designs import Batch, Cell, Group
 from study.simulation.experiment.sampling import groups, trials_of, units_of
@@ -68,12 +66,16 @@ def measure_cells(
     """
     names = precision.estimators or layout.study.estimators
     for batch in _batches(places, len(layout.study.estimators)):
-        cells = [cell for _, group in batch for cell in group]
-        trials = [pieces[-1].last for pieces, group in batch for _ in group]
-        rows = _split(_read(layout, parts, batch), [cell.name for cell in cells], names)
-        for cell, count, result in zip(cells, trials, rows, strict=True):
-            measures = {name: measured(precision.measure, columns) for name, columns in zip(names, result, strict=True)}
-            yield cell, _worst(precision, count, measures)
+        table = _read(layout, parts, batch).to_pandas()
+        rows = table.groupby(["cell", "estimator"], observed=True, sort=False).indices
+        columns = {name: table[name].to_numpy() for name in COLUMNS}
+        for pieces, cells in batch:
+            for cell in cells:
+                measures = {}
+                for name in names:
+                    of_name = {key: values[rows[cell.name, name]] for key, values in columns.items()}
+                    measures[name] = measured(precision.measure, of_name)
+                yield cell, _worst(precision, pieces[-1].last, measures)
 
 
 def _read(layout: Layout, parts: Parts, batch: CellBatch) -> pa.Table:
@@ -126,33 +128,6 @@ def _batches(places: Sequence[list[Batch]], estimators: int) -> Iterator[CellBat
         yield batch
 
 
-def _split(table: pa.Table, cells: list[str], estimators: Sequence[str]) -> Iterator[list[Columns]]:
-    """Split rows by cell and estimator, each in the order of its trials."""
-    cell, estimator = _codes(table, "cell", cells), _codes(table, "estimator", estimators)
-    use = np.flatnonzero((cell >= 0) & (estimator >= 0))
-    code = cell[use] * len(estimators) + estimator[use]
-    use = use[np.argsort(code, kind="stable")]
-    ends = np.cumsum(np.bincount(code, minlength=len(cells) * len(estimators)))
-    columns = {name: table[name].to_numpy()[use] for name in COLUMNS}
-    begin = 0
-    for place in range(len(cells)):
-        result = []
-        for end in ends[place * len(estimators) : (place + 1) * len(estimators)]:
-            result.append({name: values[begin:end] for name, values in columns.items()})
-            begin = int(end)
-        yield result
-
-
-def _codes(table: pa.Table, column: str, words: Sequence[str]) -> Ints:
-    """Place of each row's word among others; -1 for a word that is not among them."""
-    known = {word: place for place, word in enumerate(words)}
-    result = [
-        np.array([known.get(word, -1) for word in chunk.dictionary.to_pylist()], dtype=np.int64)[chunk.indices]
-        for chunk in table[column].chunks
-    ]
-    return np.concatenate(result) if result else np.empty(0, dtype=np.int64)
-
-
 TARGET, CAP, BUDGET = "target", "cap", "budget"
 NOTHING = CellPrecision(0, "", math.nan, math.nan, math.nan, False)
 """Precision of a cell before its first checkpoint."""
@@ -174,11 +149,7 @@ class GroupProgress:
 
     def __init__(self, group: Group, checkpoints: list[int]) -> None:
         self.group, self.checkpoints = group, checkpoints
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget all measures, and begin at the first checkpoint."""
-        self.stages = [Batch(self.group, 0, self.checkpoints[0])]
+        self.stages = [Batch(group, 0, checkpoints[0])]
         self.last: dict[Cell, CellPrecision] = {}
         self.reasons: dict[Cell, str] = {}
 
@@ -187,19 +158,16 @@ class GroupProgress:
         """True if a cell is to have more trials."""
         return len(self.reasons) < len(self.group.cells)
 
-    def take(self, cell: Cell, precision: CellPrecision) -> None:
-        """Note a cell's precision, and close the cell if it needs, or may have, no more trials."""
-        self.last[cell] = precision
-        if precision.reached:
-            self.reasons[cell] = TARGET
-        elif precision.trials == self.checkpoints[-1]:
-            self.reasons[cell] = CAP
-
-    def go_on(self) -> None:
-        """Begin the next stage, with the open cells."""
-        left = {cell for cell in self.group.cells if cell not in self.reasons}
-        last = self.stages[-1].last
-        self.stages.append(Batch(self.group.only(left), last, self.checkpoints[len(self.stages)]))
+    def take(self, result: Mapping[Cell, CellPrecision]) -> None:
+        """Note the precision of the last stage's cells; begin the next one with those that need, and may have, more."""
+        for cell in self.stages[-1].cells:
+            self.last[cell] = precision = result[cell]
+            if precision.reached or precision.trials == self.checkpoints[-1]:
+                self.reasons[cell] = TARGET if precision.reached else CAP
+        if self.open:
+            left = {cell for cell in self.group.cells if cell not in self.reasons}
+            last = self.stages[-1].last
+            self.stages.append(Batch(self.group.only(left), last, self.checkpoints[len(self.stages)]))
 
     def stop(self) -> None:
         """Leave out the last stage, and close all cells."""
@@ -219,10 +187,7 @@ class Rounds(Layout):
         assert study.precision is not None
         super().__init__(study)
         self.precision: Precision = study.precision
-        self.progress = {
-            group.stream: GroupProgress(group, self.precision.checkpoints(trials_of(study, group)))
-            for group in groups(study)
-        }
+        self.restart()
 
     def units(self) -> Iterator[Batch]:
         """The units that hold trials, in the order of the tables."""
@@ -252,15 +217,9 @@ class Rounds(Layout):
                 if next(self.missing(parts, now), None) is None:
                     places[stream] = before + now
         result = dict(measure_cells(self, parts, list(places.values()), self.precision))
-        further = False
         for stream in places:
-            progress = self.progress[stream]
-            for cell in progress.stages[-1].cells:
-                progress.take(cell, result[cell])
-            if progress.open:
-                progress.go_on()
-                further = True
-        return further
+            self.progress[stream].take(result)
+        return any(self.progress[stream].open for stream in places)
 
     def _pieces(self, progress: GroupProgress) -> tuple[list[Batch], list[Batch]]:
         """Pieces of the stages that are measured, and of the last one."""
@@ -271,9 +230,9 @@ class Rounds(Layout):
         return result
 
     def restart(self) -> None:
-        """Forget all measures, because some of the rows are lost."""
-        for progress in self.progress.values():
-            progress.restart()
+        """Forget all measures, because some of the rows are lost, and begin at the first checkpoints."""
+        points, study = self.precision.checkpoints, self.study
+        self.progress = {g.stream: GroupProgress(g, points(trials_of(study, g))) for g in groups(study)}
 
     def stop(self) -> None:
         """Go no further: the open cells stay as they were at their last checkpoint."""
@@ -300,17 +259,10 @@ class Rounds(Layout):
         rows = []
         for progress in self.progress.values():
             for cell in progress.group.cells:
-                result = progress.last.get(cell, NOTHING)
-                rows.append(
-                    {
-                        "cell": cell.name,
-                        **cell.values,
-                        "trials": result.trials,
-                        "checkpoints": sum(point <= result.trials for point in progress.checkpoints),
-                        **{name: getattr(result, name) for name in ("estimator", "value", "error", "goal")},
-                        "reason": progress.reasons[cell],
-                    }
-                )
+                result = vars(progress.last.get(cell, NOTHING))
+                passed = sum(point <= result["trials"] for point in progress.checkpoints)
+                why = {"checkpoints": passed, "reason": progress.reasons[cell]}
+                rows.append({"cell": cell.name} | cell.values | result | why)
         columns = schemas.precision(self.study.conditions())
         return schemas.table(columns, {c.name: [row[c.name] for row in rows] for c in columns})
 

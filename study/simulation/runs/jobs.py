@@ -2,27 +2,37 @@
 
 A study's units may be cut into pieces that are computed by themselves. The stored rows of each unit are joined in the
 order of the tables, however the unit was cut.
+
+More trials, cells or estimators leave the rows of a smaller study as they are, bit for bit. So if a finished run of a
+smaller study, of the same name, lies next to a new one or in its folder, the new one's units are cut into pieces that
+the earlier run has and pieces that it has not. Rows of an estimator of another version, and of units whose worker died,
+are computed again. A run of the very same config in another folder is not used, because a study is run again to check
+it. An adaptive study neither takes rows of another run nor gives any.
 """
 
 import hashlib
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import accumulate
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from study.arrays import Ints
-from study.files import RunError
+from study.files import RunError, TableRows
 from study.fits import ESTIMATORS
+from study.fits.random import Name
 from study.simulation import statistics
 from study.simulation.experiment.compute import Columns, Errors, Result, compute, lost, stack
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Batch
-from study.simulation.experiment.sampling import units
+from study.simulation.experiment.designs import Batch, Group
+from study.simulation.experiment.sampling import groups, trials_of, units
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import FORMAT, Packet, Parts, encode
-from study.simulation.statistics import MEASURES
+from study.simulation.runs.run_folder import Run
 
 POINTS = "points"
 _OVERHEAD = 10_000.0
@@ -58,17 +68,8 @@ class UnitTask:
 
 def takes_long(study: Study) -> bool:
     """Tell whether processes compute a study sooner than threads, which start at once but share one interpreter."""
-    layout, weight = Layout(study), 0.0
-    for unit in units(study):
-        weight += layout.task(unit).weight
-        if weight > _LONG:
-            return True
-    return False
-
-
-def output(estimator: str) -> str:
-    """Name of an estimator's rows among the outputs: its name and its version."""
-    return f"{estimator}@{ESTIMATORS[estimator].version}"
+    layout = Layout(study)
+    return any(weight > _LONG for weight in accumulate(layout.task(unit).weight for unit in units(study)))
 
 
 def estimators_of(outputs: Iterable[str]) -> tuple[str, ...]:
@@ -120,22 +121,27 @@ def tables(study: Study, result: Result) -> dict[str, Columns]:
     elif result.blocks:
         table["summary"] = statistics.of_errors(Errors.joined(result.blocks))
         samples = result.blocks[0].cells[0].samples
-        result.clock("summary", samples, sum(block.radius.size for block in result.blocks))
+        result.clock("summary", samples, sum(block.fits.radius.size for block in result.blocks))
     return table | {"timings": result.timings}
 
 
 class Layout:
-    """The tasks of a run whose units are all known, and computed whole.
+    """The tasks of a run whose units are all known, and cut along those of an earlier study.
 
     Args:
         study: the config.
+        earlier: the earlier study; None to leave units whole.
     """
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, earlier: Study | None = None) -> None:
         self.study = study
-        measures = " ".join(MEASURES) if study.keep == "summary" else ""  # rows of a summary have a column for each
+        # rows of a summary have a column for each measure
+        measures = " ".join(statistics.MEASURES) if study.keep == "summary" else ""
         self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
-        self._estimators = tuple(output(name) for name in study.estimators)
+        self._estimators = tuple(f"{name}@{ESTIMATORS[name].version}" for name in study.estimators)
+        self._earlier = earlier if earlier is not None and _related(study, earlier) else None
+        self._groups = {group.stream: group for group in groups(self._earlier)} if self._earlier is not None else {}
+        self._halves: tuple[Group, Group | None, Group | None] | None = None
 
     def task(self, batch: Batch) -> UnitTask:
         """The task of a batch, with all of its outputs."""
@@ -161,8 +167,22 @@ class Layout:
         return units(self.study)
 
     def cut(self, unit: Batch) -> Iterator[Batch]:
-        """Cut a unit into pieces."""
-        yield unit
+        """Cut a unit into the earlier run's trials of its cells, further trials of them, and other cells."""
+        earlier = self._groups.get(unit.group.stream)
+        if self._earlier is None or earlier is None:
+            yield unit
+            return
+        if self._halves is None or self._halves[0] is not unit.group:  # units of a group come one after the other
+            self._halves = unit.group, *unit.group.shared(earlier)
+        _, shared, others = self._halves
+        if others is not None:
+            yield Batch(others, unit.first, unit.last)
+        if shared is not None:
+            middle = min(max(trials_of(self._earlier, shared), unit.first), unit.last)
+            if unit.first < middle:
+                yield Batch(shared, unit.first, middle)
+            if middle < unit.last:
+                yield Batch(shared, middle, unit.last)
 
     def pieces(self) -> Iterator[Batch]:
         """All pieces of all units."""
@@ -261,3 +281,86 @@ def _places(table: pa.Table, column: str, words: Iterable[str]) -> Ints:
 def _words(table: pa.Table, column: str) -> pa.ChunkedArray:
     """A column of words, without its dictionary."""
     return table[column].cast(pa.string())
+
+
+class EarlierRun:
+    """A finished run whose rows are reused.
+
+    Args:
+        run: the run.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        made = run.manifest()["estimators"]
+        self.outputs = {f"{name}@{made[name]}" for name in run.study.estimators}
+        self._errors = TableRows(run.path("errors"))
+        self._failures = run.arrow("failures") if run.has("failures") else None
+        self._begin: dict[Name, tuple[int, int]] = {}
+        row, estimators = 0, len(run.study.estimators)
+        for unit in units(run.study):
+            self._begin.setdefault(unit.group.stream, (row, unit.group.width * estimators))
+            row += unit.rows * estimators
+
+    @classmethod
+    def of(cls, run: Run) -> "EarlierRun | None":
+        """Open a run; None if it is not finished, or its rows are damaged."""
+        if "errors" not in run.digests() or {"errors", "failures"} & set(run.damaged()):
+            return None
+        try:
+            return cls(run)
+        except RunError:  # it keeps no table that its manifest vouches for
+            return None
+
+    def take(self, task: UnitTask) -> Packet | None:
+        """Take the rows of a task that this run has, in the order that the task gives them; None if it has none.
+
+        Args:
+            task: outputs of a piece, as `Layout` cut it along this run's study.
+        """
+        unit = task.batch
+        trials = trials_of(self.run.study, unit.group)
+        outputs = tuple(o for o in task.outputs if o in self.outputs)
+        if unit.last > trials or not outputs or unit.group.stream not in self._begin:
+            return None
+        begin, per_trial = self._begin[unit.group.stream]
+        size = unit.group.size  # whole blocks hold the cells one after the other
+        low, high = unit.first // size * size, -(-unit.last // size) * size
+        whole = self._errors.rows(begin + per_trial * low, begin + per_trial * min(high, trials))
+        use = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
+        use &= pc.field("estimator").cast(pa.string()).isin(list(estimators_of(outputs)))
+        if unit.cells:
+            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.cells])
+        result = {"errors": whole.filter(use)}
+        if result["errors"].num_rows != unit.rows * len(outputs):
+            return None
+        if self._failures is not None:
+            cells = pc.unique(result["errors"]["cell"]).to_pylist()
+            result["failures"] = self._failures.filter(use & pc.field("cell").cast(pa.string()).isin(cells))
+            if "worker" in pc.unique(result["failures"]["cause"]).to_pylist():
+                return None
+        ordered = {name: table.take(order(estimators_of(outputs), unit, table)) for name, table in result.items()}
+        return Packet.of([(task.key, outputs)], [ordered])
+
+
+def neighbour(study: Study, folder: Path) -> Run | None:
+    """Find the finished run of the same name, next to a folder, that has most rows of a study."""
+    result: list[tuple[int, Run]] = []
+    for path in sorted(folder.parent.glob(f"{study.name}-*")):
+        if path == folder or not re.fullmatch(r"[0-9a-f]{10}", path.name.removeprefix(f"{study.name}-")):
+            continue
+        try:
+            run = Run.open(path)
+        except RunError:
+            continue
+        if run.study.digest() != study.digest() and _related(study, run.study):
+            shared = set(run.study.estimators) & set(study.estimators)
+            result.append((sum(item.rows for item in units(run.study)) * len(shared), run))
+    result.sort(key=lambda entry: -entry[0])
+    return next((run for rows, run in result if rows and EarlierRun.of(run)), None)
+
+
+def _related(study: Study, earlier: Study) -> bool:
+    """Tell whether equal conditions have equal rows in two studies, and each has as many as its design says."""
+    fixed = study.precision is None and earlier.precision is None
+    return fixed and study.stem() == earlier.stem() and study.design.same_draws(earlier.design)

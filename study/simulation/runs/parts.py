@@ -64,8 +64,7 @@ def encode(table: pa.Table) -> bytes:
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, table.schema, options=options) as writer:
         writer.write_table(table)
-    data: bytes = sink.getvalue().to_pybytes()
-    return data
+    return bytes(sink.getvalue())
 
 
 class PacketHeader(BaseModel):
@@ -131,16 +130,20 @@ class Parts:
         self._waiting: list[Packet] = []
         self._since = self._began = time.monotonic()
 
-    def load(self, set_aside: bool = True) -> None:
+    def load(self, set_aside: bool = True) -> list[str]:
         """Read the headers of all files.
 
         Args:
             set_aside: move damaged files to ``parts/damaged``, so that their rows are computed again.
 
+        Returns:
+            Names of the files that were torn or changed.
+
         Raises:
             RunError: if a part is of a newer version, or cannot be read at all.
         """
         self._forget()
+        before = len(self.damaged)
         for path in self._files():
             try:
                 data = path.read_bytes()
@@ -161,6 +164,7 @@ class Parts:
                 with explained(path):
                     (self.folder / DAMAGED).mkdir(exist_ok=True)
                     path.rename(self.folder / DAMAGED / path.name)
+        return self.damaged[before:]
 
     def _path(self, data: bytes) -> Path:
         """Path of a file, which its bytes give."""
@@ -168,12 +172,6 @@ class Parts:
 
     def _files(self) -> list[Path]:
         return sorted(path for path in self.folder.glob(f"{self.kind}-*.part") if path.is_file())
-
-    def whole(self) -> bool:
-        """Read all files again, and set aside those that changed; false if some did."""
-        before = len(self.damaged)
-        self.load()
-        return len(self.damaged) == before
 
     def _forget(self) -> None:
         self.seconds = 0.0
@@ -226,21 +224,12 @@ class Parts:
         packets, self._waiting = self._waiting, []
         now = time.monotonic()
         described = [
-            PacketHeader(
-                keys=[(key, tuple(outputs)) for key, outputs in packet.keys],
-                rows={name: list(rows) for name, rows in packet.rows.items()},
-                sizes={name: len(table) for name, table in packet.tables.items()},
-            )
+            {"keys": packet.keys, "rows": packet.rows, "sizes": {name: len(t) for name, t in packet.tables.items()}}
             for packet in packets
         ]
-        header = Header(
-            format=FORMAT,
-            software=self.software,
-            seconds=round(now - self._since, 3),
-            note=self.note,
-            sources=self.sources,
-            packets=described,
-        )
+        seconds, sources = round(now - self._since, 3), self.sources
+        known = {"format": FORMAT, "software": self.software, "seconds": seconds, "note": self.note}
+        header = Header.model_validate(known | {"sources": sources, "packets": described})
         line = header.model_dump_json().encode() + b"\n"
         data = b"".join([line, *(table for packet in packets for table in packet.tables.values())])
         path = self._path(data)

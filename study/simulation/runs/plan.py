@@ -211,16 +211,21 @@ def plan(study: Study, jobs: int) -> Plan:
     portions: Counter[frozenset[tuple[Kind, int]]] = Counter()
     for group in groups(study):
         for unit, units in sizes_of(study, group):
-            portions[frozenset(_portion(unit).items())] += units
+            portion = Counter[Kind]()
+            for samples, count in group.sizes(unit.first, unit.last):
+                portion[Kind(samples, len(group.levels), group.width)] += count
+            portions[frozenset(portion.items())] += units
     work: Counter[Kind] = Counter()
-    for portion, units in portions.items():
-        work.update({kind: units * trials for kind, trials in portion})
+    for kinds, units in portions.items():
+        work.update({kind: units * trials for kind, trials in kinds})
     trials = sum(count * kind.cells for kind, count in work.items())
     samples = sum(count * kind.cells * kind.samples for kind, count in work.items())
     n_units = portions.total()
     processes = jobs > 1 and takes_long(study)  # they do not wait for one interpreter, but take a while to start
-    pace = measure(study, _some_cells(study), 1 if processes else jobs)
-    longest = max(pace.of(dict(portion)) for portion in portions)
+    places = chain.from_iterable(group.places(0, trials_of(study, group)) for group in groups(study))
+    cells = islice((cell for cell, _, _ in places), 0, None, max(1, study.cells() // _MOST_CELLS))  # evenly spread
+    pace = measure(study, list(cells), 1 if processes else jobs)
+    longest = max(pace.of(dict(kinds)) for kinds in portions)
     fits = trials * len(study.estimators)
     rows = study.cells() * len(study.estimators) if study.keep == "summary" else fits
     stored = min(study.keep_points, study.design.trials) * samples / study.design.trials
@@ -273,18 +278,3 @@ def _extrapolated(study: Study, jobs: int) -> Plan:
     result, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
     counts = {name: round(getattr(result, name) * times) for name in ("cells", "units", "trials", "draws", "samples")}
     return Plan(**counts, fits=round(result.fits * times), bytes=result.bytes * times, seconds=result.seconds * times)
-
-
-def _portion(unit: Batch) -> Counter[Kind]:
-    """Numbers of trials of a unit by their kind."""
-    group, result = unit.group, Counter[Kind]()
-    for samples, trials in group.sizes(unit.first, unit.last):
-        result[Kind(samples, len(group.levels), group.width)] += trials
-    return result
-
-
-def _some_cells(study: Study) -> list[Cell]:
-    """Some thousands of the study's cells, evenly spread."""
-    places = (group.places(0, trials_of(study, group)) for group in groups(study))
-    cells = (cell for cell, _, _ in chain.from_iterable(places))
-    return list(islice(cells, 0, None, max(1, study.cells() // _MOST_CELLS)))

@@ -41,10 +41,7 @@ def swhids() -> dict[str, str | None]:
     Source: ISO/IEC 18670:2025, SWHID.
     """
     commit, tree = _git("rev-parse", "HEAD"), _git("rev-parse", "HEAD^{tree}")
-    return {
-        "revision": f"swh:1:rev:{commit}" if commit else None,
-        "directory": f"swh:1:dir:{tree}" if tree else None,
-    }
+    return {"revision": f"swh:1:rev:{commit}" if commit else None, "directory": f"swh:1:dir:{tree}" if tree else None}
 
 
 def packages() -> dict[str, str | None]:

@@ -29,10 +29,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
+from pydantic import BaseModel, ValidationError, ValidationInfo, field_validator
 
 from study import files
 from study.files import RunError, explained, join, write, write_table
+from study.fits import ESTIMATORS
 from study.fits.registry import origins
 from study.simulation.experiment.config import Study, load
 from study.simulation.runs import schemas
@@ -47,12 +48,13 @@ Manifest = dict[str, Any]
 """A manifest as JSON has it."""
 NAME = "manifest.json"
 DIGEST = "digest"
+DERIVED = ("posterior", "answers", "draws", "claims")
+"""Tables that are not made from units, and so stay when units are computed again."""
 
 
-class Maker(BaseModel):
+class Maker(BaseModel, strict=True):
     """Software that computed rows, of any version."""
 
-    model_config = ConfigDict(strict=True)
     study: str | None = None
     commit: str | None = None
 
@@ -70,20 +72,18 @@ class Software(Maker):
     code_generated_for: str
 
 
-class Machine(BaseModel):
+class Machine(BaseModel, strict=True):
     """Machine; see `study.simulation.runs.provenance.machine`."""
 
-    model_config = ConfigDict(strict=True)
     system: str
     processor: str
     cores: int | None
     threads: dict[str, int]
 
 
-class Begun(BaseModel):
+class Begun(BaseModel, strict=True):
     """Fields of every manifest: chains may be stored before the run is finished."""
 
-    model_config = ConfigDict(strict=True)
     format: int
     run: str
     tables: dict[str, str]
@@ -134,62 +134,22 @@ class ManifestNewerError(RunError):
 
 def save(folder: Path, content: Manifest) -> None:
     """Write the manifest of a run, with its digest."""
-    rest = {key: value for key, value in content.items() if key != DIGEST}
-    whole = rest | {DIGEST: files.of_json(rest)}
-    write(folder / NAME, (json.dumps(whole, indent=2, ensure_ascii=False) + "\n").encode())
+    rest = _without_digest(content)
+    text = json.dumps(rest | {DIGEST: files.of_json(rest)}, indent=2, ensure_ascii=False) + "\n"
+    with explained(folder):
+        write(folder / NAME, text.encode())
 
 
-def read(folder: Path, keep: str, own: Collection[str] = ()) -> Manifest:
-    """Read the manifest of a run.
-
-    Args:
-        folder: the run's.
-        keep: name of the table whose presence means that the run has been finished.
-        own: files or packages whose estimators the run has, for messages.
-
-    Raises:
-        ManifestMissingError: if it is not there.
-        ManifestDamagedError: if its digest is not that of its content, or a field is missing or of another type.
-        ManifestNewerError: if a newer version of this program wrote it.
-    """
-    path = folder / NAME
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ManifestMissingError(f"{path}: missing; finish the run with {rerun(folder, own)}") from None
-    except OSError as error:
-        raise RunError(f"{path}: cannot be read: {error.strerror or error}; make it readable, or remove it") from None
-    except (ValueError, RecursionError):
-        content = None
-    fault = "not JSON, or no object" if not isinstance(content, dict) else _digest_fault(content)
-    if not fault and isinstance(content["format"], int) and content["format"] > FORMAT:
-        software = content.get("software")
-        made = software.get("study", "unknown") if isinstance(software, dict) else "unknown"
-        words = f"made by a newer version of this program ({made})"
-        raise ManifestNewerError(f"{folder}: {words}; update it, or choose another folder with --out")
-    fault = fault or _field_fault(content, keep)
-    if fault:
-        raise ManifestDamagedError(f"{path}: damaged: {fault}; {rerun(folder, own)} makes it again")
-    checked: Manifest = content
-    return checked
-
-
-def rerun(folder: Path, own: Collection[str]) -> str:
-    """The command that makes a run again, or resumes it.
-
-    Args:
-        folder: the run's.
-        own: files or packages whose estimators it has; packages are found without an option.
-    """
-    return f"`{' '.join(['study run', str(folder / 'config.toml'), '--out', str(folder), *plugins(own)])}`"
+def _without_digest(content: Manifest) -> Manifest:
+    return {key: value for key, value in content.items() if key != DIGEST}
 
 
 def plugins(own: Collection[str]) -> list[str]:
-    """The options that give the files among the origins of estimators."""
+    """The options that give the files among the origins of estimators; packages are found without an option."""
     return [word for name in own if name.endswith(".py") for word in ("--plugin", name)]
 
 
-def own_estimators(folder: Path) -> list[str]:
+def _own_estimators(folder: Path) -> list[str]:
     """Files or packages whose estimators a run has, by its manifest, whatever else is wrong with that.
 
     Returns:
@@ -202,27 +162,29 @@ def own_estimators(folder: Path) -> list[str]:
         return []
 
 
-def _digest_fault(content: Manifest) -> str | None:
+def _digest_fault(content: object) -> str | None:
     """Compare a manifest with its own digest."""
+    if not isinstance(content, dict):
+        return "not JSON, or no object"
     if DIGEST not in content:
         return f"no field '{DIGEST}', so that nothing vouches for the tables"
-    rest = {key: value for key, value in content.items() if key != DIGEST}
-    if content[DIGEST] != files.of_json(rest):
+    if content[DIGEST] != files.of_json(_without_digest(content)):
         return f"its {DIGEST} is not that of its content"
     return None if "format" in content else "no field 'format'"
 
 
 def _field_fault(content: Manifest, keep: str) -> str | None:
-    """Find the first field that is missing or of another type."""
+    """Find the first field that is missing or of another type; a finished run has its table ``keep``."""
     try:
         tables = Begun.model_validate(content).tables
         if keep in tables or "estimators" in content:
             Finished.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
-        name, missing = ".".join(map(str, first["loc"])), first["type"] == "missing"
-        value = json.dumps(first["input"], default=str)[:40]
-        return f"no field '{name}'" if missing else f"{name} = {value} is not as this program writes it"
+        name, value = ".".join(map(str, first["loc"])), json.dumps(first["input"], default=str)[:40]
+        return (
+            f"no field '{name}'" if first["type"] == "missing" else f"{name} = {value} is not as this program writes it"
+        )
     return None
 
 
@@ -251,32 +213,28 @@ class Run:
             RunError: if it belongs to another config or a newer version, is a file, or cannot be written.
         """
         _refuse_other_names(folder)
+        run = cls(folder, study)
         with explained(folder):
-            found_folder = folder.exists()
-        if found_folder:
-            if not folder.is_dir():
-                raise RunError(f"{folder}: is a file, not a run folder; choose another with --out")
-            if (folder / "config.toml").exists():
-                cls(folder, study).refuse_newer()
-                cls._refuse_another(folder, study)
-            elif any(path.name != ".lock" and not path.match(_TEMPORARY) for path in folder.iterdir()):
-                raise RunError(f"{folder}: is not empty and no run folder; choose another with --out")
+            exists = folder.exists()
+        if exists and not folder.is_dir():
+            raise RunError(f"{folder}: is a file, not a run folder; choose another with --out")
+        if exists and (folder / "config.toml").exists():
+            run._refuse_another()
+        elif exists and any(path.name != ".lock" and not path.match(_TEMPORARY) for path in folder.iterdir()):
+            raise RunError(f"{folder}: is not empty and no run folder; choose another with --out")
         with explained(folder):
             folder.mkdir(parents=True, exist_ok=True)
-        return cls(folder, study)
+        return run
 
-    @classmethod
-    def _refuse_another(cls, folder: Path, study: Study) -> None:
-        """Raise a RunError if neither the config in a folder nor its manifest is the study's."""
-        try:
-            if cls(folder, study).manifest()["run"] == study.run_name():
-                return  # the config may be damaged; it is written again
-        except RunError:
-            pass
-        result = cls.open(folder).study
-        if result.digest() != study.digest():
-            words = f"holds a run of another config ({result.run_name()}, not {study.run_name()})"
-            raise RunError(f"{folder}: {words}; choose another folder with --out, or remove this one")
+    def _refuse_another(self) -> None:
+        """Raise a RunError if neither the config in the folder nor its manifest is the study's, or that is newer."""
+        self.refuse_newer()
+        if self.known():
+            return  # the config may be damaged; it is written again
+        result = self.open(self.folder).study
+        if result.digest() != self.study.digest():
+            words = f"holds a run of another config ({result.run_name()}, not {self.study.run_name()})"
+            raise RunError(f"{self.folder}: {words}; choose another folder with --out, or remove this one")
 
     @classmethod
     def open(cls, folder: Path) -> "Run":
@@ -297,7 +255,7 @@ class Run:
             return cls(folder, load(folder / "config.toml"))
         except ConfigError as error:
             words = "; ".join(line.strip() for line in str(error).splitlines())
-            own = ", ".join(own_estimators(folder))
+            own = ", ".join(_own_estimators(folder))
             hint = f"; it was made with estimators of {own}: give --plugin FILE" if own else ""
             again = f"`study run CONFIG --out {folder}`, with the config that it was made of, writes it again"
             raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}{hint}") from None
@@ -354,9 +312,8 @@ class Run:
         """Give the path of a table that is there and as its manifest says; see `table`."""
         path = self.path(name)
         if name == "errors" and self.study.keep == "summary":
-            raise RunError(
-                f'{path}: not stored: the study keeps its summary alone; keep = "errors" in the config stores it'
-            )
+            words = 'the study keeps its summary alone; keep = "errors" in the config stores it'
+            raise RunError(f"{path}: not stored: {words}")
         if not path.is_file():
             raise RunError(f"{path}: missing; finish the run with {self.again()}")
         self.check(name)
@@ -364,13 +321,11 @@ class Run:
 
     def check(self, name: str) -> None:
         """Raise a RunError unless a stored table has the digest that its manifest says, and the columns declared."""
-        path, known = self.path(name), self.manifest()
-        if name not in known["tables"]:
+        path, known = self.path(name), self.manifest()["tables"]
+        if name not in known:
             raise RunError(f"{path}: not in {NAME}, so not of this run; {self.again(name)} makes it")
-        if self.fingerprint(name) != known["tables"][name]:
-            words = f"damaged: its SHA-256 is not the one in {NAME}"
-            raise RunError(f"{path}: {words}; {self.again(name)} makes it again")
-        if fault := self.column_fault(name):
+        same = self.fingerprint(name) == known[name]
+        if fault := self.column_fault(name) if same else f"damaged: its SHA-256 is not the one in {NAME}":
             raise RunError(f"{path}: {fault}; {self.again(name)} makes it again")
 
     def column_fault(self, name: str) -> str | None:
@@ -382,10 +337,9 @@ class Run:
             return f"cannot be read: {' '.join(str(error).split())}"
 
     def again(self, name: str = "") -> str:
-        """The command that makes a table again, or all of them."""
-        if name == "claims":
-            return f"`{' '.join(['study claims', str(self.folder), *plugins(self.own())])}`"
-        return rerun(self.folder, self.own())
+        """The command that makes a table again, or resumes the run."""
+        command = ["run", f"{self.folder / 'config.toml'}", "--out"] if name != "claims" else ["claims"]
+        return f"`{' '.join(['study', *command, str(self.folder), *plugins(self.own())])}`"
 
     def own(self) -> list[str]:
         """Files or packages whose estimators the run has."""
@@ -433,8 +387,8 @@ class Run:
 
     def forget(self, *names: str) -> None:
         """Take tables that are about to be replaced out of the manifest, if there is one."""
-        with_manifest = (self.folder / NAME).is_file()
-        if with_manifest and set(names) & set((known := self.manifest())["tables"]):
+        known = self._manifest_or_new()
+        if set(names) & set(known["tables"]):
             tables = {name: digest for name, digest in known["tables"].items() if name not in names}
             self.save_manifest(known | {"tables": tables})
 
@@ -454,42 +408,89 @@ class Run:
         """Move a damaged table to ``parts/damaged``; the manifest still has it, until it is made again."""
         self._move_aside(self.path(name))
 
-    def set_manifest_aside(self) -> str | None:
-        """Move a damaged manifest to ``parts/damaged``; returns its fault, None if it is not damaged."""
-        try:
-            self.manifest()
-        except ManifestDamagedError as error:
-            self._move_aside(self.folder / NAME)
-            return str(error).rsplit("; ", 1)[0]
-        except ManifestMissingError:
-            pass
-        return None
-
     def _move_aside(self, path: Path) -> None:
         with explained(self.folder):
             if path.is_file():
                 (self.folder / "parts" / DAMAGED).mkdir(parents=True, exist_ok=True)
                 path.replace(self.folder / "parts" / DAMAGED / path.name)
 
+    def set_damaged_aside(self, warn: Callable[[str], None]) -> None:
+        """Move a damaged manifest and damaged tables to ``parts/damaged``, so that they are made again.
+
+        Args:
+            warn: callback for warnings, a line for each file.
+        """
+        config = self.folder / "config.toml"
+        try:
+            changed = config.exists() and self.open(self.folder).study.digest() != self.study.digest()
+        except RunError:
+            changed = True
+        if changed:
+            warn(f"{config}: not the config that the run was made of; written again")
+        try:
+            self._manifest_or_new()
+        except ManifestDamagedError as error:
+            self._move_aside(self.folder / NAME)
+            fault = str(error).rsplit("; ", 1)[0]
+            warn(f"{fault}; set aside in parts/damaged, and its tables are made again")
+        made = ("posterior", "answers", "draws") if self.study.posterior is not None else ()
+        for name in DERIVED:  # tables that no manifest vouches for, and that the run will not make again
+            if name not in made and name not in self.known().get("tables", {}) and self.has(name):
+                words = f"not in {NAME}; set aside in parts/damaged; {self.again(name)} makes it again"
+                warn(f"{self.path(name)}: {words}")
+                self.set_aside(name)
+        for name in self.damaged():
+            ours = name != "claims"  # which may need other runs
+            words = "damaged; set aside in parts/damaged" if self.has(name) else "missing"
+            warn(f"{self.path(name)}: {words}{', and made again' if ours else f'; {self.again(name)} makes it again'}")
+            self.set_aside(name)
+            if not ours:
+                self.forget(name)
+
     def save_manifest(self, content: Manifest) -> None:
         """Write the manifest, with its digest."""
-        with explained(self.folder):
-            save(self.folder, content)
+        save(self.folder, content)
 
     def manifest(self) -> Manifest:
         """The manifest.
 
         Raises:
             ManifestMissingError: if it is not there, because the run did not finish.
-            ManifestDamagedError: if it was changed since it was written, or is of another run.
+            ManifestDamagedError: if its digest is not that of its content, it is of another run, or a field is missing
+                or of another type.
             ManifestNewerError: if a newer version of this program wrote it.
         """
-        content = read(self.folder, self.study.keep, self.own())
+        path = self.folder / NAME
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise ManifestMissingError(f"{path}: missing; finish the run with {self.again()}") from None
+        except OSError as error:
+            words = f"cannot be read: {error.strerror or error}; make it readable, or remove it"
+            raise RunError(f"{path}: {words}") from None
+        except (ValueError, RecursionError):
+            content = None
+        fault = _digest_fault(content)
+        if not fault and isinstance(content["format"], int) and content["format"] > FORMAT:
+            software = content.get("software")
+            made = software.get("study", "unknown") if isinstance(software, dict) else "unknown"
+            words = f"made by a newer version of this program ({made})"
+            raise ManifestNewerError(f"{self.folder}: {words}; update it, or choose another folder with --out")
+        if fault := fault or _field_fault(content, self.study.keep):
+            raise ManifestDamagedError(f"{path}: damaged: {fault}; {self.again()} makes it again")
         if content["run"] != self.study.run_name():
             words = f"damaged: of {content['run']}, where config.toml is of {self.study.run_name()}"
             again = f"`study run CONFIG --out {self.folder}`, with the config that it was made of, mends it"
-            raise ManifestDamagedError(f"{self.folder / NAME}: {words}; {again}")
-        return content
+            raise ManifestDamagedError(f"{path}: {words}; {again}")
+        checked: Manifest = content
+        return checked
+
+    def known(self) -> Manifest:
+        """The manifest; empty if it is missing, damaged, newer or cannot be read."""
+        try:
+            return self.manifest()
+        except RunError:
+            return {}
 
     def facts(self) -> Finished:
         """The manifest of a finished run, field by field; a RunError as `manifest` if the run is not finished."""
@@ -498,13 +499,32 @@ class Run:
         except ValidationError:  # chains alone are stored
             raise ManifestMissingError(f"{self.folder}: not finished; finish it with {self.again()}") from None
 
+    def damaged(self) -> list[str]:
+        """Names of the tables in the manifest that have changed since, are gone, or have other columns."""
+        tables = self.known().get("tables", {}).items()
+        return [name for name, digest in tables if self.fingerprint(name) != digest or self.column_fault(name)]
+
+    def digests(self) -> dict[str, str]:
+        """Digests of the tables in the manifest, by name; none of a run that is not finished."""
+        manifest = self.known()
+        same = set(manifest.get("estimators", ())) == set(self.study.estimators)
+        return dict(manifest["tables"]) if manifest.get("format") == FORMAT and same else {}
+
+    def finished(self) -> bool:
+        """Tell whether the run is finished and the tables of its units have the digests of its manifest."""
+        if self.study.keep not in self.digests() or self.stopped() is not None:
+            return False
+        return not set(self.damaged()) - {*DERIVED, *({"summary"} - {self.study.keep})}
+
+    def up_to_date(self) -> bool:
+        """Tell whether a finished run has nothing left to compute: no estimator is newer, and no unit is lost."""
+        manifest = self.manifest()
+        made = manifest["estimators"]
+        return not manifest["lost"] and all(str(made[n]) == str(ESTIMATORS[n].version) for n in made)
+
     def stopped(self) -> float | None:
         """Seconds of the budget that stopped the run before its end; None if none did."""
-        try:
-            seconds: float | None = self.manifest().get("stopped_after")
-        except RunError:
-            return None
-        return seconds
+        return self.known().get("stopped_after")
 
     def trials(self) -> dict[str, int]:
         """Number of trials of each cell of an adaptive run, by name; empty while there is no precision table."""
@@ -519,10 +539,7 @@ class Run:
 
     def makers(self) -> list[dict[str, object]]:
         """The software that finished the run, and any other that computed some of its rows; none if it is not known."""
-        try:
-            manifest = self.manifest()
-        except RunError:
-            return []
+        manifest = self.known()
         return [made for made in (manifest.get("software"), *manifest.get("also_computed_by", [])) if made]
 
     def refuse_newer(self) -> None:

@@ -18,11 +18,10 @@ from study.files import RunError, writing
 from study.fits import ESTIMATORS
 from study.fits.registry import only_here, origins
 from study.simulation.experiment.config import Study
-from study.simulation.runs import provenance, run_folder, schemas
+from study.simulation.runs import provenance, schemas
 from study.simulation.runs.adaptive import BUDGET, TARGET, Rounds, TimeBudget
-from study.simulation.runs.jobs import Layout, UnitTask, execute, give_up
+from study.simulation.runs.jobs import EarlierRun, Layout, UnitTask, execute, give_up, neighbour
 from study.simulation.runs.parts import FORMAT, Parts
-from study.simulation.runs.reuse import EarlierRun, ReuseLayout, finished, neighbour, set_damaged_aside, up_to_date
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import Dispatch, Threads, Workers
 
@@ -48,7 +47,8 @@ def finish(
     """
     study, clock = store.study, time.perf_counter()
     metadata = {"study.config": study.canonical(), "study.software": json.dumps(parts.software)}
-    store.forget(*schemas.of_units(study.dimension, study.conditions()), "precision")  # they are about to be replaced
+    tables = schemas.of_units(study.dimension, study.conditions())
+    store.forget(*tables, "precision")  # they are about to be replaced
     store.remove("summary")
     written, causes, reasons = [], Counter[str](), Counter[str]()
     if isinstance(layout, Rounds):
@@ -56,7 +56,7 @@ def finish(
         reasons = layout.reasons()
         store.join("precision", schemas.precision(study.conditions()), [layout.table()], metadata)
         written.append("precision")
-    for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
+    for name, columns in tables.items():
         rows = layout.rows(parts, name)
         if name == "failures":
             rows = _counted(rows, causes)
@@ -66,7 +66,7 @@ def finish(
             written.append(name)
         else:
             store.remove(name)
-    before = store.manifest() if (store.folder / run_folder.NAME).is_file() else {"tables": {}}
+    before = store.known()
     store.save_manifest(
         {key: value for key, value in before.items() if key == "posterior"}
         | ({"precision": dict(reasons)} if reasons else {})
@@ -80,7 +80,7 @@ def finish(
             "failures": causes.total(),
             "lost": causes["worker"],
             "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
-            "tables": {name: store.fingerprint(name) for name in written} | before["tables"],
+            "tables": {name: store.fingerprint(name) for name in written} | before.get("tables", {}),
             **({"own_estimators": own} if (own := origins(study.estimators)) else {}),
             "started": started.isoformat(timespec="seconds"),
             "seconds_computing": round(parts.seconds, 3),
@@ -171,9 +171,9 @@ def run(
         stack.enter_context(writing(folder))
         parts = Parts(folder, "units", provenance.software())
         started = datetime.now(UTC)
-        set_damaged_aside(store, warn or _print)
+        store.set_damaged_aside(warn or _print)
         store.begin(config)
-        if finished(store) and up_to_date(store):
+        if store.finished() and store.up_to_date():
             parts.remove()  # of a run that was killed just before this, its last step
             return store
         computation = _Computation(store, parts, budget, progress or (lambda share: None), warn or _print)
@@ -196,22 +196,27 @@ class _Computation:
         self.store, self.parts, self.budget, self.progress, self.warn = store, parts, budget, progress, warn
         self.study = store.study
         self.layout = Layout(self.study)
-        self.reported = 0
         self.left = 1.0
 
     def prepare(self) -> None:
         """Read the stored parts, and reuse the rows of an earlier run."""
-        self.parts.load()
-        self.report_damage()
+        self.whole()
         for made in self.parts.made_by:
             self.warn(f"{self.store.folder}: resumes what {provenance.described(made)} computed")
         if self.study.precision is not None:
             self.layout = Rounds(self.study)
             return
-        source = self._source()
+        before = Study.model_validate_json(self.parts.note) if self.parts.note else None
+        self.layout = Layout(self.study, before)
+        if self.parts.count and before is None:
+            return
+        runs = [run for run in (self.store, neighbour(self.study, self.store.folder)) if run is not None]
+        # a resumed run stays with the one that it began with
+        fits = (run for run in runs if before is None or run.study.canonical() == before.canonical())
+        source = next(filter(None, map(EarlierRun.of, fits)), None)
         if source is None:
             return
-        self.layout = ReuseLayout(self.study, source.run.study)
+        self.layout = Layout(self.study, source.run.study)
         self.parts.note = source.run.study.canonical()
         self.parts.sources = source.run.makers()
         taken = total = 0
@@ -228,32 +233,14 @@ class _Computation:
             by = f", made by {', '.join(others)}" if others else ""
             self.warn(f"{self.store.folder}: {words}{by}")
 
-    def _source(self) -> EarlierRun | None:
-        """The run whose rows are reused; a resumed run stays with the one that it began with."""
-        before = Study.model_validate_json(self.parts.note) if self.parts.note else None
-        self.layout = ReuseLayout(self.study, before)
-        if self.parts.count and before is None:
-            return None
-        for run in (self.store, neighbour(self.study, self.store.folder)):
-            if run is None or (before is not None and run.study.canonical() != before.canonical()):
-                continue
-            if (source := EarlierRun.of(run)) is not None:
-                return source
-        return None
-
-    def report_damage(self) -> None:
-        """Warn of the parts that were set aside since the last call."""
-        for name in self.parts.damaged[self.reported :]:
-            self.warn(f"{self.parts.folder / name}: damaged; set aside in parts/damaged, and computed again")
-        self.reported = len(self.parts.damaged)
-
     def whole(self) -> bool:
-        """Read all parts again; if some were damaged meanwhile, their rows are pending again."""
-        if self.parts.whole():
-            return True
-        self.report_damage()
-        self.layout.restart()
-        return False
+        """Read all parts again; if some were damaged meanwhile, warn of them: their rows are pending again."""
+        damaged = self.parts.load()
+        for name in damaged:
+            self.warn(f"{self.parts.folder / name}: damaged; set aside in parts/damaged, and computed again")
+        if damaged:
+            self.layout.restart()
+        return not damaged
 
     def compute(self, backend: Threads) -> None:
         """Compute the missing tasks, as far as the budget goes, and store their rows."""

@@ -12,7 +12,6 @@ from study.simulation.runs.adaptive import CAP, TARGET, Rounds
 from study.simulation.runs.jobs import Layout
 from study.simulation.runs.parts import DAMAGED, Parts
 from study.simulation.runs.provenance import described, other_version
-from study.simulation.runs.reuse import ReuseLayout, damaged, finished, up_to_date
 from study.simulation.runs.run_folder import ManifestMissingError, Run
 from study.text import columns
 
@@ -66,22 +65,75 @@ def status(folder: Path) -> RunStatus:
     run.refuse_newer()
     parts = Parts(folder, "units")
     parts.load(set_aside=False)
-    layout, broken = _layout(run, parts), damaged(run)
-    aside = len(list((parts.folder / DAMAGED).glob("*.part"))) if parts.folder.is_dir() else 0
+    layout, broken, known, made = _layout(run, parts), run.damaged(), run.known(), run.makers()
+    failures = {"fits": "fits", "failed": "failures", "lost": "lost"}
     return RunStatus(
         run=run.study.run_name(),
         folder=folder,
         state=_state(run, parts, bool(broken)),
-        finished=finished(run) and up_to_date(run) and not broken,
-        writer=holder(run.folder),
+        finished=run.finished() and run.up_to_date() and not broken,
+        writer=holder(folder),
         units=_units(run, parts, layout),
         cells=None if run.study.precision is None else _cells(run, layout),
-        parts={"whole": parts.count, "damaged": len(parts.damaged), "set_aside": aside},
-        failures=_failures(run),
-        tables=sorted(path.stem for path in run.folder.glob("*.parquet")),
+        parts={
+            "whole": parts.count,
+            "damaged": len(parts.damaged),
+            "set_aside": len(list((parts.folder / DAMAGED).glob("*.part"))),
+        },
+        failures={name: known[entry] for name, entry in failures.items()} if "fits" in known else None,
+        tables=sorted(path.stem for path in folder.glob("*.parquet")),
         damaged=sorted(broken),
-        made_by=_made_by(run, parts),
+        made_by=made + [other for other in parts.made_by if other and other not in made],
     )
+
+
+def _layout(run: Run, parts: Parts) -> Layout:
+    """The units of a run, cut as the stored parts are."""
+    if run.study.precision is None:
+        return Layout(run.study, Study.model_validate_json(parts.note) if parts.note else None)
+    rounds = Rounds(run.study)
+    try:
+        while rounds.advance(parts):
+            pass
+    except FileNotFoundError:  # the run has finished meanwhile: its manifest has what the parts had
+        parts.load(set_aside=False)
+        return Rounds(run.study)
+    return rounds
+
+
+def _state(run: Run, parts: Parts, broken: bool) -> str:
+    try:
+        run.manifest()
+    except ManifestMissingError:
+        pass
+    except RunError as error:
+        return str(error)
+    if run.finished() and broken:
+        return "finished, but a table is damaged or missing; `study run` makes it again"
+    if run.finished():
+        return "finished" if run.up_to_date() else "finished, but `study run` would compute some of it again"
+    if broken:
+        return "damaged; `study run` computes the lost rows again"
+    if (seconds := run.stopped()) is not None:
+        return f"stopped by its budget of {seconds:g} s; `study run` resumes it"
+    return "begun, not finished" if parts.count else "not begun, or nothing of it is stored"
+
+
+def _units(run: Run, parts: Parts, layout: Layout) -> dict[str, int | None]:
+    if run.finished() and run.up_to_date():
+        total = None if run.study.precision else sum(1 for _ in units(run.study))
+        return {"total": total, "done": total, "missing": 0}
+    count, missing = (sum(1 for _ in pieces) for pieces in (layout.pieces(), layout.missing(parts)))
+    return {"total": count, "done": count - missing, "missing": missing}
+
+
+def _cells(run: Run, layout: Layout) -> dict[str, int]:
+    """Numbers of cells that have enough trials, by the reason, and of those that are open."""
+    result = Counter(run.manifest()["precision"]) if run.finished() else Counter[str]()
+    if not result and isinstance(layout, Rounds):
+        result = layout.reasons()
+    total = run.study.cells()
+    return {"total": total, "target": result[TARGET], "cap": result[CAP], "open": total - result.total()}
 
 
 def printed(result: RunStatus) -> Iterator[str]:
@@ -103,83 +155,15 @@ def _facts(result: RunStatus) -> Iterator[tuple[str, str]]:
     if (cells := result.cells) is not None:
         counts = [f"{cells['target']:,} reached the target", f"{cells['cap']:,} the cap", f"{cells['open']:,} are open"]
         yield "cells", f"{cells['total']:,}, of which {', '.join(counts)}"
-    parts = result.parts
-    damage = f"{parts['damaged']:,} damaged, {parts['set_aside']:,} set aside as damaged before"
-    yield "parts", f"{parts['whole']:,} whole, {damage}"
-    yield "failures", _failures_in_words(result.failures)
+    whole, damaged, aside = result.parts.values()
+    yield "parts", f"{whole:,} whole, {damaged:,} damaged, {aside:,} set aside as damaged before"
+    words = "known when the run is finished"
+    if result.failures is not None:
+        fits, failed, lost = result.failures.values()
+        words = f"{failed:,} of {fits:,} fits, {lost:,} of them because a worker died"
+    yield "failures", words
     names = [f"{name} (damaged)" if name in result.damaged else name for name in result.tables]
     names += [f"{name} (missing)" for name in result.damaged if name not in result.tables]
     yield "tables", ", ".join(names) or "none"
     for made in result.made_by or [{}]:
         yield "made by", described(made) + (", not this one" if other_version(made) else "")
-
-
-def _state(run: Run, parts: Parts, broken: bool) -> str:
-    try:
-        run.manifest()
-    except ManifestMissingError:
-        pass
-    except RunError as error:
-        return str(error)
-    if finished(run) and broken:
-        return "finished, but a table is damaged or missing; `study run` makes it again"
-    if finished(run):
-        return "finished" if up_to_date(run) else "finished, but `study run` would compute some of it again"
-    if broken:
-        return "damaged; `study run` computes the lost rows again"
-    if (seconds := run.stopped()) is not None:
-        return f"stopped by its budget of {seconds:g} s; `study run` resumes it"
-    return "begun, not finished" if parts.count else "not begun, or nothing of it is stored"
-
-
-def _layout(run: Run, parts: Parts) -> Layout:
-    """The units of a run, cut as the stored parts are."""
-    if run.study.precision is None:
-        return ReuseLayout(run.study, Study.model_validate_json(parts.note) if parts.note else None)
-    rounds = Rounds(run.study)
-    try:
-        while rounds.advance(parts):
-            pass
-    except FileNotFoundError:  # the run has finished meanwhile: its manifest has what the parts had
-        parts.load(set_aside=False)
-        return Rounds(run.study)
-    return rounds
-
-
-def _units(run: Run, parts: Parts, layout: Layout) -> dict[str, int | None]:
-    if finished(run) and up_to_date(run):
-        total = None if run.study.precision else sum(1 for _ in units(run.study))
-        return {"total": total, "done": total, "missing": 0}
-    count = sum(1 for _ in layout.pieces())
-    missing = sum(1 for _ in layout.missing(parts))
-    return {"total": count, "done": count - missing, "missing": missing}
-
-
-def _cells(run: Run, layout: Layout) -> dict[str, int]:
-    """Numbers of cells that have enough trials, by the reason, and of those that are open."""
-    result = Counter(run.manifest()["precision"]) if finished(run) else Counter[str]()
-    if not result and isinstance(layout, Rounds):
-        result = layout.reasons()
-    total = run.study.cells()
-    return {"total": total, "target": result[TARGET], "cap": result[CAP], "open": total - result.total()}
-
-
-def _made_by(run: Run, parts: Parts) -> list[dict[str, object]]:
-    """The software of the tables, and that of the parts, each once."""
-    result = run.makers()
-    return result + [made for made in parts.made_by if made and made not in result]
-
-
-def _failures(run: Run) -> dict[str, int] | None:
-    try:
-        manifest = run.manifest()
-        return {"fits": manifest["fits"], "failed": manifest["failures"], "lost": manifest["lost"]}
-    except (RunError, KeyError):  # chains may be stored before the run is finished
-        return None
-
-
-def _failures_in_words(failures: dict[str, int] | None) -> str:
-    if failures is None:
-        return "known when the run is finished"
-    fits = f"{failures['failed']:,} of {failures['fits']:,} fits"
-    return f"{fits}, {failures['lost']:,} of them because a worker died"

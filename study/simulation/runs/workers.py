@@ -9,9 +9,7 @@ What they do not do is done here:
   more while nothing else runs, and given up if a process dies of it again.
 
 Equal runs are equal to the byte only if the same code runs on the same machine instructions. So the parent sends its
-own description with every task, and a worker compares itself with it before its first one (`enter`). Variables that
-choose the instructions must be set before numba and NumPy are imported, which unpickling a task does; so the task comes
-pickled by itself, as bytes.
+own description with every task, and a worker compares itself with it before it unpickles its first one (`enter`).
 
 No task runs in the main thread, where Ctrl-C could strike inside compiled code that cannot take it: numba 0.68 ends the
 process with a segmentation fault if an exception rises while it unboxes a generator.
@@ -30,6 +28,7 @@ import os
 import pickle
 import re
 import signal
+import socket
 import sys
 import threading
 import time
@@ -38,15 +37,15 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import count
+from itertools import islice
 from multiprocessing.connection import wait
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.backend.utils import kill_process_tree
+from threadpoolctl import threadpool_limits
 
-from study import instruction_set
 from study.files import RunError
 from study.fits import registry
 from study.simulation.runs import provenance
@@ -64,12 +63,10 @@ class Parent(NamedTuple):
     """Description of the process that gives out tasks.
 
     Attributes:
-        environment: variables that choose the machine instructions.
         fingerprint: what determines the bytes of a run; see `study.simulation.runs.provenance.fingerprint`.
         plugins: paths and texts of the files of estimators that it has loaded.
     """
 
-    environment: dict[str, str]
     fingerprint: dict[str, str | None]
     plugins: tuple[tuple[str, str], ...] = ()
 
@@ -83,7 +80,7 @@ _SYNCHRONIZE, _FOREVER = 0x00100000, 0xFFFFFFFF
 
 def introduction() -> Parent:
     """Describe this process to worker processes."""
-    return Parent(instruction_set.environment(), provenance.fingerprint(), registry.loaded())
+    return Parent(provenance.fingerprint(), registry.loaded())
 
 
 def follow(parent: int) -> None:
@@ -137,27 +134,16 @@ def enter(parent: Parent, call: bytes) -> object:
 
 def _agree(parent: Parent) -> None:
     """Set up this process as its parent is; DisagreementError if that cannot be."""
-    if "numba" not in sys.modules:
-        os.environ.update(parent.environment)
-    from threadpoolctl import threadpool_limits
-
-    from study.simulation.runs.provenance import fingerprint
-
-    mine, wanted = fingerprint(), parent.fingerprint
+    mine, wanted = provenance.fingerprint(), parent.fingerprint
     differ = [
-        f"{name} {mine.get(name)} instead of {wanted.get(name)}" for name in wanted if mine.get(name) != wanted[name]
+        f"{name} {mine.get(name)} instead of {value}" for name, value in wanted.items() if mine.get(name) != value
     ]
     if differ:
-        import socket
-
         raise DisagreementError(f"worker on {socket.gethostname()}: {', '.join(differ)}")
     threadpool_limits(limits=1)
     logging.getLogger("study").setLevel(logging.ERROR)  # the parent says once that loops are compiled
-    if parent.plugins:
-        from study.fits.registry import PluginFile, load_text
-
-        for path, text in parent.plugins:
-            load_text(PluginFile(path, text))
+    for path, text in parent.plugins:
+        registry.load_text(registry.PluginFile(path, text))
 
 
 PER_SECOND = 1e8
@@ -340,11 +326,10 @@ class DaskCluster(Threads):
     def submit(self, function: Callable[..., object], *arguments: object) -> "Future[object]":
         return self.executor.submit(enter, self._parent, seal(function, *arguments))
 
-    def stop(self) -> None:
-        self.close()
-
     def close(self) -> None:
         self._client.close()
+
+    stop = close
 
 
 def serve(address: str, options: list[str]) -> None:
@@ -420,13 +405,12 @@ def cut(items: Iterable[T], weigh: Callable[[T], float], enough: float) -> Itera
     Yields:
         The items, the heaviest in sight first.
     """
-    number = count()
-    source = ((-weigh(item), next(number), item) for item in items)
+    source = ((-weigh(item), number, item) for number, item in enumerate(items))
     sight: list[tuple[float, int, T]] = []
     together: list[T] = []
     load = 0.0
     while True:
-        while len(sight) < _WINDOW and (entry := next(source, None)) is not None:
+        for entry in islice(source, _WINDOW - len(sight)):
             heapq.heappush(sight, entry)
         if not sight:
             break
@@ -458,22 +442,15 @@ class Dispatch(Generic[S, T]):
         parts: where the results are stored.
     """
 
-    def __init__(
-        self, backend: Threads, function: Callable[[S, tuple[T, ...]], Packet], shared: S, parts: Parts
-    ) -> None:
-        self._backend, self._parts = backend, parts
-        self._function, self._shared = function, shared
+    def __init__(self, backend: Threads, function: Callable[[S, tuple[T, ...]], Packet], shared: S, parts: Parts):
+        self._backend, self._parts, self._function, self._shared = backend, parts, function, shared
         self._suspects: deque[T] = deque()
         self._sent: dict[Future[object], tuple[tuple[T, ...], bool]] = {}  # the items, and true if they are suspects
         self._done: SimpleQueue[Future[object]] = SimpleQueue()
         self._broken = False
 
     def compute(
-        self,
-        items: Iterable[T],
-        weigh: Callable[[T], float],
-        ended: Ended[T],
-        over: Callable[[], bool] = lambda: False,
+        self, items: Iterable[T], weigh: Callable[[T], float], ended: Ended[T], over: Callable[[], bool] = lambda: False
     ) -> None:
         """Compute items and store their results.
 
@@ -490,8 +467,9 @@ class Dispatch(Generic[S, T]):
         waiting = cut(items, weigh, self._backend.enough)
         try:
             while self._send(waiting, over):
+                patience = self._parts.patience()
                 try:
-                    self._take(self._done.get(timeout=self._patience()), ended)
+                    self._take(self._done.get(timeout=_WATCH if patience is None else min(patience, _WATCH)), ended)
                 except Empty:
                     self._backend.check()
                     if self._parts.patience() == 0:
@@ -503,10 +481,6 @@ class Dispatch(Generic[S, T]):
                 self._store_rest()
             raise
         self._parts.commit()
-
-    def _patience(self) -> float:
-        patience = self._parts.patience()
-        return _WATCH if patience is None else min(patience, _WATCH)
 
     def _send(self, waiting: Iterator[tuple[T, ...]], over: Callable[[], bool]) -> bool:
         """Send tasks while there is work and the workers have room; false if none is computed."""

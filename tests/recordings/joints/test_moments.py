@@ -164,8 +164,10 @@ def test_points_on_a_line(rng):
 
 
 def test_in_frames(figure):
-    """Some of the frames have the rotations, noise and samples of the whole."""
+    """Some of the frames have the rotations, noise and samples of the whole; the reference has the most markers."""
     markerset, recording, _ = figure
+    seen = recording.seen().sum(axis=0)
+    assert seen[reference_frame(recording)] == seen.max()
     poses = poses_from_markers(markerset, recording)["thorax"]
     part = np.array([3, 70, 71, 400])
     few = poses.in_frames(part)
@@ -173,10 +175,3 @@ def test_in_frames(figure):
     np.testing.assert_array_equal(few.noise.pattern, poses.noise.pattern[part])
     x = recording.of("LELB")
     np.testing.assert_array_equal(few.to_local(x[:, part]), poses.to_local(x)[:, part])
-
-
-def test_reference_frame(figure):
-    """The reference frame has the most markers that are ever seen at once."""
-    _, recording, _ = figure
-    seen = recording.seen().sum(axis=0)
-    assert seen[reference_frame(recording)] == seen.max()

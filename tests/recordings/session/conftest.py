@@ -56,15 +56,25 @@ def trial():
     return make
 
 
+def placed(places, true, point):
+    """A point beside true places of markers, in the axes in which these are at other places."""
+    turn, _ = Rotation.align_vectors(places - places.mean(axis=0), true - true.mean(axis=0))
+    return turn.apply(point - true.mean(axis=0)) + places.mean(axis=0)
+
+
+@pytest.fixture(scope="session")
+def in_axes():
+    """The function `placed`."""
+    return placed
+
+
 @pytest.fixture(scope="session")
 def in_pelvis():
     """A function for a hip's true place in a calibration's pelvis, by the pelvis's markers."""
 
     def place(calibration, side):
         shape = calibration.shape("pelvis")
-        true = np.array([PELVIS[marker] for marker in shape.markers])
-        turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), true - true.mean(axis=0))
-        return turn.apply(HIPS[side] - true.mean(axis=0)) + shape.places.mean(axis=0)
+        return placed(shape.places, np.array([PELVIS[marker] for marker in shape.markers]), HIPS[side])
 
     return place
 
@@ -106,10 +116,8 @@ def body_session(body_trial):
 
     def make(who, **options):
         moving = {"left": ["left_hip"], "right": ["right_hip"], "knees": ["left_knee", "right_knee"]}
-        trials = [
-            body_trial(name, joints, 1000 * who + i, who, **options)
-            for i, (name, joints) in enumerate(moving.items(), 1)
-        ]
+        numbered = enumerate(moving.items(), 1000 * who + 1)
+        trials = [body_trial(name, joints, number, who, **options) for number, (name, joints) in numbered]
         return trials, body_trial("static", [], 1000 * who + 4, who, **options | {"still": 0.02, "frames": 200})
 
     return make
@@ -123,7 +131,6 @@ def true_place():
         part = next(part for part in PARTS if part.joint == joint)
         own, shape = next(one for one in body("rizzoli") if one.name == part.parent), calibration.shape(part.parent)
         true = 1.75 * np.array([own.markers[marker] for marker in shape.markers])
-        turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), true - true.mean(axis=0))
-        return turn.apply(1.75 * np.array(part.at) - true.mean(axis=0)) + shape.places.mean(axis=0)
+        return placed(shape.places, true, 1.75 * np.array(part.at))
 
     return place

@@ -25,11 +25,9 @@ from study.recordings.skeleton.draw import draw_skeleton
 @pytest.fixture(scope="module")
 def trials(trial):
     """A trial for each hip, one for both, and a static one."""
-    return [
-        trial("left", left=0.4, seed=1),
-        trial("right", right=0.4, seed=2),
-        trial("both", left=0.4, right=0.4, seed=3),
-    ], trial("static", seed=4, frames=60)
+    hips = {"left": {"left": 0.4}, "right": {"right": 0.4}, "both": {"left": 0.4, "right": 0.4}}
+    moved = [trial(name, **sweeps, seed=seed) for seed, (name, sweeps) in enumerate(hips.items(), 1)]
+    return moved, trial("static", seed=4, frames=60)
 
 
 @pytest.fixture(scope="module")
@@ -87,20 +85,16 @@ def test_places_in_both_segments_are_one_point(session, trials):
 
 def test_a_trial_without_a_segment(trial, markerset, in_pelvis):
     """A trial without the other thigh's markers is merged; neither hip suffers."""
-    found = calibrate_session(
-        markerset,
-        [
-            trial("left", left=0.4, seed=1, lacking=("RTH1", "RTH2", "RTH3")),
-            trial("right", right=0.4, seed=2, lacking=("LTH1", "LTH2", "LTH3")),
-        ],
-    ).calibration
+    left = trial("left", left=0.4, seed=1, lacking=("RTH1", "RTH2", "RTH3"))
+    right = trial("right", right=0.4, seed=2, lacking=("LTH1", "LTH2", "LTH3"))
+    found = calibrate_session(markerset, [left, right]).calibration
     for side in ("left", "right"):
         assert found[f"{side}_hip"].trials == (side,)
         assert np.linalg.norm(found[f"{side}_hip"].in_parent - in_pelvis(found, side)) < 0.003
 
 
 @pytest.mark.parametrize("count", [3, 1])
-def test_a_hinge_is_placed_by_the_static_trial(count):
+def test_a_hinge_is_placed_by_the_static_trial(count, in_axes):
     """The medial marker is on in the static trial alone; the knee is midway between it and the lateral one there.
 
     A shank of one marker has no pose, and the knee's place in it is that in the thigh.
@@ -120,43 +114,30 @@ def test_a_hinge_is_placed_by_the_static_trial(count):
         whole = Recording(name, every, x + 0.0005 * rng.standard_normal(x.shape), 100.0)
         return whole.select([label for label in every if label not in labels])
 
-    markers = MarkerSet(
-        name="leg",
-        segments=(
-            Segment(name="thigh", markers=("T1", "T2", "T3")),
-            Segment(name="shank", markers=("S1", "S2", "S3")[:count], parent="thigh"),
-        ),
-        joints=(Joint(name="knee", parent="thigh", child="shank", kind="hinge", across=("LAT", "MED")),),
-    )
+    upper = Segment(name="thigh", markers=("T1", "T2", "T3"))
+    lower = Segment(name="shank", markers=("S1", "S2", "S3")[:count], parent="thigh")
+    hinge = Joint(name="knee", parent="thigh", child="shank", kind="hinge", across=("LAT", "MED"))
+    markers = MarkerSet(name="leg", segments=(upper, lower), joints=(hinge,))
     found = calibrate_session(markers, [trial("bend", 1.2, ("MED",))], trial("static", 0.0, ())).calibration
-    shape, place = found.shape("thigh"), found["knee"]
-    turn, _ = Rotation.align_vectors(shape.places - shape.places.mean(axis=0), thigh - thigh.mean(axis=0))
-    true = turn.apply(knee + np.array([0.0, 0.01, 0.0]) - thigh.mean(axis=0)) + shape.places.mean(axis=0)
+    place, middle = found["knee"], np.array([0.0, 0.01, 0.0])
     assert place.trials == ("bend",)
-    assert np.linalg.norm(place.in_parent - true) < 0.002
+    assert np.linalg.norm(place.in_parent - in_axes(found.shape("thigh").places, thigh, knee + middle)) < 0.002
     if count == 1:
         np.testing.assert_allclose(place.in_child, place.in_parent, atol=1e-9)
-        return
-    other = found.shape("shank").places
-    turn, _ = Rotation.align_vectors(other - other.mean(axis=0), shank - shank.mean(axis=0))
-    assert (
-        np.linalg.norm(place.in_child - turn.apply([0.0, 0.01, 0.0] - shank.mean(axis=0)) - other.mean(axis=0)) < 0.003
-    )
+    else:
+        assert np.linalg.norm(place.in_child - in_axes(found.shape("shank").places, shank, middle)) < 0.003
 
 
 def test_another_person_is_refused(trial, markerset):
-    """A body of 15 % more size; by force it is merged, and what is overruled is a line."""
+    """A body of 15 % more size; by force it is merged, and what is overruled is a line. So is a name given twice."""
     two = [trial("one", left=0.4, right=0.4, seed=1), trial("two", left=0.4, right=0.4, seed=2, size=1.15)]
     with pytest.raises(RecordingError, match=r"two does not show the subject calibrated in one.*--force"):
         calibrate_session(markerset, two)
     forced = calibrate_session(markerset, two, force=True)
     assert [line.startswith("--force overrules: two does not show") for line in forced.overruled] == [True]
     assert next(session_lines(forced)) == forced.overruled[0]
-
-
-def test_one_name_twice(trial, markerset):
     with pytest.raises(RecordingError, match="one: given twice"):
-        calibrate_session(markerset, [trial("one", seed=1), trial("one", seed=2)])
+        calibrate_session(markerset, [two[0], trial("one", seed=2)])
 
 
 def test_segments_that_a_recording_lacks_do_not_count(trial, markerset, session):
@@ -170,7 +151,7 @@ def test_shapes_refitted_to_a_recording(session, trial):
     later = trial("later", left=0.3, seed=7)
     moved = np.array(later.positions)
     moved[later.row("LTH1")] += 0.02 * np.array([0.0, 0.6, 0.8])[:, None]
-    moved = type(later)(later.name, later.markers, moved, later.rate)
+    moved = replace(later, positions=moved)
     calibration = session.calibration
     found = refit_shapes(calibration, later)
     np.testing.assert_allclose(found.shape("pelvis").places, calibration.shape("pelvis").places, atol=3e-4)
@@ -183,10 +164,8 @@ def test_shapes_refitted_to_a_recording(session, trial):
 def test_two_recordings_of_one_session(shared_file):
     """The walk is merged with the functional trial; its hips stay where that puts them, or are doubted."""
     whole = load_markerset(shared_file("functional_hips_markers.toml"))
-    trials = [
-        match(whole, read_recording(shared_file(name))).recording
-        for name in ("functional_hips.c3d", "gait_same_session.c3d")
-    ]
+    files = (shared_file(name) for name in ("functional_hips.c3d", "gait_same_session.c3d"))
+    trials = [match(whole, read_recording(file)).recording for file in files]
     alone, merged = (calibrate_session(whole, part).calibration for part in (trials[:1], trials))
     for hip in ("left_hip", "right_hip"):
         apart = np.linalg.norm(merged[hip].in_parent - alone[hip].in_parent)
@@ -217,49 +196,40 @@ def part(trial, place, errors, status=JointStatus.OK, axis=NONE):
 
 def test_weighted_mean():
     """Each coordinate is weighted by its own error: 1 : 4 and 4 : 1; the child's place is the same point."""
-    found = pool_places(
-        [part("a", (0, 0, 0), (0.001, 0.002, 0.001)), part("b", (0.005, 0.005, 0), (0.002, 0.001, 0.001))]
-    )
+    one, two = part("a", (0, 0, 0), (0.001, 0.002, 0.001)), part("b", (0.005, 0.005, 0), (0.002, 0.001, 0.001))
+    found = pool_places([one, two])
     np.testing.assert_allclose(found.in_parent, [0.001, 0.004, 0.0], atol=1e-12)
     np.testing.assert_allclose(found.in_child, TURN.T @ found.in_parent + 1.0, atol=1e-12)
     np.testing.assert_allclose(found.covariance, np.diag([0.8e-6, 0.8e-6, 0.5e-6]), atol=1e-15)
     assert set(found.trials) == {"a", "b"}
 
 
-def test_a_hinge_counts_across_its_axis_only():
-    """A trial that moved a ball about one axis alone says nothing along that."""
-    ball = part("ball", (0, 0, 0), (0.002, 0.002, 0.002))
-    hinge = part("hinge", (0.004, 0.004, 0.5), (0.002, 0.002, 0.0), JointStatus.HINGE, (0, 0, 1))
-    found = pool_places([hinge, ball])
-    np.testing.assert_allclose(found.in_parent, [0.002, 0.002, 0.0], atol=1e-12)
-    assert found.status == JointStatus.OK
-    assert found.trials == ("ball", "hinge")
+def hinge(trial, place, error):
+    """A trial's place across the axis z."""
+    return part(trial, place, (error, error, 0.0), JointStatus.HINGE, (0, 0, 1))
 
 
-def test_two_hinges_keep_the_place_along_the_axis():
-    one = part("one", (0, 0, 0.1), (0.001, 0.001, 0.0), JointStatus.HINGE, (0, 0, 1))
-    two = part("two", (0.004, 0, 0.3), (0.002, 0.002, 0.0), JointStatus.HINGE, (0, 0, 1))
-    found = pool_places([two, one])
-    np.testing.assert_allclose(found.in_parent, [0.0008, 0.0, 0.1], atol=1e-12)
-    assert found.status == JointStatus.HINGE
+UNSURE = JointStatus.UNSURE
+STOOD = part("c", NONE, (0.001,) * 3, JointStatus.STILL)
+BALL, SIDE = part("ball", (0, 0, 0), (0.002,) * 3), hinge("hinge", (0.004, 0.004, 0.5), 0.002)
+BAD, GOOD = part("bad", (0.05, 0, 0), (0.001,) * 3, UNSURE), part("good", (0, 0, 0), (0.002,) * 3)
+WORSE, BEST = part("a", (0.05, 0, 0), (0.03,) * 3, UNSURE), part("b", (0.01, 0, 0), (0.02,) * 3, UNSURE)
+ONE, TWO = hinge("one", (0, 0, 0.1), 0.001), hinge("two", (0.004, 0, 0.3), 0.002)
 
 
-def test_trials_that_are_not_reliable_do_not_count():
-    good = part("good", (0, 0, 0), (0.002,) * 3)
-    found = pool_places([part("bad", (0.05, 0, 0), (0.001,) * 3, JointStatus.UNSURE), good])
-    np.testing.assert_array_equal(found.in_parent, np.zeros(3))
-    assert found.trials == ("good",)
-
-
-def test_none_is_reliable():
-    """The best of them is taken, with its own status."""
-    parts = [
-        part("a", (0.05, 0, 0), (0.03,) * 3, JointStatus.UNSURE),
-        part("b", (0.01, 0, 0), (0.02,) * 3, JointStatus.UNSURE),
-        part("c", NONE, (0.001,) * 3, JointStatus.STILL),
-    ]
+@pytest.mark.parametrize(
+    ("parts", "place", "trials", "status"),
+    [
+        ([SIDE, BALL], (0.002, 0.002, 0), ("ball", "hinge"), "OK"),  # about one axis alone it says nothing along that
+        ([TWO, ONE], (0.0008, 0, 0.1), ("one", "two"), "HINGE"),
+        ([BAD, GOOD], (0, 0, 0), ("good",), "OK"),  # trials that are not reliable do not count
+        ([WORSE, BEST, STOOD], (0.01, 0, 0), ("b",), "UNSURE"),  # of these alone the best, with its own status
+    ],
+)
+def test_pooled_places(parts, place, trials, status):
     found = pool_places(parts)
-    assert (found.trials, found.status) == (("b",), JointStatus.UNSURE)
+    np.testing.assert_allclose(found.in_parent, place, atol=1e-12)
+    assert (found.trials, found.status.name) == (trials, status)
 
 
 def test_reliable_trials_that_contradict_each_other():
@@ -274,7 +244,7 @@ def test_reliable_trials_that_contradict_each_other():
 
 
 def test_axes_that_contradict_each_other():
-    one = part("one", (0, 0, 0), (0.001, 0.001, 0.0), JointStatus.HINGE, (0, 0, 1))
+    one = hinge("one", (0, 0, 0), 0.001)
     tilted = replace(one, axis_in_parent=np.array([0.0, np.sin(0.5), np.cos(0.5)]), trials=("two",))
     found = pool_places([one, tilted])
     assert found.status == JointStatus.DISAGREE
@@ -310,18 +280,14 @@ def test_a_leg_that_stands_has_no_vote_in_a_real_trial(side, shared_file):
     """A functional trial moves the left hip in its first half, the right one in its second."""
     whole = load_markerset(shared_file("functional_hips_markers.toml"))
     recording = match(whole, read_recording(shared_file("functional_hips.c3d"))).recording
-    halves = [
-        replace(recording.select(frames=part), name=name)
-        for name, part in (("left", slice(0, 3120)), ("right", slice(3120, None)))
-    ]
+    parts = {"left": slice(0, 3120), "right": slice(3120, None)}
+    halves = [replace(recording.select(frames=frames), name=name) for name, frames in parts.items()]
     joint = f"{side}_hip"
     session, alone = calibrate_session(whole, halves), find_joints(whole, recording)
     place = session.calibration[joint]
     assert (place.trials, place.status) == ((side,), JointStatus.OK)
-    distances = [
-        np.linalg.norm(one["right_hip"].in_parent - one["left_hip"].in_parent) for one in (session.calibration, alone)
-    ]
-    assert distances[0] == pytest.approx(distances[1], abs=0.006)
+    hips = [one["right_hip"].in_parent - one["left_hip"].in_parent for one in (session.calibration, alone)]
+    assert np.linalg.norm(hips[0]) == pytest.approx(np.linalg.norm(hips[1]), abs=0.006)
     other = next(part for part in session.parts[joint] if part.trials != (side,))
     assert other.rank > place.rank
 
@@ -390,7 +356,7 @@ def test_markers_that_exchange_their_labels_are_named(share, body_trial):
     found = find_joints(load_markerset("rizzoli"), wrong)
     for joint in ("right_hip", "right_knee"):
         assert found[joint].status not in USABLE
-        words, share_named = found[joint].reason.split(" in ")[0], found[joint].reason.split(" in ")[1]
+        words, share_named = found[joint].reason.split(" in ")[:2]
         assert words == "RFLE and RFME exchange their labels"
         assert float(share_named.split("%")[0]) == pytest.approx(100 * frames.mean(), abs=2.0)
     assert f"first in frame {frames.argmax() + 1}: exchange them back" in found["right_hip"].reason
@@ -413,9 +379,8 @@ def test_an_exchange_in_a_real_recording(shared_file):
     assert [exchange(segment.markers, recording) for segment in whole.segments] == [""] * 3
     wrong, frames = exchanged(recording, "LTH1", "LTH2", 0.43)
     seen = ~np.isnan(recording.positions).any(axis=1)
-    assert f"LTH1 and LTH2 exchange their labels in {(frames & seen[:3].all(axis=0)).mean():.0%}"[:40] in exchange(
-        whole.segment("left_thigh").markers, wrong
-    )
+    words = f"LTH1 and LTH2 exchange their labels in {(frames & seen[:3].all(axis=0)).mean():.0%}"[:40]
+    assert words in exchange(whole.segment("left_thigh").markers, wrong)
 
 
 @pytest.mark.parametrize("who", [1, 2, 3])

@@ -137,9 +137,8 @@ def test_the_laboratorys_own_centre_goes_first(walker, label):
     hips = np.stack([truth.centers[truth.joints.index(name)] for name in ("left_hip", "right_hip")])
     labels = [label.format("L"), label.format("R")]
     positions = np.concatenate([recording.positions, hips])
-    joints = library.find_joints(
-        Recording("lab", (*recording.markers, *labels), positions, recording.rate), hips="regression"
-    )
+    lab = Recording("lab", (*recording.markers, *labels), positions, recording.rate)
+    joints = library.find_joints(lab, hips="regression")
     for name in ("left_hip", "right_hip"):
         assert joints[name].reason.startswith("the laboratory's own centre, left in the file")
     drawn = draw_skeleton(joints, recording)
@@ -148,11 +147,20 @@ def test_the_laboratorys_own_centre_goes_first(walker, label):
 
 
 def test_a_body_without_points_has_no_regression():
-    recording, _ = synthesize(Recipe(400, 60.0))
+    """Nor have its joints clinical angles; they are named as what they are."""
+    recording, _ = synthesize(Recipe(300, 60.0))
     joints = library.find_joints(recording, hips="regression")
     assert legs(joints.markerset) == {}
     assert regression_hint(joints, recording) == []
     assert all(np.isnan(shape.anatomy).all() for shape in joints.shapes)
+    (line,) = angle_lines(joints)
+    assert line.startswith("angles of waist, neck, ")
+    assert line.endswith("for want of points of the body that show anatomical axes")
+
+
+def with_axes(calibration):
+    """Segments that have anatomical axes."""
+    return {shape.segment for shape in calibration.shapes if not np.isnan(shape.anatomy).any()}
 
 
 def test_sessions_take_points_from_the_static_trial():
@@ -161,12 +169,10 @@ def test_sessions_take_points_from_the_static_trial():
     still, _ = synthesize(Recipe(60, 60.0, seed=3, markers="rizzoli", reach=0.0))
     medial = [marker for marker in walk.markers if marker.endswith(("FME", "TAM"))]
     bare = walk.select([marker for marker in walk.markers if marker not in medial])
-    alone = library.find_joints(bare)
-    known = {shape.segment for shape in alone.shapes if not np.isnan(shape.anatomy).any()}
-    assert known == {"pelvis", "left_foot", "right_foot"}
+    assert with_axes(library.find_joints(bare)) == {"pelvis", "left_foot", "right_foot"}
     both = library.find_joints([replace(bare, name="walk")], static=replace(still, name="static"))
-    known = {shape.segment for shape in both.shapes if not np.isnan(shape.anatomy).any()}
-    assert known == {"pelvis", *(f"{one}_{part}" for one in ("left", "right") for part in ("thigh", "shank", "foot"))}
+    legs_of = (f"{one}_{part}" for one in ("left", "right") for part in ("thigh", "shank", "foot"))
+    assert with_axes(both) == {"pelvis", *legs_of}
 
 
 def axes_of_the_body():
@@ -197,26 +203,33 @@ def axes_of_the_body():
     return result
 
 
-def test_axes_are_those_of_the_body():
-    """From a recording without noise the axes are the body's own, computed from its table, within half a degree."""
-    recording, truth = synthesize(Recipe(600, 60.0, markers="rizzoli", noise=1e-6))
+@pytest.fixture(scope="module", params=[False, True], ids=["smooth", "gait"])
+def known(request):
+    """A recording without noise, the truth about it, its joints and its skeleton."""
+    recording, truth = synthesize(Recipe(600, 60.0, markers="rizzoli", noise=1e-6, gait=request.param))
     joints = library.find_joints(recording)
-    drawn = draw_skeleton(joints, recording)
+    return recording, truth, joints, draw_skeleton(joints, recording)
+
+
+def test_axes_are_those_of_the_body(known):
+    """The axes are the body's own, computed from its table, within half a degree; points in one place give none."""
+    _, truth, joints, drawn = known
     wanted = axes_of_the_body()
-    assert set(wanted) == {shape.segment for shape in joints.shapes if not np.isnan(shape.anatomy).any()}
+    assert set(wanted) == with_axes(joints)
     for name, axes in wanted.items():
         true = truth.rotations[truth.segments.index(name)] @ axes
         ours = np.einsum("ijt,jk->tik", drawn.rotation(name), joints.shape(name).anatomy)
         away = Rotation.from_matrix(np.swapaxes(true, 1, 2) @ ours).magnitude()
         assert np.degrees(away).max() < 0.5, name
+    with np.errstate(all="raise"):
+        points = {"left asis": np.zeros(3), "right asis": np.zeros(3), "sacrum": np.ones(3)}
+        assert anatomical_axes(joints, points) == {}
+        assert hip_by_regression(points, "left") is None
 
 
-@pytest.mark.parametrize("gait", [False, True])
-def test_angles_are_those_of_grood_and_suntay(gait, tmp_path):
+def test_angles_are_those_of_grood_and_suntay(known, tmp_path):
     """Hips, knees, ankles and pelvis within half a degree of SciPy's Cardan angles of the true rotations."""
-    recording, truth = synthesize(Recipe(600, 60.0, markers="rizzoli", noise=1e-6, gait=gait))
-    joints = library.find_joints(recording)
-    drawn = draw_skeleton(joints, recording)
+    recording, truth, joints, drawn = known
     motion = ExportedMotion(drawn, recording, skeleton_scene(drawn, recording))
     table, axes = joint_angles(motion), axes_of_the_body()
     world = {name: truth.rotations[truth.segments.index(name)] @ axes[name] for name in axes}
@@ -245,13 +258,6 @@ def test_angles_are_those_of_grood_and_suntay(gait, tmp_path):
     assert (tmp_path / "a.mot").read_text().splitlines()[0] == "; ".join([recording.name, *lines])
 
 
-def test_without_points_angles_are_named_as_what_they_are():
-    joints = library.find_joints(synthesize(Recipe(300, 60.0))[0])
-    (line,) = angle_lines(joints)
-    assert line.startswith("angles of waist, neck, ")
-    assert line.endswith("for want of points of the body that show anatomical axes")
-
-
 @pytest.mark.parametrize("name", shipped())
 def test_points_of_shipped_sets(name):
     """Labels of each set stand for points on the segment that carries them, on their own side."""
@@ -262,11 +268,3 @@ def test_points_of_shipped_sets(name):
         part = anatomy._OWNERS[kind if kind in anatomy._OWNERS else point]
         assert owners[label].endswith(part), (point, label)
         assert not one or side_of([label]) == one
-
-
-def test_points_that_fall_together_give_no_axes():
-    joints = library.find_joints(synthesize(Recipe(400, 60.0, markers="rizzoli"))[0])
-    with np.errstate(all="raise"):
-        points = {"left asis": np.zeros(3), "right asis": np.zeros(3), "sacrum": np.ones(3)}
-        assert anatomical_axes(joints, points) == {}
-        assert hip_by_regression(points, "left") is None

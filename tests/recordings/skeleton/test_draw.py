@@ -229,18 +229,15 @@ def test_hardly_any_frames(still, frames):
     """One frame can be drawn with a calibration, but gives none."""
     recording, truth, calibration = still
     few = recording.select(frames=slice(0, frames))
-    assert errors(draw_skeleton(calibration, few), truth=_part(truth, frames), joint="left_hip").max() < 1e-5
+    part = replace(truth, centers=truth.centers[:, :, :frames], rotations=truth.rotations[:, :frames])
+    assert errors(draw_skeleton(calibration, few), part, "left_hip").max() < 1e-5
     own = calibrate(few, CMU41)
     assert all(place.reason for place in own.joints)
     assert not any(place.status in USABLE for place in own.joints)
 
 
-def _part(truth, frames):
-    return replace(truth, centers=truth.centers[:, :, :frames], rotations=truth.rotations[:, :frames])
-
-
 def test_nothing_seen(still):
-    """Without samples nothing is known, and there is no calibration."""
+    """Without samples nothing is known, and there is no calibration; a negative time to bridge is refused."""
     recording, _, calibration = still
     empty = Recording("empty", recording.markers, np.full((41, 3, 20), np.nan), 100.0)
     skeleton = draw_skeleton(calibration, empty)
@@ -248,6 +245,8 @@ def test_nothing_seen(still):
     assert (skeleton.flags == Flag.UNKNOWN).all()
     with pytest.raises(RecordingError, match="no segment of this calibration has a pose"):
         draw_skeleton(calibrate(empty, CMU41), recording)
+    with pytest.raises(RecordingError, match="0 or more"):
+        draw_skeleton(calibration, recording, bridge=-1.0)
 
 
 def test_a_body_that_does_not_move():
@@ -260,13 +259,6 @@ def test_a_body_that_does_not_move():
         assert place.reason
         if not place.known:
             assert np.isnan(center).all()
-
-
-def test_negative_bridge(still):
-    """A negative time to bridge is refused."""
-    recording, _, calibration = still
-    with pytest.raises(RecordingError, match="0 or more"):
-        draw_skeleton(calibration, recording, bridge=-1.0)
 
 
 PLACES = np.array([[0.0, 0.1, -0.3]])

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import study
@@ -38,6 +39,23 @@ def make(tmp_path):
         return done
 
     return made
+
+
+@pytest.fixture
+def altered(monkeypatch):
+    """Alter what LLS answers, by a function of its fit."""
+
+    def alter(change):
+        good = study.ESTIMATORS["lls"]
+
+        def other(samples):
+            fit = good(samples)
+            change(fit)
+            return fit
+
+        monkeypatch.setitem(study.ESTIMATORS, "lls", replace(good, function=other, version=2))
+
+    return alter
 
 
 def verdict(found):
@@ -78,59 +96,38 @@ def test_the_same_within_monte_carlo_error(make, change, by_summary):
     words = "identical in the trials that both have" if grown else "the same within Monte-Carlo error"
     assert verdict(found) == words
     assert {each.equal for each in found.comparisons} == {grown}
-    assert {each.whole for each in found.comparisons} == {by_summary and change[0] == "seed = 1"}
+    assert {each.same_trials for each in found.comparisons} == {by_summary and change[0] == "seed = 1"}
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("by_summary", [False, True])
-def test_different(make, monkeypatch, seed, by_summary):
+def test_different(make, altered, seed, by_summary):
     """An estimator that got worse by half is found, with draws shared or not, and named; the other is the same."""
     one = make("one")
-    good = study.ESTIMATORS["lls"]
-
-    def worse(samples):
-        fit = good(samples)
-        fit.center[:] *= 1.5  # the truth is the origin
-        return fit
-
-    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(good, function=worse, version=2))
+    altered(lambda fit: np.multiply(fit.center, 1.5, out=fit.center))  # the truth is the origin
     changes = [("seed = 1", f"seed = {seed}")] if seed != 1 else []
     found = compare(without_errors(one) if by_summary else one, make("other", *changes))
     assert found.different
-    beyond = {each.key[1] for each in found.comparisons if each.chance < found.threshold}
+    beyond = {each.estimator for each in found.comparisons if each.chance < found.threshold}
     assert beyond == {"lls"}
     lines = list(printed(found))
     assert verdict(found) == "different"
     assert any(line.startswith("  !  N = ") and ", lls  " in line and "cell " in line for line in lines)
 
 
-def test_a_change_of_rounding_is_none(make, monkeypatch):
+def test_a_change_of_rounding_is_none(make, altered):
     """Errors that differ in the tenth digit are the same, though not identical."""
     one = make("one")
-    good = study.ESTIMATORS["lls"]
-
-    def rounded(samples):
-        fit = good(samples)
-        fit.center[:] *= 1.0 + 1e-10
-        return fit
-
-    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(good, function=rounded, version=2))
+    altered(lambda fit: np.multiply(fit.center, 1.0 + 1e-10, out=fit.center))
     found = compare(one, make("other"))
     assert not found.different
     assert not found.identical
 
 
-def test_more_failures_are_a_difference(make, monkeypatch):
+def test_more_failures_are_a_difference(make, altered):
     """Fits that are not ok any more count as worse than any."""
     one = make("one")
-    good = study.ESTIMATORS["lls"]
-
-    def failing(samples):
-        fit = good(samples)
-        fit.status[::3] = study.Status.NOT_CONVERGED
-        return fit
-
-    monkeypatch.setitem(study.ESTIMATORS, "lls", replace(good, function=failing, version=2))
+    altered(lambda fit: fit.status[::3].fill(study.Status.NOT_CONVERGED))
     assert compare(one, make("other")).different
 
 

@@ -59,6 +59,8 @@ def test_error_is_estimate_minus_truth(make_study, d):
         assert found["radius_error"][i] == 7.0 * unit - found["radius"][i]
         assert found["noise_variance"][i] == 0.5 * unit**2
     assert set(found["radius_error"]) == {5.0, 60.0}
+    stored = {"status": study.Status.NOT_CONVERGED, "condition": 0.75, "iterations": 42}  # as it came
+    assert all(set(found[name]) == {value} for name, value in stored.items())
 
 
 def test_cells_a_power_of_ten_apart_are_one_level(make_study):
@@ -74,16 +76,6 @@ def test_cells_a_power_of_ten_apart_are_one_level(make_study):
     alone = rows(make_study(noise=[1.0], radius=[10.0]))
     for name in ("cell", "trial", "estimator", "error_1", "error", "radius_error", "noise_variance", "status"):
         np.testing.assert_array_equal(both[name][large], alone[name])
-
-
-@pytest.mark.usefixtures("fixed")
-def test_the_rest_of_a_fit_is_stored_as_it_came(make_study):
-    """Status, condition, iterations and noise variance are the estimator's own."""
-    found = rows(make_study({"estimators": ["fixed"]}))
-    assert set(found["status"]) == {study.Status.NOT_CONVERGED}
-    assert set(found["condition"]) == {0.75}
-    assert set(found["iterations"]) == {42}
-    assert set(found["noise_variance"]) == {0.5}
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -274,14 +266,13 @@ def test_an_exception_is_a_status_of_its_trial(make_study):
 
 
 @pytest.mark.usefixtures("sometimes")
-def test_failures_do_not_depend_on_batches(make_study, monkeypatch):
+def test_failures_do_not_depend_on_batches(make_study):
     """The same trials fail, with the same numbers beside them, whatever is computed together."""
     made = make_study({"estimators": ["sometimes"]}, trials=12, noise=0.2)
-    whole = compute(made, next(units(made))).errors
-    group = next(units(made)).group
+    unit = next(units(made))
+    whole = compute(made, unit).errors
     for first, last in ((0, 5), (5, 6), (6, 12)):
-        part = compute(made, Batch(group, first, last)).errors
-        for name, column in part.items():
+        for name, column in compute(made, Batch(unit.group, first, last)).errors.items():
             np.testing.assert_array_equal(column, whole[name][first:last])
 
 

@@ -43,12 +43,6 @@ def some_study(request, make_study):
     return make_study(**STUDIES[request.param])
 
 
-@pytest.fixture
-def small_units(monkeypatch):
-    """Units of a few batches, so that a small study has many."""
-    monkeypatch.setattr(designs, "_SAMPLES_PER_UNIT", 60_000)
-
-
 def served(work):
     """Cells and trials of units, in order."""
     for unit in work:
@@ -59,9 +53,15 @@ def served(work):
                     yield cell.name, trial
 
 
-@pytest.mark.usefixtures("small_units")
-def test_every_trial_of_every_cell_once(some_study):
-    """Units cover each cell and trial exactly once, and there are as many as were counted."""
+def test_every_trial_of_every_cell_once(some_study, monkeypatch):
+    """Units cover each cell and trial exactly once, as many as were counted, in the same order each time.
+
+    No two batches draw from the same stream.
+    """
+    monkeypatch.setattr(designs, "_SAMPLES_PER_UNIT", 60_000)
+    assert list(units(some_study)) == list(units(some_study))
+    names = Counter(name for unit in units(some_study) for batch in unit.parts(0) for name, _, _ in batch.blocks())
+    assert set(names.values()) == {1}
     found = Counter(served(units(some_study)))
     assert set(found.values()) == {1}
     trials = range(some_study.design.trials)
@@ -74,21 +74,12 @@ def test_every_trial_of_every_cell_once(some_study):
         assert set(found) == {(name, trial) for name in names for trial in trials}
 
 
-@pytest.mark.usefixtures("small_units")
-def test_large_groups_are_cut_into_units(make_study):
-    """A group of cells whose work exceeds a unit's is served by several units."""
-    assert len(list(units(make_study(**STUDIES["shared"])))) > 4
-
-
-def test_number_of_cells(make_study):
-    """A grid has a cell for every combination of its values."""
+def test_number_of_cells(make_study, monkeypatch):
+    """A grid has a cell for every combination of its values; a group of much work is served by several units."""
+    monkeypatch.setattr(designs, "_SAMPLES_PER_UNIT", 60_000)
     assert make_study(**STUDIES["shared"]).cells() == 2 * 3 * 2 * 2 * 3
     assert make_study(**STUDIES["relative"]).cells() == 2 * 2 * 2 * 2 * 3
-
-
-def test_order_is_the_configs(some_study):
-    """The order of the work is the same each time, and does not come from a hash."""
-    assert list(units(some_study)) == list(units(some_study))
+    assert len(list(units(make_study(**STUDIES["shared"])))) > 4
 
 
 def test_order_of_a_grid(make_study):
@@ -185,16 +176,8 @@ def test_block_size_depends_on_samples_alone(make_study, samples):
                 assert batch.blocks()[0][0][-1] == batch.first // size
 
 
-def test_streams_are_named_apart(some_study):
-    """No two batches draw from the same stream."""
-    names = Counter(name for unit in units(some_study) for batch in unit.parts(0) for name, _, _ in batch.blocks())
-    assert set(names.values()) == {1}
-
-
 TRIALS = 3000
-
 ALARM = 1e-5
-
 LAWS = {
     "samples": {"law": "log_uniform", "low": 4, "high": 1_000_000},
     "noise": {"law": "log_uniform", "low": 1e-13, "high": 1e14},
@@ -248,21 +231,20 @@ def test_samples_follow_their_law(drawn):
     assert distance < stats.kstwobign.isf(ALARM) / math.sqrt(TRIALS)
 
 
-def test_samples_are_whole_numbers_within_the_ends(cells):
-    """N drawn uniformly from 4 to 6 is 4, 5 or 6, with weights ¼, ½, ¼ (χ², false alarm 1e-5)."""
-    values = [cell.samples for cell in cells(samples={"law": "uniform", "low": 4, "high": 6})]
-    assert all(type(value) is int for value in values)
+@pytest.mark.parametrize(
+    ("name", "law", "weights"),
+    [
+        ("samples", {"law": "uniform", "low": 4, "high": 6}, {4: 0.25, 5: 0.5, 6: 0.25}),
+        ("angle", {"law": "choice", "values": [30, 90, 180]}, dict.fromkeys((30.0, 90.0, 180.0), 1 / 3)),
+    ],
+)
+def test_values_that_are_counted(cells, name, law, weights):
+    """N drawn uniformly from 4 to 6 is 4, 5 or 6, with weights ¼, ½, ¼; a choice of three is even (χ², alarm 1e-5)."""
+    values = [getattr(cell, name) for cell in cells(**{name: law})]
+    assert {type(value) for value in values} == {type(next(iter(weights)))}
     counts = Counter(values)
-    assert set(counts) == {4, 5, 6}
-    expected = np.array([0.25, 0.5, 0.25]) * TRIALS
-    assert stats.chisquare([counts[4], counts[5], counts[6]], expected).pvalue > ALARM
-
-
-def test_choice_is_even(cells):
-    """A choice of three values takes each in a third of the trials (χ², false alarm 1e-5)."""
-    counts = Counter(cell.angle for cell in cells(angle={"law": "choice", "values": [30, 90, 180]}))
-    assert set(counts) == {30.0, 90.0, 180.0}
-    assert stats.chisquare(list(counts.values())).pvalue > ALARM
+    assert set(counts) == set(weights)
+    assert stats.chisquare([counts[v] for v in weights], np.array(list(weights.values())) * TRIALS).pvalue > ALARM
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -302,8 +284,7 @@ def test_the_number_of_trials_moves_nothing(cells, drawn, trials):
 
 def test_one_trial_alone(make_study, drawn):
     """A trial's condition is found from its number, without those before it."""
-    study = make_study(kind="random", trials=TRIALS, **LAWS)
-    (group,) = groups(study)
+    (group,) = groups(make_study(kind="random", trials=TRIALS, **LAWS))
     assert [group.cell(i) for i in (2999, 7, 1024)] == [drawn[i] for i in (2999, 7, 1024)]
 
 

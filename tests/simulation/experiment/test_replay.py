@@ -96,23 +96,19 @@ def test_the_answers_are_the_error_tables_rows(made):
             np.testing.assert_allclose(np.sqrt(variances[-1]), told["radius_bound"], rtol=1e-14)
 
 
-def test_every_trial_has_an_trial(made):
-    """Triales are the error table's cells and trials, in its order, each once; each is found by its name."""
+def test_every_trial_is_listed(made):
+    """The trials are the error table's cells and trials, in its order, each once; each is found by its name.
+
+    Within a batch a cell's trials stand together, and cells come in the order of the error table.
+    """
     made, errors, _ = made
-    some = chosen(errors, estimator="mle")
+    rows = chosen(errors, estimator="mle")
     found = list(all_trials(made))
-    assert sorted((a.cell.name, a.trial) for a in found) == sorted(zip(some["cell"], some["trial"], strict=True))
+    assert sorted((a.cell.name, a.trial) for a in found) == sorted(zip(rows["cell"], rows["trial"], strict=True))
     assert len({(a.cell.name, a.trial) for a in found}) == len(found)
+    assert list(dict.fromkeys(a.cell.name for a in found)) == list(dict.fromkeys(errors["cell"]))
     for trial in found[::17]:
         assert find(made, trial.cell.name, trial.trial) == trial
-
-
-def test_triales_come_cell_by_cell_of_a_unit(make_study):
-    """Within a batch a cell's trials stand together, and cells come in the order of the error table."""
-    made = make_study(**GRID)
-    order = [a.cell.name for a in all_trials(made)]
-    errors = stack([compute(made, unit).errors for unit in units(made)])
-    assert list(dict.fromkeys(order)) == list(dict.fromkeys(errors["cell"]))
 
 
 @pytest.fixture(scope="module")
@@ -131,21 +127,18 @@ def test_the_beginning_of_a_name_will_do(grid):
         assert find(grid, short, 4).cell.name == name
 
 
-def test_a_beginning_of_several_cells(grid):
-    """The message has their number, and some of them."""
+def test_what_is_no_name_of_a_cell(grid):
+    """The message has the number of cells that begin so, and some of them; or says where the names stand."""
     names = sorted({trial.cell.name for trial in all_trials(grid)})
     first = next(n[0] for n in names if sum(m[0] == n[0] for m in names) > 1)
     among = [n for n in names if n[0] == first]
-    with pytest.raises(ReplayError, match=rf"^cell '{first}': not one cell but {len(among)}: {among[0]}, "):
-        find(grid, first, 0)
-    with pytest.raises(ReplayError, match="not one cell but 8: "):
-        find(grid, "", 0)
-
-
-def test_a_cell_that_is_not_there(grid):
-    """The message names the run and says where the names stand."""
-    with pytest.raises(ReplayError, match=rf"cell 'xyz': no such cell in {grid.run_name()}; the error table's first"):
-        find(grid, "xyz", 0)
+    for cell, words in (
+        (first, rf"^cell '{first}': not one cell but {len(among)}: {among[0]}, "),
+        ("", "not one cell but 8: "),
+        ("xyz", rf"cell 'xyz': no such cell in {grid.run_name()}; the error table's first"),
+    ):
+        with pytest.raises(ReplayError, match=words):
+            find(grid, cell, 0)
 
 
 @pytest.mark.parametrize("trial", [5, 6, 10**12, -1])

@@ -15,11 +15,10 @@ from study import style
 from study.fits import Status, mgdk
 from study.fits.cap import sample_cap
 from study.simulation.analysis.summary import summary
-from study.simulation.figures import NotApplicable, arc, fig2_error, fig5_methods, fig6_mgdk, fig7_power_law
+from study.simulation.figures import NotApplicable, arc, fig2_error, fig6_mgdk, fig7_power_law
 from study.simulation.statistics import quantile
 
-GDKE, UGDK = arc.ELLIPSES.values()
-FIGURES = [GDKE, UGDK, fig5_methods]
+GDKE, UGDK, METHODS = FIGURES = [*arc.FIGURES.values()]
 
 
 def test_reach_is_the_chi_square_quantile():
@@ -112,11 +111,11 @@ def test_figures_3_and_4_share_a_window_that_holds_both_ellipses(circle_tables):
 
 def test_fits_that_coincide_are_named_together(circle_tables):
     """LLS is GDKE: one circle, and the words say so."""
-    frame = fig5_methods.prepare(circle_tables)
+    frame = METHODS.prepare(circle_tables)
     assert frame.same == {"mle": [], "ugdk": [], "gdke": ["lls"]}
     along = [circle.x for circle in frame.circles.values()]
     assert along == sorted(along)
-    texts = [text.get_text() for text in fig5_methods.draw(frame).axes[1].texts]
+    texts = [text.get_text() for text in METHODS.draw(frame).axes[1].texts]
     assert any(text.startswith("GDKE") and "the same: LLS" in text for text in texts)
 
 

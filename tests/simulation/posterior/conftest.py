@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from study.simulation.posterior.modes import RayCoordinates
+from study.simulation.posterior.sampler import RayCoordinates
 
 
 @pytest.fixture(params=[(2, True), (2, False), (3, True), (3, False)], ids=str)

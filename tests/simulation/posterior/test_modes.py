@@ -13,8 +13,14 @@ import pytest
 from scipy import integrate
 
 from study.simulation.posterior import sampler
-from study.simulation.posterior.modes import RayCoordinates, other_modes_possible, spread_out
-from study.simulation.posterior.sampler import Reference, geometric, whole_sphere
+from study.simulation.posterior.sampler import (
+    RayCoordinates,
+    Reference,
+    geometric,
+    other_modes_possible,
+    spread_out,
+    whole_sphere,
+)
 
 
 def test_spread_out(rays):

@@ -7,37 +7,24 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+import study
 from study.simulation.experiment.config import parse
 from study.simulation.runs import jobs, provenance, runner
 
 sys.path.append(str(Path(__file__).parent))  # worker processes, too, import `deadly` by its name
 
 
-def _toml(value):
-    """A value as TOML; dictionaries become inline tables."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(v)}" for key, v in value.items()) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return f'"{value}"' if isinstance(value, str) else repr(value)
-
-
 @pytest.fixture(scope="session")
-def make_text():
+def make_text(config_writer):
     """Write a small config: keyword arguments go into the design, ``top`` beside it; None leaves a key out."""
-
-    def make(top=None, **design):
-        head = {"name": "test", "seed": 1, "estimators": ["mle", "lls", "gdke", "ugdk"]} | (top or {})
-        body = {"kind": "grid", "trials": 3, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180]} | design
-        lines = [f"{key} = {_toml(value)}" for key, value in head.items() if value is not None]
-        lines += ["[design]", *(f"{key} = {_toml(value)}" for key, value in body.items() if value is not None)]
-        return "\n".join(lines) + "\n"
-
-    return make
+    head = {"name": "test", "seed": 1, "estimators": ["mle", "lls", "gdke", "ugdk"]}
+    body = {"kind": "grid", "trials": 3, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180]}
+    return config_writer(head, body)
 
 
 @pytest.fixture
@@ -94,10 +81,16 @@ def computed(monkeypatch):
     return done
 
 
-@pytest.fixture(scope="session")
-def files():
-    """All files under a folder with their bytes."""
-    return lambda folder: {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+@pytest.fixture
+def raises(monkeypatch):
+    """An estimator that raises where there are 40 samples."""
+
+    def function(samples):
+        if samples.shape[2] == 40:
+            raise ZeroDivisionError("my own mistake")
+        return study.ESTIMATORS["lls"](samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "raises", replace(study.ESTIMATORS["lls"], function=function))
 
 
 @pytest.fixture

@@ -1,13 +1,17 @@
 """Threads, processes and a Dask cluster give the same bytes, even if Dask workers are killed.
 
-Dispatch: units are computed outside the main thread, progress adds up, and no result is lost or waits for long.
+Dispatch: units are computed outside the main thread, progress adds up, and no result is lost or waits for long. Items
+are put together until they are heavy enough, the heaviest in sight first. A worker refuses tasks if it would compute
+other bytes than its parent.
 """
 
 import contextlib
 import functools
 import gc
+import itertools
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,9 +25,10 @@ from study.files import RunError
 from study.fits.samples import Estimator
 from study.simulation.experiment.config import parse
 from study.simulation.experiment.sampling import units
+from study.simulation.runs import provenance, workers
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.plan import plan
-from study.simulation.runs.workers import Dispatch, Threads, Workers
+from study.simulation.runs.workers import DisagreementError, Dispatch, Threads, Workers, cut, enter, introduction, seal
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -105,14 +110,14 @@ def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_f
     """One of two Dask workers is killed while it computes, after a few results: the other computes the rest."""
     import held
 
-    address, workers = cluster
+    address, crew = cluster
     shares, killed = [], []
 
     def progress(share):
         shares.append(share)
         if len(shares) == held.FREE:
             path, *_ = wait_for(lambda: list(gate.glob("held-*")))
-            (worker,) = [worker for worker in workers if path.name.endswith(f"-{worker.pid}")]
+            (worker,) = [worker for worker in crew if path.name.endswith(f"-{worker.pid}")]
             worker.kill()
             killed.append(worker)
             (gate / "open").touch()
@@ -179,9 +184,9 @@ def test_dask_with_a_task_that_kills_its_workers(start, no_second_worker, cluste
     kill = functools.partial(deadly.kill, tmp_path / "ends", frozenset([cell]), 1000)
     monkeypatch.setattr("study.simulation.runs.workers._PATIENCE", 600.0)
     monkeypatch.setattr("study.simulation.runs.runner.execute", kill)
-    address, workers = cluster
+    address, crew = cluster
     run = start(jobs=Workers("dask", 2, address), **small)
-    assert [worker.wait() for worker in workers] == [-signal.SIGKILL] * 2
+    assert [worker.wait() for worker in crew] == [-signal.SIGKILL] * 2
     assert run.manifest()["lost"] == len(run.table("failures")) == 3
     assert all(message.startswith("the worker died, twice: ") for message in run.table("failures")["message"])
 
@@ -306,3 +311,74 @@ def test_what_came_is_stored_when_a_task_raises(dispatch, tmp_path):
     parts.load()
     assert {number for number in range(1000) if parts.outputs(str(number))} == set(computed)
     assert 29 <= len(computed) < 60
+
+
+def weigh(item):
+    """The weight of an item is the item."""
+    return item
+
+
+def test_the_heaviest_goes_first():
+    """Each task has one item where one is heavy enough; of equal weights the first goes first."""
+    assert list(cut([3, 9, 5, 7], weigh, 1)) == [(9,), (7,), (5,), (3,)]
+    assert list(cut([(1, "a"), (1, "b")], lambda item: item[0], 0)) == [((1, "a"),), ((1, "b"),)]
+
+
+def test_small_items_go_together():
+    """Items are added until the task weighs enough; the last task may weigh less."""
+    assert list(cut([1] * 7, weigh, 3)) == [(1, 1, 1), (1, 1, 1), (1,)]
+    assert [sum(items) for items in cut([5, 1, 1, 1, 2], weigh, 3)] == [5, 3, 2]
+
+
+@pytest.mark.parametrize("enough", [0, 10, 1e9])
+def test_every_item_is_in_one_task(enough):
+    """Whatever the weights, and however many items there are, each is in one task."""
+    items = [(number * 7919) % 101 for number in range(3000)]
+    found = list(itertools.chain.from_iterable(cut(items, weigh, enough)))
+    assert sorted(found) == sorted(items)
+
+
+def test_items_are_taken_as_needed(monkeypatch):
+    """Only a window of the items is taken before the first task is made."""
+    monkeypatch.setattr(workers, "_WINDOW", 4)
+    taken = []
+    source = (taken.append(number) or number for number in itertools.count())
+    assert next(cut(source, weigh, 1)) == (3,)
+    assert taken == [0, 1, 2, 3]
+
+
+@pytest.fixture
+def fresh(monkeypatch):
+    """Let this process stand for a worker that has not had a task yet."""
+    monkeypatch.setattr(workers, "_agreed", [])
+
+
+@pytest.mark.usefixtures("fresh")
+def test_a_worker_like_its_parent_computes():
+    """A worker that is as its parent calls the function."""
+    assert enter(introduction(), seal(divmod, 17, 5)) == (3, 2)
+
+
+@pytest.mark.usefixtures("fresh")
+@pytest.mark.parametrize("name", ["numpy", "code generated for", "sources"])
+def test_a_worker_that_differs_refuses(name):
+    """It says what differs, and calls nothing; a later task from a parent that agrees is computed."""
+    parent = introduction()
+    other = parent._replace(fingerprint=parent.fingerprint | {name: "another"})
+    with pytest.raises(DisagreementError, match=f"{name} .* instead of another") as refused:
+        enter(other, b"this cannot be unpickled")
+    assert f"{name} {parent.fingerprint[name]} instead of another" in str(refused.value)
+    assert enter(parent, seal(divmod, 17, 5)) == (3, 2)
+
+
+@pytest.mark.parametrize(
+    "changed", ["fits/closed_forms.py", "simulation/experiment/sampling.py", "simulation/statistics.py"]
+)
+def test_another_source_is_another_fingerprint(tmp_path, monkeypatch, changed):
+    """A worker whose code of the fits, the experiment or the statistics differs in one byte would be refused."""
+    home = shutil.copytree(provenance._HOME, tmp_path / "study", ignore=shutil.ignore_patterns("__pycache__"))
+    before = provenance.fingerprint()["sources"]
+    monkeypatch.setattr(provenance, "_HOME", home)
+    assert provenance.fingerprint()["sources"] == before
+    (home / changed).write_text((home / changed).read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    assert provenance.fingerprint()["sources"] != before

@@ -3,7 +3,6 @@
 Studies that keep only the summary: it is that of the errors, to the bit, and no errors are stored.
 """
 
-import functools
 import hashlib
 import json
 import os
@@ -22,7 +21,6 @@ from study.simulation.experiment.config import parse
 from study.simulation.experiment.sampling import units
 from study.simulation.runs import run_folder, runner
 from study.simulation.runs.parts import DAMAGED, FORMAT
-from study.simulation.runs.reuse import set_damaged_aside
 from study.simulation.runs.run_folder import ManifestDamagedError, ManifestMissingError, ManifestNewerError, Run
 from study.simulation.runs.status import printed, status
 from study.simulation.runs.workers import Workers
@@ -103,7 +101,7 @@ def test_a_scaled_summary_is_made_again(run):
     alter(run, "summary", scaled)
     assert not run.valid("summary")
     told = []
-    set_damaged_aside(run, told.append)
+    run.set_damaged_aside(told.append)
     assert "summary.parquet: damaged; set aside in parts/damaged, and made again" in told[0]
     assert (run.folder / "parts" / DAMAGED / "summary.parquet").exists()
     summarise(run)
@@ -116,7 +114,7 @@ def test_a_missing_table_is_made_again(run):
     run.path("summary").unlink()
     assert any(line.endswith("timings, summary (missing)") for line in printed(status(run.folder)))
     told = []
-    set_damaged_aside(run, told.append)
+    run.set_damaged_aside(told.append)
     assert told == [f"{run.path('summary')}: missing, and made again"]
     assert not (run.folder / "parts").exists()
 
@@ -260,7 +258,7 @@ def test_a_manifest_without_its_digest(run):
         with pytest.raises(ManifestDamagedError, match=r"manifest\.json: damaged: no field 'digest'[^\n]*`study run"):
             run.table(name)
     told = []
-    set_damaged_aside(run, told.append)
+    run.set_damaged_aside(told.append)
     assert len(told) == 1
     assert "manifest.json: damaged: no field 'digest'" in told[0]
 
@@ -279,49 +277,41 @@ GRID = {"trials": 70, "samples": [6, 700], "noise": [0.05, 0.5], "radius": [1.0,
 def keep(make_text, tmp_path):
     """Run a study that keeps only the summary."""
 
-    def run(name, top=None, jobs=2, **design):
+    def run(name, top=None, jobs=2, progress=None, **design):
         text = make_text({"keep": "summary"} | (top or {}), **(GRID | design))
-        return runner.run(parse(text), text, tmp_path / name, jobs, warn=str)
+        return runner.run(parse(text), text, tmp_path / name, jobs, progress, warn=str)
 
     return run
 
 
 @pytest.mark.parametrize("route", ["points", "moments"])
-def test_the_summary_is_that_of_the_errors(start, keep, files, route):
+def test_the_summary_is_that_of_the_errors(start, keep, files_of, route):
     """The summary is that of stored errors, by both routes."""
-    top = {"route": route, "estimators": ["gdke", "ugdk"]} if route == "moments" else {}
+    top = MOMENTS if route == "moments" else {}
     short, whole = keep("short", top), start(top, **GRID)
     summarise(whole)
     assert short.table("summary").equals(whole.table("summary"))
-    assert set(files(short.folder)) == {"config.toml", "manifest.json", "timings.parquet", "summary.parquet"}
+    assert set(files_of(short.folder)) == {"config.toml", "manifest.json", "timings.parquet", "summary.parquet"}
     assert short.manifest()["tables"].keys() == {"timings", "summary"}
 
 
+MOMENTS = {"route": "moments", "estimators": ["gdke", "ugdk"]}
 LIMITS = {
-    "memory": ("_FITS_IN_MEMORY", 3 * 70 * 4, [3, 1] * 4),
-    "time": ("_SAMPLES_IN_SUMMARY", 3 * 70 * 700, [4, 4, 2, 2, 2, 2]),
-    "least": ("_FITS_IN_MEMORY", 1, [1] * 16),
+    "memory": ({}, "_FITS_IN_MEMORY", 3 * 70 * 4, [3, 1] * 4),
+    "time": ({}, "_SAMPLES_IN_SUMMARY", 3 * 70 * 700, [4, 4, 2, 2, 2, 2]),
+    "least": ({}, "_FITS_IN_MEMORY", 1, [1] * 16),
+    "time of moments": (MOMENTS, "_SAMPLES_IN_SUMMARY", 1, [4] * 4),  # where a level costs next to nothing
+    "memory of moments": (MOMENTS, "_FITS_IN_MEMORY", 3 * 70 * 2, [3, 1] * 4),
 }
 
 
-@pytest.mark.parametrize(("limit", "most", "cells"), LIMITS.values(), ids=LIMITS)
-def test_large_summaries_are_cut_by_cells(keep, monkeypatch, limit, most, cells):
+@pytest.mark.parametrize(("top", "limit", "most", "cells"), LIMITS.values(), ids=LIMITS)
+def test_large_summaries_are_cut_by_cells(keep, monkeypatch, top, limit, most, cells):
     """Cells of many trials are units of their own, which make the same draws: the summary keeps its bytes."""
-    whole = keep("whole")
+    whole = keep("whole", top)
     assert [len(unit.group.cells) for unit in units(whole.study)] == [4] * 4
     monkeypatch.setattr(f"study.simulation.experiment.sampling.{limit}", most)
     assert [len(unit.group.cells) for unit in units(whole.study)] == cells
-    assert keep("apart").path("summary").read_bytes() == whole.path("summary").read_bytes()
-
-
-def test_moments_cut_by_cells(keep, monkeypatch):
-    """So are those that are fitted from joint moments, where a level costs next to nothing."""
-    top = {"route": "moments", "estimators": ["gdke", "ugdk"]}
-    whole = keep("whole", top)
-    monkeypatch.setattr("study.simulation.experiment.sampling._SAMPLES_IN_SUMMARY", 1)
-    assert [len(unit.group.cells) for unit in units(whole.study)] == [4] * 4
-    monkeypatch.setattr("study.simulation.experiment.sampling._FITS_IN_MEMORY", 3 * 70 * 2)
-    assert [len(unit.group.cells) for unit in units(whole.study)] == [3, 1] * 4
     assert keep("apart", top).path("summary").read_bytes() == whole.path("summary").read_bytes()
 
 
@@ -340,19 +330,10 @@ def test_a_run_that_stops_goes_on(keep, computed, monkeypatch):
     whole = keep("whole")
     everything = list(computed)
 
-    class Stop(BaseException):
-        pass
-
-    def stop(share):
-        raise Stop
-
     computed.clear()
-    real = runner.run
-    monkeypatch.setattr(runner, "run", functools.partial(real, progress=stop))
-    with pytest.raises(Stop):
-        keep("broken")
+    with pytest.raises(ZeroDivisionError):
+        keep("broken", progress=lambda share: 1 / 0)
     first = list(computed)
-    monkeypatch.setattr(runner, "run", real)
     computed.clear()
     run = keep("broken")
     assert sorted([*first, *computed]) == sorted(everything)
@@ -378,14 +359,10 @@ def test_failures_are_rows(keep, monkeypatch):
     assert len(run.table("failures")) == run.manifest()["failures"] == 70 * 16
 
 
-def test_it_is_opened_like_any_other(keep):
-    """Its summary is read back, and its errors are missing."""
+def test_errors_that_were_not_kept(keep):
+    """The summary is read back; the message says why the errors are missing, and does not say to finish the run."""
     run = Run.open(keep("run").folder)
     assert len(run.table("summary")) == 16 * 4
     assert not run.has("errors")
-
-
-def test_errors_that_were_not_kept(keep):
-    """The message says why the errors are missing, and does not say to finish the run."""
     with pytest.raises(RunError, match="keeps its summary alone"):
-        keep("alone").table("errors")
+        run.table("errors")

@@ -3,6 +3,7 @@
 import errno
 import os
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 
@@ -56,8 +57,7 @@ def test_a_disk_that_fills_up_while_parts_are_written(start, monkeypatch, tmp_pa
 
 def test_a_disk_that_fills_up_while_parts_are_joined(start, monkeypatch, tmp_path):
     """If the last step fails, all parts stay."""
-    full = RunError("cannot be written: No space left")
-    monkeypatch.setattr(runner.Run, "join", lambda *_: (_ for _ in ()).throw(full))
+    monkeypatch.setattr(runner.Run, "join", Mock(side_effect=RunError("cannot be written: No space left")))
     with pytest.raises(RunError, match="cannot be written"):
         start(folder=tmp_path / "run", trials=30)
     parts, rest = parts_and_rest(tmp_path / "run")
@@ -65,15 +65,15 @@ def test_a_disk_that_fills_up_while_parts_are_joined(start, monkeypatch, tmp_pat
     assert rest == ["config.toml"]
 
 
-def test_old_tables_survive_a_failure(start, monkeypatch, files):
+def test_old_tables_survive_a_failure(start, monkeypatch, files_of):
     """A new version that cannot be written leaves the old tables as they were, and no temporary file."""
     run = start(trials=30)
-    before = files(run.folder)
+    before = files_of(run.folder)
     monkeypatch.setitem(study.ESTIMATORS, "mle", replace(study.ESTIMATORS["mle"], version=2))
     broken_after(monkeypatch, 4)
     with pytest.raises(RunError):
         start(folder=run.folder, trials=30, warn=str)
-    after = files(run.folder)
+    after = files_of(run.folder)
     assert {name: after.get(name) for name in before} == before
     assert not [name for name in after if name.endswith(".tmp")]
 

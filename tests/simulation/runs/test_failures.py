@@ -1,35 +1,19 @@
 """Failures are rows: of a trial that raises, and of a unit that ends its workers. Everything else is computed."""
 
 import functools
-from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
-import study
 from study.fits import Status
 from study.simulation.runs import jobs as module
-from study.simulation.runs import runner
-from study.simulation.runs import workers as dispatch
-from study.simulation.runs import workers as processes
+from study.simulation.runs import runner, workers
 from study.simulation.runs.runner import failure_message
 from study.simulation.runs.workers import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 
 LLS = {"estimators": ["mle", "lls"]}
-
-
-@pytest.fixture
-def raises(monkeypatch):
-    """An estimator that raises where there are 40 samples."""
-
-    def function(samples):
-        if samples.shape[2] == 40:
-            raise ZeroDivisionError("my own mistake")
-        return study.ESTIMATORS["lls"](samples)
-
-    monkeypatch.setitem(study.ESTIMATORS, "raises", replace(study.ESTIMATORS["lls"], function=function))
 
 
 @pytest.mark.usefixtures("raises")
@@ -51,24 +35,18 @@ def test_an_exception_is_rows(start, jobs):
 
 @pytest.mark.usefixtures("raises")
 def test_what_is_tolerated(start):
-    """There is a message if a larger share of fits failed than the config tolerates."""
+    """There is a message if a larger share of fits failed than the config tolerates; another tolerance is the same run.
+
+    A run without failures has no table of them.
+    """
     top = {"estimators": ["raises", "lls"]}
     assert "12 of 48 fits raised" in failure_message(start(top))
     assert "tolerate_failures = 0.24" in failure_message(start(top | {"tolerate_failures": 0.24}))
     assert failure_message(start(top | {"tolerate_failures": 0.25})) is None
-    assert failure_message(start(LLS)) is None
-
-
-def test_tolerance_does_not_name_the_run(start):
-    """Another tolerance is the same run: it changes the message, not the tables."""
     run = start(LLS)
-    assert start(LLS | {"tolerate_failures": 0.5}, folder=run.folder).study.run_name() == run.study.run_name()
-
-
-def test_no_failures_no_table(start):
-    """A run without failures has no table of failures."""
-    run = start(LLS)
+    assert failure_message(run) is None
     assert not run.has("failures")
+    assert start(LLS | {"tolerate_failures": 0.5}, folder=run.folder).study.run_name() == run.study.run_name()
 
 
 @pytest.fixture(params=["killed", "killed, one process", "killed while it sends", "out of memory"])
@@ -77,14 +55,14 @@ def deadly(request, monkeypatch, start, tmp_path):
     import deadly as module
 
     cell = start({"estimators": ["lls"]}, draws="independent").table("errors")["cell"].astype(str).iloc[10]
-    function, workers = {
+    function, crew = {
         "killed": (module.kill, Workers("loky", 2)),
         "killed, one process": (module.kill, Workers("loky", 1)),
         "killed while it sends": (module.kill_while_sending, Workers("loky", 2)),
         "out of memory": (module.starve, 2),
     }[request.param]
-    monkeypatch.setattr(processes, "_GRACE", 0.2)
-    monkeypatch.setattr(dispatch, "_WATCH", 0.1)
+    monkeypatch.setattr(workers, "_GRACE", 0.2)
+    monkeypatch.setattr(workers, "_WATCH", 0.1)
     (tmp_path / "ends").mkdir()
 
     def limit(most):
@@ -92,7 +70,7 @@ def deadly(request, monkeypatch, start, tmp_path):
         monkeypatch.setattr(runner, "execute", replaced)
 
     limit(1000)
-    return SimpleNamespace(cell=cell, workers=workers, ends=tmp_path / "ends", limit=limit)
+    return SimpleNamespace(cell=cell, workers=crew, ends=tmp_path / "ends", limit=limit)
 
 
 def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly):

@@ -1,19 +1,17 @@
 """A config that is changed line by line and run again and again: every run has the bytes of one from nothing."""
 
 import contextlib
-from dataclasses import replace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-import study
 from study.simulation.experiment.config import Study, parse
 from study.simulation.experiment.designs import GridDesign, RandomDesign
 from study.simulation.runs import runner
 from study.toml import ConfigError
 
-pytestmark = pytest.mark.usefixtures("same_software", "small_units", "one_that_raises")
+pytestmark = pytest.mark.usefixtures("same_software", "small_units", "raises")
 
 SEQUENCES = 20
 """Number of sequences; 250 of them, drawn anew, take some two minutes."""
@@ -67,18 +65,6 @@ TOGETHER = {"noise": "noise_over_radius", "noise_over_radius": "noise"}
 """Keys of which a config has one: the other is left out where one is given, and the reverse."""
 
 
-@pytest.fixture
-def one_that_raises(monkeypatch):
-    """An estimator that raises on many samples, so that runs have failures."""
-
-    def raises(samples):
-        if samples.shape[2] == 40:
-            raise ZeroDivisionError("my own mistake")
-        return study.ESTIMATORS["lls"](samples)
-
-    monkeypatch.setitem(study.ESTIMATORS, "raises", replace(study.ESTIMATORS["lls"], function=raises))
-
-
 def edits(design):
     """Edits of a config: one to three keys and their new values, and true for a run that is interrupted once."""
     keys = [*TOP, *(key for key, values in design.items() if len(values) > 1)]
@@ -130,26 +116,15 @@ class Sequence:
         if found is None:
             return False
         self.config, (text, made) = config, found
-        if stopped:
-            self.stop(text, made)
+        if stopped:  # as soon as the first fits are done
+            with contextlib.suppress(ZeroDivisionError):
+                runner.run(made, text, self.folder / made.run_name(), 1, progress=lambda share: 1 / 0, warn=str)
         grown = tables(runner.run(made, text, self.folder / made.run_name(), 1, warn=self.warned.append))
         if made.digest() not in self.known:
             fresh = self.new_folder() / made.run_name()
             self.known[made.digest()] = tables(runner.run(made, text, fresh, 1, warn=str))
         assert grown == self.known[made.digest()], text
         return True
-
-    def stop(self, text, made):
-        """Begin a run, and end it as soon as the first fits are done."""
-
-        class StopError(Exception):
-            pass
-
-        def stop(share):
-            raise StopError
-
-        with contextlib.suppress(StopError):
-            runner.run(made, text, self.folder / made.run_name(), 1, progress=stop, warn=str)
 
 
 def tables(run):

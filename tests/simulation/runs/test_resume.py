@@ -3,12 +3,14 @@
 import itertools
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
 import study
-from study.simulation.runs import parts
+from study.simulation.runs import jobs, parts, provenance
 from study.simulation.runs.parts import DAMAGED, Parts
+from study.simulation.runs.run_folder import Run
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units", "small_parts")
 
@@ -19,21 +21,9 @@ class Stop(BaseException):
     """Raised by a callback for progress to stop a run."""
 
 
-def stop_after(count):
-    """A progress callback that ends the run after so many calls."""
-    calls = []
-
-    def told(share):
-        calls.append(share)
-        if len(calls) == count:
-            raise Stop
-
-    return told
-
-
 def tables(run):
     """Bytes of the tables that do not depend on time."""
-    return {name: (run.folder / f"{name}.parquet").read_bytes() for name in ("errors", "points")}
+    return {name: run.path(name).read_bytes() for name in ("errors", "points")}
 
 
 @pytest.fixture
@@ -46,18 +36,18 @@ def clock(monkeypatch):
 def stopped(start, let_pass, tmp_path):
     """A run that was stopped after some units, in a folder."""
     with let_pass(4, "study.simulation.runs.runner.execute"), pytest.raises(Stop):
-        start(folder=tmp_path / "run", progress=stop_after(4), **ENTRIES)
+        start(folder=tmp_path / "run", progress=Mock(side_effect=[None] * 3 + [Stop]), **ENTRIES)
     return tmp_path / "run"
 
 
-def test_a_finished_run_computes_nothing(start, computed, files):
+def test_a_finished_run_computes_nothing(start, computed, files_of):
     """Nothing is computed, and nothing in the folder changes."""
     run = start(**ENTRIES)
-    before = files(run.folder)
+    before = files_of(run.folder)
     computed.clear()
     start(folder=run.folder, **ENTRIES)
     assert computed == []
-    assert files(run.folder) == before
+    assert files_of(run.folder) == before
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -75,9 +65,7 @@ def test_only_what_is_missing_is_computed(start, stopped, computed, jobs):
 
 def test_what_was_finished_when_another_unit_failed_is_kept(start, computed, tmp_path, monkeypatch):
     """If a failure of the program ends the run, units that were finished but not yet written are written."""
-    from study.simulation.runs import jobs as module_module
-
-    real = module_module.compute
+    real = jobs.compute
     monkeypatch.setattr(parts, "_SECONDS", 1e9)  # all that is finished waits to be written
 
     def broken(made, unit):
@@ -85,13 +73,13 @@ def test_what_was_finished_when_another_unit_failed_is_kept(start, computed, tmp
             raise ZeroDivisionError("a fault")
         return real(made, unit)
 
-    monkeypatch.setattr(module_module, "compute", broken)
+    monkeypatch.setattr(jobs, "compute", broken)
     with pytest.raises(ZeroDivisionError):
         start(folder=tmp_path / "run", **ENTRIES)
     before = set(computed)
     assert len(before) > 100
     computed.clear()
-    monkeypatch.setattr(module_module, "compute", real)
+    monkeypatch.setattr(jobs, "compute", real)
     start(folder=tmp_path / "run", **ENTRIES)
     assert not before & set(computed)
 
@@ -133,10 +121,8 @@ def test_damaged_tables_are_made_again(start, name, harm):
 
 def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
     """The parts stay until the manifest is written, so that the last step is done again."""
-    from study.simulation.runs.run_folder import Run
-
     with monkeypatch.context() as patch:
-        patch.setattr(Run, "save_manifest", lambda *_: (_ for _ in ()).throw(Stop))
+        patch.setattr(Run, "save_manifest", Mock(side_effect=Stop))
         with pytest.raises(Stop):
             start(folder=stopped, **ENTRIES)
     assert (stopped / "errors.parquet").exists()
@@ -147,7 +133,7 @@ def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
 def test_a_run_killed_after_the_manifest(start, stopped, monkeypatch, computed):
     """Parts that a kill left beside finished tables are removed."""
     with monkeypatch.context() as patch:
-        patch.setattr(Parts, "remove", lambda *_: (_ for _ in ()).throw(Stop))
+        patch.setattr(Parts, "remove", Mock(side_effect=Stop))
         with pytest.raises(Stop):
             start(folder=stopped, **ENTRIES)
     computed.clear()
@@ -199,8 +185,6 @@ def test_another_version_of_an_estimator_is_not_mixed_in(start, stopped, compute
 
 def test_software_that_changed_is_told(start, stopped, monkeypatch):
     """There is a warning if another version computed some of the rows, and the manifest has it."""
-    from study.simulation.runs import provenance
-
     real = provenance.software()
     monkeypatch.setattr(provenance, "software", lambda: real | {"study": "0.0.9", "commit": "f" * 40})
     told = []
@@ -211,8 +195,6 @@ def test_software_that_changed_is_told(start, stopped, monkeypatch):
 
 def test_another_configs_parts_are_not_mixed_in(start, stopped):
     """Parts of another seed, dropped into the folder, are not used."""
-    from study.simulation.experiment.config import parse  # noqa: F401
-
     other = start({"keep_points": 2, "seed": 2}, trials=40)
     whole = start(**ENTRIES)
     assert (other.folder / "errors.parquet").read_bytes() != (whole.folder / "errors.parquet").read_bytes()

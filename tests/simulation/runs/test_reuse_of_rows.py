@@ -38,16 +38,12 @@ def kind(request):
     return {"draws": "independent"} if request.param == "independent" else {"top": {"dimension": request.param}}
 
 
-@pytest.mark.parametrize("axis", list(LARGE))
+@pytest.mark.parametrize("axis", [*LARGE, "all"])
 def test_old_rows_do_not_move(start, kind, axis):
-    """A value more on any axis, or more trials, leaves the rows of the old cells and trials as they were."""
-    assert_kept(rows(start(**kind, **SMALL)), rows(start(**kind, **{**SMALL, axis: LARGE[axis]})))
-
-
-def test_old_rows_do_not_move_when_all_grows(start, kind):
-    """All at once, from a middle size."""
-    middle = {**LARGE, "trials": 5, "samples": [7], "noise": [5.0]}
-    assert_kept(rows(start(**kind, **middle)), rows(start(**kind, **{**LARGE, "trials": 9})))
+    """A value more on any axis, more trials, or all at once, leave the rows of the old cells and trials in place."""
+    small = SMALL if axis != "all" else LARGE | {"trials": 5, "samples": [7], "noise": [5.0]}
+    large = SMALL | {axis: LARGE[axis]} if axis != "all" else LARGE | {"trials": 9}
+    assert_kept(rows(start(**kind, **small)), rows(start(**kind, **large)))
 
 
 def test_trials_of_a_random_design_do_not_move(start):

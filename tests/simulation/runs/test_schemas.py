@@ -20,16 +20,13 @@ import pytest
 import study
 from study.fits import Status
 from study.simulation.analysis.summary import summarise
-from study.simulation.experiment.config import Study
-from study.simulation.runs import schemas
+from study.simulation.experiment.config import Study, parse
+from study.simulation.runs import runner, schemas
 
 
 @pytest.fixture(scope="module")
 def stored(make_text, tmp_path_factory):
     """A finished and summarised run with points, in two dimensions and in five."""
-    from study.simulation.experiment.config import parse
-    from study.simulation.runs import runner
-
     made = {}
     for d in (2, 5):
         text = make_text({"keep_points": 2, "dimension": d}, samples=[8, 40], trials=30)
@@ -38,35 +35,30 @@ def stored(make_text, tmp_path_factory):
     return made
 
 
-def declared(name, d):
-    """The declaration of a table."""
-    return {
-        "errors": schemas.errors(d),
-        "timings": schemas.TIMINGS,
-        "points": schemas.points(d),
-        "summary": schemas.summary(),
-    }[name]
+TABLES = {
+    "errors": schemas.errors,
+    "timings": lambda d: schemas.TIMINGS,
+    "points": schemas.points,
+    "summary": lambda d: schemas.summary(),
+}
 
 
 @pytest.mark.parametrize("d", [2, 5])
-@pytest.mark.parametrize("name", ["errors", "timings", "points", "summary"])
+@pytest.mark.parametrize("name", TABLES)
 def test_columns_say_what_they_are(stored, name, d):
-    """A file's columns are those declared, in order and type, each with its unit and a meaning."""
+    """A file's columns are those declared, in order and type, each with its unit and a meaning; it holds its config."""
     schema = pq.read_schema(stored[d].folder / f"{name}.parquet")
-    columns = declared(name, d)
-    assert schema.names == [column.name for column in columns]
-    for field, column in zip(schema, columns, strict=True):
-        assert field.type == column.type
-        found = {key: value.decode() for key, value in field.metadata.items()}
-        assert found[b"unit"] == column.unit
-        assert found[b"meaning"] == column.meaning
-        assert len(column.meaning) > 8 or column.name == "condition"
+    columns = TABLES[name](d)
+    told = [[field.metadata[key].decode() for key in (b"unit", b"meaning")] for field in schema]
+    assert [(field.name, field.type, *words) for field, words in zip(schema, told, strict=True)] == columns
+    assert all(len(column.meaning) > 8 or column.name == "condition" for column in columns)
+    assert Study.model_validate_json(schema.metadata[b"study.config"]) == stored[d].study
 
 
-@pytest.mark.parametrize("name", ["errors", "timings", "points", "summary"])
+@pytest.mark.parametrize("name", TABLES)
 def test_lengths_have_a_unit(name):
     """Columns that hold a length, an angle or a time have a unit; counts and names have none."""
-    united = {c.name for c in declared(name, 3) if c.unit}
+    united = {c.name for c in TABLES[name](3) if c.unit}
     expected = {
         "errors": {"noise", "angle", "radius", "center", "error_1", "error_2", "error_3", "error", "radius_error"}
         | {"bound", "radius_bound", "noise_variance"},
@@ -77,33 +69,27 @@ def test_lengths_have_a_unit(name):
     assert united == expected[name]
 
 
-@pytest.mark.parametrize("name", ["errors", "timings", "points", "summary"])
-def test_files_hold_their_config(stored, name):
-    """Every table holds the canonical config that it came from."""
-    metadata = pq.read_schema(stored[2].folder / f"{name}.parquet").metadata
-    assert Study.model_validate_json(metadata[b"study.config"]) == stored[2].study
-
-
 def test_error_table_knows_software_and_nothing_else(stored):
-    """Beside the config, the error table's metadata hold versions and commit, but no time, host or workers."""
+    """Beside the config, the error table's metadata hold versions and commit, but no time, host or workers.
+
+    The status column's meaning gives every number's text.
+    """
     metadata = pq.read_schema(stored[2].folder / "errors.parquet").metadata
     assert set(metadata) - {b"ARROW:schema", b"pandas"} == {b"study.config", b"study.software"}
     software = json.loads(metadata[b"study.software"])
     found = {"study", "commit", "dirty", "revision", "directory", "python", "packages", "code_generated_for"}
     assert set(software) == found
     assert software["packages"]["numpy"] == version("numpy")
-
-
-def test_statuses_are_explained(stored):
-    """The status column's meaning gives every number's text."""
-    field = pq.read_schema(stored[2].folder / "errors.parquet").field("status")
-    said = field.metadata[b"meaning"].decode()
+    said = pq.read_schema(stored[2].folder / "errors.parquet").field("status").metadata[b"meaning"].decode()
     assert all(f"{status.value} = {status.text}" in said for status in Status)
 
 
 @pytest.mark.parametrize("d", [2, 5])
 def test_error_table_is_whole(stored, d):
-    """A row for every cell, trial and estimator, in the order of the config, none twice."""
+    """A row for every cell, trial and estimator, in the order of the config, none twice.
+
+    The error is the norm of its components; an ok fit has a finite error; bounds are positive.
+    """
     frame = stored[d].table("errors")
     assert len(frame) == 2 * 2 * 2 * 30 * 4
     assert not frame.duplicated(["cell", "trial", "estimator"]).any()
@@ -111,12 +97,6 @@ def test_error_table_is_whole(stored, d):
         assert sorted(part["trial"]) == list(range(30))
     assert list(dict.fromkeys(frame["samples"])) == [8, 40]
     assert list(dict.fromkeys(frame["estimator"])) == ["mle", "lls", "gdke", "ugdk"]
-
-
-@pytest.mark.parametrize("d", [2, 5])
-def test_columns_agree_with_each_other(stored, d):
-    """The error is the norm of its components; an ok fit has a finite error; bounds are positive."""
-    frame = stored[d].table("errors")
     parts = frame[[f"error_{i + 1}" for i in range(d)]].to_numpy()
     np.testing.assert_allclose(frame["error"], np.sqrt((parts**2).sum(axis=1)), rtol=1e-14)
     ok = frame["status"] == Status.OK
@@ -161,9 +141,6 @@ def test_a_table_older_than_a_status_is_read():
 @pytest.fixture(scope="module")
 def manifest(make_text, tmp_path_factory):
     """The manifest of a finished run, and the run."""
-    from study.simulation.experiment.config import parse
-    from study.simulation.runs import runner
-
     text = make_text()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("study.simulation.runs.provenance._PATIENCE", 600.0)  # on a busy machine git may take long
@@ -171,65 +148,42 @@ def manifest(make_text, tmp_path_factory):
     return run, json.loads((run.folder / "manifest.json").read_text(encoding="utf-8"))
 
 
-def test_fields(manifest):
-    """The manifest has the declared fields and no others."""
+def test_what_was_run(manifest):
+    """The manifest has the declared fields: the study, when and where it was run, and the threads that it had.
+
+    The start has a time zone, and computing takes part of the whole.
+    """
+    run, said = manifest
     expected = {"run", "config", "cells", "started", "seconds_computing", "seconds", "jobs", "software", "machine"}
     expected |= {"format", "fits", "failures", "lost", "estimators", "tables", "backend", "also_computed_by", "digest"}
-    assert set(manifest[1]) == expected
-
-
-def test_what_was_run(manifest):
-    """The run's name, its config and the number of cells are those of the study."""
-    run, said = manifest
-    assert said["run"] == run.study.run_name()
+    assert set(said) == expected
+    assert (said["run"], said["cells"], said["jobs"]) == (run.study.run_name(), 8, 2)
     assert Study.model_validate_json(json.dumps(said["config"])) == run.study
-    assert said["cells"] == 8
-    assert said["jobs"] == 2
-
-
-def test_times(manifest):
-    """The start has a time zone, and computing takes part of the whole."""
-    said = manifest[1]
     assert datetime.fromisoformat(said["started"]).utcoffset() is not None
     assert 0.0 <= said["seconds_computing"] <= said["seconds"]
+    assert said["machine"]["cores"] == os.cpu_count()
+    assert platform.system() in said["machine"]["system"]
+    assert said["machine"]["processor"]
+    assert set(said["machine"]["threads"].values()) <= {1}
 
 
 def test_software(manifest):
-    """Versions are those installed, and the commit is git's."""
+    """Versions are those installed, and the commit is git's.
+
+    Software Heritage's identifiers are the hashes of git's own objects: SHA-1 of the commit's bytes, and the tree that
+    the commit names.
+    """
     software = manifest[1]["software"]
-    assert software["study"] == study.__version__
-    assert software["python"] == platform.python_version()
+    assert (software["study"], software["python"]) == (study.__version__, platform.python_version())
     for package in ("numpy", "scipy", "numba", "pyarrow", "joblib"):
         assert software["packages"][package] == version(package)
     root = Path(study.__file__).parents[1]
-    if (root / ".git").exists():
-        done = subprocess.run(["git", "-C", str(root), "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
-        assert software["commit"] == done.stdout.strip()
-        assert isinstance(software["dirty"], bool)
-
-
-def test_software_heritage_identifiers(manifest):
-    """They are the hashes of git's own objects: SHA-1 of the commit's bytes, and the tree that the commit names."""
-    software = manifest[1]["software"]
-    root = Path(study.__file__).parents[1]
     if not (root / ".git").exists():
-        assert (software["revision"], software["directory"]) == (None, None)
+        assert (software["commit"], software["revision"], software["directory"]) == (None, None, None)
         return
-    commit = software["commit"]
-    done = subprocess.run(["git", "-C", str(root), "cat-file", "commit", commit], capture_output=True, check=True)
-    digest = hashlib.sha1(b"commit %d\0" % len(done.stdout) + done.stdout).hexdigest()
-    assert software["revision"] == f"swh:1:rev:{digest}"
-    assert software["directory"] == f"swh:1:dir:{done.stdout.split()[1].decode()}"
-
-
-def test_machine(manifest):
-    """System, processor and cores are in it."""
-    machine = manifest[1]["machine"]
-    assert machine["cores"] == os.cpu_count()
-    assert platform.system() in machine["system"]
-    assert machine["processor"]
-
-
-def test_threads_are_those_of_the_run(manifest):
-    """The threads of each library are the one that the run was limited to, not those of the machine."""
-    assert set(manifest[1]["machine"]["threads"].values()) <= {1}
+    git = lambda *words: subprocess.run(["git", "-C", str(root), *words], capture_output=True, check=True).stdout  # noqa: E731
+    assert software["commit"] == git("rev-parse", "HEAD").decode().strip()
+    assert isinstance(software["dirty"], bool)
+    text = git("cat-file", "commit", software["commit"])
+    assert software["revision"] == f"swh:1:rev:{hashlib.sha1(b'commit %d' % len(text) + bytes(1) + text).hexdigest()}"
+    assert software["directory"] == f"swh:1:dir:{text.split()[1].decode()}"

@@ -4,10 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import study
-from study import cli
 from study.recordings.formats.write import write_recording
 from study.recordings.joints.calibration import save_calibration
 from study.recordings.markersets import MarkerSetError
@@ -16,37 +14,24 @@ from study.recordings.synthetic.make import Recipe, synthesize
 
 
 @pytest.fixture(scope="module")
-def body(tmp_path_factory):
-    """A recording of a synthetic body as a file."""
-    return write_recording(synthesize(Recipe(frames=500))[0], tmp_path_factory.mktemp("body") / "body.c3d")
-
-
-@pytest.fixture(scope="module")
 def joints(body):
     """Its joints."""
     return study.find_joints(body)
 
 
-def command(*arguments):
-    """Call a command; its output comes back."""
-    done = CliRunner().invoke(cli.app, list(map(str, arguments)))
-    assert done.exit_code == 0, done.output
-    return done.stdout
-
-
-def test_joints_are_those_of_the_command(body, joints, tmp_path):
+def test_joints_are_those_of_the_command(works, body, joints, tmp_path):
     """The calibration is the command's, byte by byte, from the file, its name or the recording."""
-    command("joints", body, "--out", tmp_path)
+    works("joints", body, "--out", tmp_path)
     expected = (tmp_path / "calibration.json").read_bytes()
     for result in (joints, study.find_joints(str(body), "cmu41"), study.find_joints([study.read_recording(body)])):
         assert save_calibration(result, tmp_path / "mine.json").read_bytes() == expected
 
 
-def test_trials_of_a_session(body, tmp_path):
+def test_trials_of_a_session(works, body, tmp_path):
     """Several trials, one of which gives the shapes, are merged as by the command."""
     other = synthesize(Recipe(frames=300, seed=2))[0]
     path = write_recording(other, tmp_path / "still.c3d")
-    command("joints", body, "--static", path, "--out", tmp_path)
+    works("joints", body, "--static", path, "--out", tmp_path)
     result = study.find_joints(body, static=path)
     assert save_calibration(result, tmp_path / "mine.json").read_bytes() == (tmp_path / "calibration.json").read_bytes()
     together = study.find_joints([body, path])
@@ -70,11 +55,11 @@ def test_another_subject(joints):
     assert study.draw_skeleton(other, joints, force=True).frames == 100
 
 
-def test_one_joint(body):
+def test_one_joint(works, body):
     """One joint is the command's."""
     parent, child = ["C7", "CLAV", "STRN", "T10"], ["LFHD", "RFHD", "LBHD", "RBHD"]
     joint = study.find_joint(body, parent, child)
-    said = command("joint", body, "--parent", ",".join(parent), "--child", ",".join(child), "--json")
+    said = works("joint", body, "--parent", ",".join(parent), "--child", ",".join(child), "--json")
     assert json.loads(said)["center_in_recording"] == pytest.approx(joint.in_recording, rel=1e-12)
     assert joint.ok
 
