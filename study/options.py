@@ -64,7 +64,9 @@ class GroupedHelp(TyperGroup):
         for name, command in commands:
             if not command.hidden:
                 words = command.get_short_help_str(formatter.width - 6 - width)
-                groups.setdefault(_title(command), []).append((name.ljust(width), words))
+                panel = getattr(command, "rich_help_panel", None)  # a mark of typer's, if it has no group
+                title = panel if isinstance(panel, str) else _OTHER
+                groups.setdefault(title, []).append((name.ljust(width), words))
         for title, rows in groups.items():
             with formatter.section(title):
                 formatter.write_dl(rows)
@@ -74,11 +76,6 @@ class GroupedHelp(TyperGroup):
         super().format_epilog(ctx, formatter)
         with formatter.section("Exit codes"):
             formatter.write_dl([(str(int(code)), words) for code, words in EXIT_CODES.items()])
-
-
-def _title(command: object) -> str:
-    panel = getattr(command, "rich_help_panel", None)
-    return panel if isinstance(panel, str) else _OTHER
 
 
 _SAFE = "\t\n"

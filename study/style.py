@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from study.arrays import Floats
-from study.files import RunError, write
+from study.files import RunError, explained, write
 
 Marks = dict[str, Any]
 """Keywords of a function of Matplotlib, which several calls share."""
@@ -208,18 +208,13 @@ def encoded(figure: Figure, kinds: Collection[str] = KINDS) -> dict[str, bytes]:
 @journal()
 def encode(figure: Figure, kind: str) -> bytes:
     """Encode a figure as png, svg or pdf, without date or software, so that equal figures are equal bytes."""
-    _fix_layout(figure)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, metadata=_ANONYMOUS[kind])
-    return buffer.getvalue()
-
-
-def _fix_layout(figure: Figure) -> None:
-    """Make a figure's layout, and remove the engine: it would draw the figure once more for each format."""
-    if (engine := figure.get_layout_engine()) is not None:
+    if (engine := figure.get_layout_engine()) is not None:  # it would draw the figure once more for each format
         figure.set_dpi(_SETTINGS["savefig.dpi"])
         engine.execute(figure)
         figure.set_layout_engine(None)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, metadata=_ANONYMOUS[kind])
+    return buffer.getvalue()
 
 
 def save_picture(figure: Figure, path: Path) -> Path:
@@ -236,9 +231,7 @@ def save_picture(figure: Figure, path: Path) -> Path:
 
 def save_bytes(path: Path, data: bytes) -> Path:
     """Write an encoded picture to a file; see `save_picture`."""
-    try:
+    with explained(path, of_run=False):
         path.parent.mkdir(parents=True, exist_ok=True)
         write(path, data)
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path

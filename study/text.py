@@ -53,15 +53,12 @@ def columns(
     for *line, last in filled:
         wrapped = [last] if width is None else textwrap.wrap(last, widths[-1], break_long_words=False) or [""]
         for piece in wrapped:
-            texts = zip([*line, piece], widths, align.ljust(count, align[-1]), strict=False)
-            yield (" " * indent + _GAP.join(_padded(*text) for text in texts)).rstrip()
+            cells = []
+            for text, size, mark in zip([*line, piece], widths, align.ljust(count, align[-1]), strict=False):
+                spaces = " " * (size - cell_len(text))  # in cells of a terminal: a combining accent takes none
+                cells.append(spaces + text if mark == ">" else text + spaces)
+            yield (" " * indent + _GAP.join(cells)).rstrip()
             line = [""] * (count - 1)
-
-
-def _padded(text: str, width: int, mark: str) -> str:
-    """A text with spaces up to a width, counted in cells of a terminal: a combining accent takes none."""
-    spaces = " " * (width - cell_len(text))
-    return spaces + text if mark == ">" else text + spaces
 
 
 def json_text(data: Mapping[str, object] | Sequence[object]) -> str:

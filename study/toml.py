@@ -45,7 +45,7 @@ class Fault:
         text = ""
         for part in self.path:
             text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
-        return _printable(text) or "the file"
+        return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text) or "the file"
 
 
 class ConfigError(Exception):
@@ -80,6 +80,13 @@ def toml_tables(text: str, source: str, kind: type[ConfigError] = ConfigError) -
         raise kind(f"{source}: not TOML: {error}") from None
 
 
+_PLAINLY = {
+    "too_short": "must have a value",
+    # of a name, which becomes one of a folder
+    "string_pattern_mismatch": "must be small letters, digits and hyphens, 61 at most, such as 'my-study'",
+}
+
+
 def report(
     error: ValidationError,
     known: Mapping[tuple[str, ...], list[str]],
@@ -101,21 +108,23 @@ def report(
         means = None
         if entry["type"] == "extra_forbidden":
             names = known.get(tuple(str(part) for part in path[:-1]), [])
-            words, means = _unknown(str(path[-1]), names), (*path[:-1], nearest(str(path[-1]), names) or "")
+            key = str(path[-1])
+            known_elsewhere = "unknown key: not one of this kind of design"
+            words = known_elsewhere if key in names else f"unknown key; {did_you_mean(key, names)}"
+            means = (*path[:-1], nearest(key, names) or "")
         elif entry["type"] == "missing":
             words, wants = "required, but missing", (path,)
         elif entry["type"] == "tuple_type":
             words = f"must be a list, such as [{json.dumps(value)}]" if isinstance(value, str) else "must be a list"
         elif entry["type"] in ("model_type", "model_attributes_type"):
             words = f"must be one table, whose entries follow a line [{path[-1]}]"
-        elif entry["type"] == "too_short":
-            words = "must have a value"
-        elif entry["type"] == "string_pattern_mismatch":  # of a name, which becomes one of a folder
-            words = "must be small letters, digits and hyphens, 61 at most, such as 'my-study'"
+        elif entry["type"] in _PLAINLY:
+            words = _PLAINLY[entry["type"]]
         elif entry["type"] in ("union_tag_invalid", "union_tag_not_found"):
             context = entry["ctx"]
             path = (*path, str(context["discriminator"]).strip("'"))
-            words = f"must be one of {context.get('expected_tags') or _listed(known.get(tuple(map(str, path)), []))}"
+            tags = ", ".join(map(repr, known.get(tuple(map(str, path)), [])))
+            words = f"must be one of {context.get('expected_tags') or tags}"
             value = context.get("tag", _MISSING)
             if value is _MISSING:
                 words, wants = f"required, but missing; {words}", (path,)
@@ -130,18 +139,6 @@ def distinct(faults: Sequence[Fault]) -> list[Fault]:
         first.setdefault(fault.path, fault)
     meant = {fault.means for fault in first.values()}
     return [fault for fault in first.values() if not meant & set(fault.wants)]
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Names in quotation marks, with commas."""
-    return ", ".join(map(repr, names))
-
-
-def _unknown(key: str, known: list[str]) -> str:
-    """The sentence about an unknown key."""
-    if key in known:
-        return "unknown key: not one of this kind of design"
-    return f"unknown key; {did_you_mean(key, known)}"
 
 
 def _line(text: str, path: Path) -> int:
@@ -165,10 +162,6 @@ def _line(text: str, path: Path) -> int:
         if len(here) > best_depth and here == path[: len(here)]:
             best, best_depth = number, len(here)
     return best
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def shorten(value: object) -> str:

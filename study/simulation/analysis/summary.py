@@ -193,16 +193,12 @@ def stored_summary(run: TableReader, has_errors: bool, by_decade: bool) -> pd.Da
     if has_errors:
         computed = summary(run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *NEEDED]), by_decade)
         return computed[[c.name for c in schemas.summary([c for c in STORED if c.name in found])]]
-    known = {name: _failures_last(name) for name in missing}
+    # the column of a measure with failures last, or of its Monte-Carlo error
+    known = {name: f"{name.removesuffix('_error')}_all" + "_error" * name.endswith("_error") for name in missing}
     all_ok = found["ok"] == found["planned"]
     return found.assign(
         **{name: found[other].where(all_ok) if other in found else np.nan for name, other in known.items()}
     )
-
-
-def _failures_last(name: str) -> str:
-    """The column of a measure with failures last, or of its Monte-Carlo error."""
-    return f"{name.removesuffix('_error')}_all" + "_error" * name.endswith("_error")
 
 
 def up_to_date(run: Run) -> bool:

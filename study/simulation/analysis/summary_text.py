@@ -60,6 +60,8 @@ def medians_at_bounds(study: Study, row: RowValues) -> AtBounds:
     return AtBounds(at_bound, median_attainable(angle, noise, study.dimension))
 
 
+_SHOWN = 12
+"""Values that a message lists."""
 _SAME = 1e-3
 """Medians that differ by less than this share are printed alike."""
 
@@ -119,8 +121,11 @@ class RowChoice:
                 result = pd.Series([condition.written(value) for value in _values(condition, summary)], summary.index)
                 here = result.isin([condition.written(value) for value in wanted])
             if len(summary) and not here.any():
-                texts = " or ".join(condition.written(value) for value in wanted)
-                raise ValueError(f"--where {name}={texts}: no cell has it; there are {_some(result)}")
+                texts, there = " or ".join(condition.written(value) for value in wanted), list(result.unique())
+                others = f" and {len(there) - _SHOWN} others" if len(there) > _SHOWN else ""
+                raise ValueError(
+                    f"--where {name}={texts}: no cell has it; there are {', '.join(there[:_SHOWN])}{others}"
+                )
             use &= here.to_numpy()
         if len(summary) and not use.any():
             raise ValueError(f"--where: no cell has these values of {', '.join(self.where)} together")
@@ -224,12 +229,6 @@ def _values(condition: Condition, summary: pd.DataFrame) -> list[Value]:
     return list(summary[condition.name])
 
 
-def _some(values: "pd.Series[str]", most: int = 12) -> str:
-    """The different values, or the first of them."""
-    texts = [str(value) for value in values.unique()]
-    return ", ".join(texts[:most]) + (f" and {len(texts) - most} others" if len(texts) > most else "")
-
-
 ROWS = 32
 """Most rows of a table that, with the lines about it, fits 40 lines."""
 _ALL_TRIALS = (
@@ -324,7 +323,12 @@ def _fitting(run: Run, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
         notes.append(f"{cells} the numbers of one above, as only scale or centre differ; --all shows them.")
     first = frame.drop_duplicates("group")
     named = distinguishing(first)
-    keys = [_place(row, named) for row in first.to_dict("records")]
+    keys: list[tuple[Value, ...]]
+    if np.isfinite(first["decade"]).all():
+        keys = [(value,) for value in first["decade"]]
+    else:  # nine digits, since values may be rounded differently
+        rows = first.to_dict("records")
+        keys = [tuple(v if isinstance(v := c.of(r), str) else float(f"{v:.9g}") for c in named) for r in rows]
     weights = [2.0 if condition is NOISE_OVER_RADIUS else 1.0 for condition in named]  # estimators part along it
     use = evenly_spread(keys, ROWS, weights[: len(keys[0])])
     if not all(use):
@@ -332,13 +336,6 @@ def _fitting(run: Run, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
         more = "--all shows all, --where and --estimators choose, --csv is for other programs."
         notes.append(f"{sum(use):,} of {different:,} rows, evenly spread; {more}")
     return frame, notes
-
-
-def _place(row: RowValues, named: list[Condition]) -> tuple[Any, ...]:
-    """The place of a group in the design, for conditions whose values may be rounded differently."""
-    if np.isfinite(row["decade"]):
-        return (row["decade"],)
-    return tuple(v if isinstance(v := c.of(row), str) else float(f"{v:.9g}") for c in named)
 
 
 def _legend(frame: pd.DataFrame, named: list[Condition]) -> str:

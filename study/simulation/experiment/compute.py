@@ -260,12 +260,10 @@ class Result:
         """Columns of the timing table: the seconds of equal steps and sizes added up."""
         if not self._seconds:
             return {}
-        return {
-            "step": np.array([step for step, _ in self._seconds], dtype=object),
-            "samples": np.array([samples for _, samples in self._seconds], dtype=np.int64),
-            "fits": np.array([int(fits) for fits, _ in self._seconds.values()], dtype=np.int64),
-            "seconds": np.array([seconds for _, seconds in self._seconds.values()]),
-        }
+        steps, samples = zip(*self._seconds, strict=True)
+        fits, seconds = np.array(list(self._seconds.values())).T
+        words = {"step": np.array(steps, dtype=object), "samples": np.array(samples, dtype=np.int64)}
+        return words | {"fits": fits.astype(np.int64), "seconds": seconds}
 
     @property
     def points(self) -> Columns:
@@ -320,7 +318,7 @@ def _from_points(study: Study, unit: Batch, result: Result) -> None:
         for places in batch.group.levels:
             samples = draws.place(batch.cells[places[0]].level, _workspace)
             result.clock("points", n, trials)
-            samples.spectrum  # noqa: B018  computed now, so that no estimator's time includes what all use
+            samples.regression  # noqa: B018  computed now, so that no estimator's time includes what all use
             result.clock("moments", n, trials)
             fits.append(_fits(study, samples, places, batch, result))
             for place in places if study.keep_points else ():
@@ -345,7 +343,6 @@ def _from_moments(study: Study, unit: Batch, result: Result) -> None:
         level = unit.cells[places[0]].level
         regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
         samples = Samples.of_regression(regression, level.noise)
-        samples.spectrum  # noqa: B018
         result.clock("points", n, unit.trials)
         fits.append(_fits(study, samples, places, unit, result))
     if study.estimators:

@@ -24,14 +24,14 @@ from study.simulation.analysis.summary_text import (
 from study.simulation.experiment.config import parse
 from study.simulation.runs import runner, schemas
 
-HEAD = 'name = "test"\nseed = 1\nestimators = ["lls", "ugdk"]\n[design]\ntrials = 8\n'
+HEAD = 'name = "test"\nseed = 1\nestimators = ["lls", "ugdk"]\n[design]\ntrials = {}\n'
 
-SCALED = HEAD + (
+SCALED = HEAD.format(8) + (
     'kind = "grid"\nsamples = [5, 40]\nnoise_over_radius = { logspace = [1e-3, 0.1, 9] }\nangle = [30, 90, 180]\n'
     "radius = [1, 7.5]\ncenter = [0, 1]\n"
 )
 
-RANDOM = HEAD + (
+RANDOM = HEAD.format(8) + (
     'kind = "random"\nsamples = { law = "log_uniform", low = 4, high = 50 }\n'
     'noise = { law = "log_uniform", low = 0.01, high = 1 }\nangle = 90\n'
 )
@@ -191,28 +191,18 @@ def test_evenly_spread_by_weight():
     assert [len({key[i] for key in use}) for i in (0, 1)] == [8, 4]
 
 
-HEAD_SUMMARY_OF_A_RUN = 'name = "test"\nseed = 1\nestimators = ["lls", "ugdk"]\n[design]\ntrials = 40\n'
-
-GRID = HEAD_SUMMARY_OF_A_RUN + 'kind = "grid"\nsamples = [5, 40]\nnoise = [0.01, 0.5]\nangle = 30\ncenter = [0, 1]\n'
-
-RANDOM_SUMMARY_OF_A_RUN = (
-    HEAD_SUMMARY_OF_A_RUN.replace("40", "400")
-    + """kind = "random"
-samples = { law = "log_uniform", low = 4, high = 200 }
-noise = { law = "log_uniform", low = 1e-4, high = 10 }
-angle = { law = "uniform", low = 0, high = 180 }
-radius = { law = "uniform", low = 0, high = 37 }
-"""
+GRID = HEAD.format(40) + 'kind = "grid"\nsamples = [5, 40]\nnoise = [0.01, 0.5]\nangle = 30\ncenter = [0, 1]\n'
+WIDE = HEAD.format(400) + (
+    'kind = "random"\nsamples = { law = "log_uniform", low = 4, high = 200 }\n'
+    'noise = { law = "log_uniform", low = 1e-4, high = 10 }\nangle = { law = "uniform", low = 0, high = 180 }\n'
+    'radius = { law = "uniform", low = 0, high = 37 }\n'
 )
 
 
-@pytest.fixture(scope="module", params=["grid", "random"])
+@pytest.fixture(scope="module", params=[GRID, WIDE], ids=["grid", "random"])
 def run(request, tmp_path_factory):
     """A finished run of each kind of design, summarised."""
-    text = GRID if request.param == "grid" else RANDOM_SUMMARY_OF_A_RUN
-    done = runner.run(parse(text), text, tmp_path_factory.mktemp("summary") / "run")
-    summarise(done)
-    return done
+    return make(request.param, tmp_path_factory.mktemp("summary") / "run")
 
 
 def test_stored_is_computed(run):

@@ -1,7 +1,7 @@
 """Small tables with known contents, for the figures to draw."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -9,7 +9,7 @@ import pytest
 
 from study.simulation.analysis.summary import summary
 from study.simulation.experiment.noise import GaussianNoise
-from study.simulation.figures import Tables
+from study.simulation.figures import FigureModule, NotApplicable, Tables
 
 ESTIMATORS = ["mle", "lls", "gdke", "ugdk"]
 
@@ -134,3 +134,14 @@ def power_tables(make_tables: Callable[..., MadeTables]) -> MadeTables:
             bound = 0.1 * np.sqrt(3.0 / samples)
             parts.append(rows(f"c{samples}", name, error, samples=samples, bound=bound, noise=0.02))
     return make_tables(pd.concat(parts, ignore_index=True), "grid")
+
+
+@pytest.fixture(scope="session")
+def refused() -> Callable[..., None]:
+    """Hold that a figure cannot be fed by tables, or by these with changes, for a reason with these words."""
+
+    def hold(figure: FigureModule, tables: Tables, words: str, **changes: object) -> None:
+        with pytest.raises(NotApplicable, match=words):
+            figure.prepare(replace(tables, **changes))
+
+    return hold

@@ -102,34 +102,31 @@ def test_stamp(small):
     assert fig_calibration.prepare(small(count=1000)).stamp == "test-0123456789 · 2,000 trials behind each curve"
 
 
-def test_reasons(small):
+def test_reasons(small, refused):
     """Each thing that is missing is told in a sentence that names the remedy, or the number."""
     made = small()
     for name in ("posterior", "answers"):
-        with pytest.raises(
-            NotApplicable, match=r"needs posteriors: \[posterior\] in the config, then `study posterior"
-        ):
-            fig_calibration.prepare(dataclasses.replace(made, **{name: None}))
-    with pytest.raises(NotApplicable, match='independent of each other: draws = "independent" in the config'):
-        fig_calibration.prepare(dataclasses.replace(made, independent=False))
+        refused(
+            fig_calibration,
+            made,
+            r"needs posteriors: \[posterior\] in the config, then `study posterior",
+            **{name: None},
+        )
+    refused(fig_calibration, made, 'independent of each other: draws = "independent" in the config', independent=False)
     few = "needs at least 20 chains of each kind with σ²/v < 0.02, not"
-    with pytest.raises(NotApplicable, match=f"{few} 18"):
-        fig_calibration.prepare(small(count=9))
-    with pytest.raises(NotApplicable, match=f"{few} 9"):
-        fig_calibration.prepare(small(count=9, flat=0.5))
-    with pytest.raises(NotApplicable, match=f"{few} 0"):
-        fig_calibration.prepare(small(count=9, flat=0.5, change=lambda p: p.assign(flatness=0.5)))
+    refused(fig_calibration, small(count=9), f"{few} 18")
+    refused(fig_calibration, small(count=9, flat=0.5), f"{few} 9")
+    refused(fig_calibration, small(count=9, flat=0.5, change=lambda p: p.assign(flatness=0.5)), f"{few} 0")
     assert fig_calibration.prepare(small(count=10)).trials == 20
 
 
-def test_each_kind_needs_enough(small):
+def test_each_kind_needs_enough(small, refused):
     """Twenty chains of one kind do not stand for those of the other."""
 
     def drop(posterior):
         return posterior[(posterior["noise_is"] == "known") | (posterior["trial"] < 9)].reset_index(drop=True)
 
-    with pytest.raises(NotApplicable, match="not 18"):
-        fig_calibration.prepare(small(noises=BOTH, change=drop))
+    refused(fig_calibration, small(noises=BOTH, change=drop), "not 18")
 
 
 @pytest.mark.parametrize("left", [0, 1, 5])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -11,15 +12,13 @@ from scipy import stats
 import study
 from study import style
 from study.simulation.experiment.noise import gaussian
-from study.simulation.figures import NotApplicable, fig2_error, fig_efficiency, fig_map, fig_robustness
+from study.simulation.figures import fig2_error, fig_efficiency, fig_map, fig_robustness
 
 LEVELS = [1e-3, 1e-2, 0.1, 0.5, 2.0]
-
 NAMES = ["mle", "gdke", "ugdk"]
-
 ANGLES = [180.0, 45.0]
-
 TRIALS = 7
+ANISOTROPIC = gaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)), 3)
 
 
 @pytest.fixture
@@ -27,21 +26,13 @@ def small(make_rows, make_tables):
     """Tables of two angles, five levels of noise and three estimators, of seven trials each, and what they hold."""
 
     def make(names=NAMES, angles=ANGLES, levels=LEVELS, change=lambda errors: errors, **columns):
-        rng = np.random.default_rng(1)
-        parts = []
-        for angle in angles:
-            for place, level in enumerate(levels):
-                bound = rng.uniform(0.5, 2.0, TRIALS)
-                for name in names:
-                    given = {
-                        "samples": 100,
-                        "radius": 2.0,
-                        "noise": 2.0 * level,
-                        "angle": angle,
-                        "bound": bound,
-                    } | columns
-                    error = rng.normal(size=(TRIALS, 3)) * rng.uniform(0.5, 20.0)
-                    parts.append(make_rows(f"{angle}-{place}", name, error, **given))
+        rng, parts = np.random.default_rng(1), []
+        for angle, (place, level) in product(angles, enumerate(levels)):
+            bound = rng.uniform(0.5, 2.0, TRIALS)
+            conditions = {"samples": 100, "radius": 2.0, "noise": 2.0 * level, "angle": angle, "bound": bound} | columns
+            for name in names:
+                error = rng.normal(size=(TRIALS, 3)) * rng.uniform(0.5, 20.0)
+                parts.append(make_rows(f"{angle}-{place}", name, error, **conditions))
         return make_tables(change(pd.concat(parts, ignore_index=True)), "grid")
 
     return make
@@ -149,17 +140,12 @@ def test_other_axes(small, make_tables):
     assert frame.samples == 1000
 
 
-def test_reasons(small):
+def test_reasons(small, refused):
     """Each thing that is missing is told in a sentence that names the remedy."""
     tables = small()
-    with pytest.raises(NotApplicable, match='kind = "grid"'):
-        fig_efficiency.prepare(dataclasses.replace(tables, design="random"))
-    with pytest.raises(NotApplicable, match="without noise_shape"):
-        fig_efficiency.prepare(
-            dataclasses.replace(tables, noise_law=gaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)), 3))
-        )
-    with pytest.raises(NotApplicable, match="at least 4 levels of noise in the grid, not 3"):
-        fig_efficiency.prepare(small(levels=LEVELS[:3]))
+    refused(fig_efficiency, tables, 'kind = "grid"', design="random")
+    refused(fig_efficiency, tables, "without noise_shape", noise_law=ANISOTROPIC)
+    refused(fig_efficiency, small(levels=LEVELS[:3]), "at least 4 levels of noise in the grid, not 3")
 
 
 def test_drawn(small):
@@ -219,20 +205,13 @@ def grid(make_rows, make_tables):
 
     def make(levels=LEVELS_FIG_MAP, angles=ANGLES_FIG_MAP):
         rng, parts = np.random.default_rng(1), []
-        for radius in (2.0, 3.0):
-            for count in COUNTS:
-                for angle in angles:
-                    for level in levels:
-                        for name in ("mle", "ugdk"):
-                            status = np.zeros(TRIALS_FIG_MAP, dtype=int)
-                            status[: 3 if name == "ugdk" and level == 10.0 else 1] = 1
-                            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_MAP, 3)))
-                            parts.append(
-                                make_rows(
-                                    f"{radius}-{count}-{angle}-{level}", name, error,
-                                    samples=count, angle=angle, noise=radius * level, radius=radius, status=status,
-                                )
-                            )  # fmt: skip
+        for radius, count, angle, level, name in product((2.0, 3.0), COUNTS, angles, levels, ("mle", "ugdk")):
+            status = np.zeros(TRIALS_FIG_MAP, dtype=int)
+            status[: 3 if name == "ugdk" and level == 10.0 else 1] = 1
+            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_MAP, 3)))
+            conditions = {"samples": count, "angle": angle, "noise": radius * level, "radius": radius}
+            cell = f"{radius}-{count}-{angle}-{level}"
+            parts.append(make_rows(cell, name, error, status=status, **conditions))
         return make_tables(pd.concat(parts, ignore_index=True), "grid")
 
     return make
@@ -261,14 +240,13 @@ def test_medians_of_the_first_radius(grid):
     assert set(lost["level"]) == {10.0}
 
 
-def test_a_summary_alone_is_enough(grid):
+def test_a_summary_alone_is_enough(grid, refused):
     """A study that kept no errors has its map; figures of single errors say what they lack."""
     tables = grid()
     alone = dataclasses.replace(tables, rows=None)
     assert fig_map.prepare(alone).ratios.equals(fig_map.prepare(tables).ratios)
     for figure, design in ((fig_efficiency, "grid"), (fig2_error, "random")):
-        with pytest.raises(NotApplicable, match='keep = "errors"'):
-            figure.prepare(dataclasses.replace(alone, design=design))
+        refused(figure, alone, 'keep = "errors"', design=design)
 
 
 def test_a_panel_per_estimator_and_count(grid):
@@ -286,23 +264,17 @@ def test_a_panel_per_estimator_and_count(grid):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("entries", "change", "words"),
     [
-        ({"design": "random"}, 'kind = "grid"'),
-        ({"noise_law": gaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)), 3)}, "isotropic"),
+        ({}, {"design": "random"}, 'kind = "grid"'),
+        ({}, {"noise_law": ANISOTROPIC}, "isotropic"),
+        ({"levels": [0.1]}, {}, "levels of noise"),
+        ({"angles": [90.0]}, {}, "angles"),
     ],
 )
-def test_reasons_fig_map(grid, change, words):
-    """A run that has no map says what it would need."""
-    with pytest.raises(NotApplicable, match=words):
-        fig_map.prepare(dataclasses.replace(grid(), **change))
-
-
-@pytest.mark.parametrize(("entries", "words"), [({"levels": [0.1]}, "levels of noise"), ({"angles": [90.0]}, "angles")])
-def test_too_small_a_grid(grid, entries, words):
-    """One level or one angle makes no map."""
-    with pytest.raises(NotApplicable, match=words):
-        fig_map.prepare(grid(**entries))
+def test_reasons_fig_map(grid, refused, entries, change, words):
+    """A run that has no map says what it would need; one level or one angle makes none."""
+    refused(fig_map, grid(**entries), words, **change)
 
 
 LAWS = ["student(3)", "normal", "uniform", "student(2.5)", "laplace"]
@@ -318,17 +290,12 @@ def grid_of_fig_robustness(make_rows, make_tables):
 
     def make(laws=LAWS, shares=SHARES, **more):
         rng, parts = np.random.default_rng(1), []
-        for angle in (180.0, 60.0):
-            for radius in (1.0, 2.0):
-                for law in laws:
-                    for share in shares:
-                        for name in ("mle", "gdke"):
-                            conditions = {"angle": angle, "radius": radius, "law": law, "outlier_share": share} | more
-                            status = np.zeros(TRIALS_FIG_ROBUSTNESS, dtype=int)
-                            status[: 6 if name == "gdke" and share == 0.3 else 0] = 1
-                            cell = f"{angle}-{radius}-{law}-{share}"
-                            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_ROBUSTNESS, 3)))
-                            parts.append(make_rows(cell, name, error, status=status, **conditions))
+        for angle, radius, law, share, name in product((180.0, 60.0), (1.0, 2.0), laws, shares, ("mle", "gdke")):
+            conditions = {"angle": angle, "radius": radius, "law": law, "outlier_share": share} | more
+            status = np.zeros(TRIALS_FIG_ROBUSTNESS, dtype=int)
+            status[: 6 if name == "gdke" and share == 0.3 else 0] = 1
+            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_ROBUSTNESS, 3)))
+            parts.append(make_rows(f"{angle}-{radius}-{law}-{share}", name, error, status=status, **conditions))
         return make_tables(pd.concat(parts, ignore_index=True), "grid")
 
     return make
@@ -374,12 +341,11 @@ def test_panels_fig_robustness(grid_of_fig_robustness):
     ("entries", "change", "words"),
     [
         ({}, {"design": "random"}, 'kind = "grid"'),
-        ({}, {"noise_law": gaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)), 3)}, "isotropic"),
+        ({}, {"noise_law": ANISOTROPIC}, "isotropic"),
         ({"laws": ["laplace", "uniform", "student(3)"]}, {}, "3 values of law in the grid, with normal among them"),
         ({"shares": [0.1, 0.2, 0.3]}, {}, "3 values of outlier_share in the grid, with 0.0 among them"),
     ],
 )
-def test_reasons_fig_robustness(grid_of_fig_robustness, entries, change, words):
+def test_reasons_fig_robustness(grid_of_fig_robustness, refused, entries, change, words):
     """A run that cannot feed the figure says what it would need."""
-    with pytest.raises(NotApplicable, match=words):
-        fig_robustness.prepare(dataclasses.replace(grid_of_fig_robustness(**entries), **change))
+    refused(fig_robustness, grid_of_fig_robustness(**entries), words, **change)

@@ -177,39 +177,21 @@ def test_fits_that_failed_are_not_shown(tables):
     fig_posterior.draw(frame).draw_without_rendering()
 
 
-def test_tables_as_stored(tables):
-    """Words that come back from a file as categories make no difference."""
-    made = tables([chain("c", 1), chain("d", 0)])
-    words = ["cell", "likelihood", "noise_is"]
-    stored = dataclasses.replace(
-        made,
-        posterior=made.posterior.astype(dict.fromkeys(words, "category")),
-        draws=made.draws.astype(dict.fromkeys(words, "category")),
-        rows=made.errors.astype({"cell": "category", "estimator": "category"}),
-    )
-    one, other = (fig_posterior.prepare(each) for each in (made, stored))
-    assert (one.stamp, one.names) == (other.stamp, other.names)
-    np.testing.assert_array_equal(one.views[1].share, other.views[1].share)
-
-
-def test_reasons(tables):
+def test_reasons(tables, refused):
     """Each thing that is missing is told, with the command that makes posteriors."""
     made = tables([chain("c", 1)])
     for name in ("posterior", "draws"):
-        with pytest.raises(
-            NotApplicable, match=r"needs posteriors: \[posterior\] in the config, then `study posterior"
-        ):
-            fig_posterior.prepare(dataclasses.replace(made, **{name: None}))
+        refused(
+            fig_posterior, made, r"needs posteriors: \[posterior\] in the config, then `study posterior", **{name: None}
+        )
     missing = "needs a geometric chain with σ known that converged and whose draws were kept"
     for row in (
         chain("c", 1, status=int(ChainStatus.NOT_CONVERGED)),
         chain("c", 1, likelihood="whole_sphere"),
         chain("c", 1, noise_is="unknown"),
     ):
-        with pytest.raises(NotApplicable, match=missing):
-            fig_posterior.prepare(tables([row]))
-    with pytest.raises(NotApplicable, match=missing):
-        fig_posterior.prepare(tables([chain("c", 1)], kept=[]))
+        refused(fig_posterior, tables([row]), missing)
+    refused(fig_posterior, tables([chain("c", 1)], kept=[]), missing)
 
 
 def test_a_trial_that_no_estimator_answers(tables):

@@ -15,7 +15,7 @@ from study import style
 from study.fits import Status, mgdk
 from study.fits.cap import sample_cap
 from study.simulation.analysis.summary import summary
-from study.simulation.figures import NotApplicable, arc, fig2_error, fig6_mgdk, fig7_power_law
+from study.simulation.figures import arc, fig2_error, fig6_mgdk, fig7_power_law
 from study.simulation.statistics import quantile
 
 GDKE, UGDK, METHODS = FIGURES = [*arc.FIGURES.values()]
@@ -120,24 +120,18 @@ def test_fits_that_coincide_are_named_together(circle_tables):
 
 
 @pytest.mark.parametrize("figure", FIGURES)
-def test_reasons(circle_tables, power_tables, figure):
+def test_reasons(circle_tables, power_tables, figure, refused):
     """Each thing that is missing is told in a sentence that names the remedy."""
-    with pytest.raises(NotApplicable, match="dimension = 2 in the config, not 3"):
-        figure.prepare(power_tables)
-    with pytest.raises(NotApplicable, match='kind = "grid"'):
-        figure.prepare(dataclasses.replace(circle_tables, design="random"))
-    with pytest.raises(NotApplicable, match="keep_points"):
-        figure.prepare(dataclasses.replace(circle_tables, points=None))
+    refused(figure, power_tables, "dimension = 2 in the config, not 3")
+    refused(figure, circle_tables, 'kind = "grid"', design="random")
+    refused(figure, circle_tables, "keep_points", points=None)
     errors = circle_tables.errors
     both = {"rows": errors, "summary": circle_tables.summary}
     without = {name: table[table["estimator"] != "ugdk"] for name, table in both.items()}
-    with pytest.raises(NotApplicable, match="estimator ugdk"):
-        figure.prepare(dataclasses.replace(circle_tables, **without))
-    with pytest.raises(NotApplicable, match="at least 50 trials"):
-        figure.prepare(dataclasses.replace(circle_tables, rows=errors[errors["trial"] < 20]))
+    refused(figure, circle_tables, "estimator ugdk", **without)
+    refused(figure, circle_tables, "at least 50 trials", rows=errors[errors["trial"] < 20])
     failed = errors.assign(status=int(Status.SINGULAR))
-    with pytest.raises(NotApplicable, match="no ok fit"):
-        figure.prepare(dataclasses.replace(circle_tables, rows=failed))
+    refused(figure, circle_tables, "no ok fit", rows=failed)
 
 
 def test_slope_of_an_exact_power_law(random_tables):
@@ -203,17 +197,15 @@ def test_running_median_of_the_bound(random_tables):
     np.testing.assert_allclose(row["bound"], np.median(0.5 * noise[inside]))
 
 
-def test_needs_a_random_design(power_tables):
+def test_needs_a_random_design(power_tables, refused):
     """A grid has too few levels of noise for a cloud."""
-    with pytest.raises(NotApplicable, match="random design"):
-        fig2_error.prepare(power_tables)
+    refused(fig2_error, power_tables, "random design")
 
 
-def test_needs_a_range_of_noise(random_tables):
+def test_needs_a_range_of_noise(random_tables, refused):
     """A single noise has no slope."""
     random_tables.errors["noise"] = 1.0
-    with pytest.raises(NotApplicable, match="decade"):
-        fig2_error.prepare(random_tables)
+    refused(fig2_error, random_tables, "decade")
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8])
@@ -375,27 +367,21 @@ def test_a_method_without_an_answer_chooses_no_trial():
     assert fig6_mgdk._typical(distances) == 1
 
 
-def test_reasons_fig6_mgdk(two, markers, power_tables, circle_tables):
+def test_reasons_fig6_mgdk(two, markers, power_tables, circle_tables, refused):
     """Each thing that is missing is told in a sentence that names the remedy."""
     tables, _ = two
     replace = dataclasses.replace
-    with pytest.raises(NotApplicable, match="dimension = 2"):
-        fig6_mgdk.prepare(power_tables)
-    with pytest.raises(NotApplicable, match="a grid of two radii"):
-        fig6_mgdk.prepare(replace(tables, design="random"))
-    with pytest.raises(NotApplicable, match="set keep_points"):
-        fig6_mgdk.prepare(replace(tables, points=None))
-    with pytest.raises(NotApplicable, match="two markers: two radii"):
-        fig6_mgdk.prepare(circle_tables)
+    refused(fig6_mgdk, power_tables, "dimension = 2")
+    refused(fig6_mgdk, tables, "a grid of two radii", design="random")
+    refused(fig6_mgdk, tables, "set keep_points", points=None)
+    refused(fig6_mgdk, circle_tables, "two markers: two radii")
     relative, _ = markers([("a", 1.2, {"noise": 0.06}), ("b", 2.0, {"noise": 0.1})])
-    with pytest.raises(NotApplicable, match="same noise: noise in the config, not noise_over_radius"):
-        fig6_mgdk.prepare(relative)
+    refused(fig6_mgdk, relative, "same noise: noise in the config, not noise_over_radius")
     few = replace(tables, points=tables.points[tables.points["trial"] < 19])
-    with pytest.raises(NotApplicable, match="at least 20 trials with points kept, not 19"):
-        fig6_mgdk.prepare(few)
+    refused(fig6_mgdk, few, "at least 20 trials with points kept, not 19")
 
 
-def test_shared_draws_are_refused(two):
+def test_shared_draws_are_refused(two, refused):
     """Markers with the same directions and the same noise, c + r u + σ z, have nothing to add to each other."""
     tables, (inner, _) = two
     points = tables.points
@@ -406,8 +392,7 @@ def test_shared_draws_are_refused(two):
     shared = points[points["cell"] == "inner"].sort_values(["trial", "sample"]).assign(cell="outer", radius=2.0)
     shared[["x_1", "x_2"]] = CENTER + 2.0 * directions + noise
     both = pd.concat([points[points["cell"] == "inner"], shared], ignore_index=True)
-    with pytest.raises(NotApplicable, match='draws = "independent"'):
-        fig6_mgdk.prepare(dataclasses.replace(tables, points=both))
+    refused(fig6_mgdk, tables, 'draws = "independent"', points=both)
 
 
 def test_drawn_circles(two):
@@ -505,10 +490,8 @@ def test_small_multiples_by_noise(power_tables, make_tables, levels, panels):
     assert len(fig7_power_law.draw(frame).axes) == panels
 
 
-def test_reasons_fig7_power_law(power_tables, random_tables):
+def test_reasons_fig7_power_law(power_tables, random_tables, refused):
     """A random design has no curves, and three numbers of samples are no law."""
-    with pytest.raises(NotApplicable, match='kind = "grid"'):
-        fig7_power_law.prepare(random_tables)
+    refused(fig7_power_law, random_tables, 'kind = "grid"')
     summary = power_tables.summary
-    with pytest.raises(NotApplicable, match="at least 4 numbers of samples"):
-        fig7_power_law.prepare(dataclasses.replace(power_tables, summary=summary[summary["samples"] < 300]))
+    refused(fig7_power_law, power_tables, "at least 4 numbers of samples", summary=summary[summary["samples"] < 300])

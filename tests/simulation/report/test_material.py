@@ -15,7 +15,7 @@ from study.simulation import figures
 from study.simulation.claims import CLAIMS, judge_all
 from study.simulation.claims.claim import Number, Verdict
 from study.simulation.experiment.config import parse
-from study.simulation.figures import FIGURES, Gallery
+from study.simulation.figures import Gallery
 from study.simulation.figures.fig_efficiency import EfficiencyFrame
 from study.simulation.report import material, words
 from study.simulation.report.html import coded
@@ -35,19 +35,6 @@ samples = 50
 noise_over_radius = [1e-3, 1e-2, 1e-1, 1]
 angle = [45, 180]
 """
-
-
-def test_a_figure_that_fails_when_it_is_drawn(random, claims, monkeypatch, read):
-    """Its place in the code is said, and the others are drawn."""
-
-    def draw(frame):
-        raise ZeroDivisionError("no ink")
-
-    broken = SimpleNamespace(prepare=lambda tables: 1, draw=draw)
-    monkeypatch.setattr(figures, "FIGURES", {"broken": broken, "fig2_error": FIGURES["fig2_error"]})
-    document = read(render([random], claims))
-    assert "broken: failed: ZeroDivisionError('no ink') at " in document.text
-    assert [tag["id"] for tag in document.of("figure")] == ["fig2_error"]
 
 
 def test_a_top_that_fails(circles, make_run, claims, monkeypatch, read):
@@ -310,69 +297,71 @@ def plain(text):
 
 
 @pytest.mark.parametrize(
-    ("value", "expected"),
+    ("function", "arguments", "expected"),
     [
-        (0.0, "0"),
-        (-1.23456, "−1.23"),
-        (1234.0, "1.23 × 10³"),
-        (100.0, "100"),
-        (1e-9, "10⁻⁹"),
-        (-1e-9, "−1 × 10⁻⁹"),
-        (2.5e14, "2.5 × 10¹⁴"),
-        (math.nan, "–"),
-        (math.inf, "∞"),
-        (-math.inf, "−∞"),
+        ("number", (0.0,), "0"),
+        ("number", (-1.23456,), "−1.23"),
+        ("number", (1234.0,), "1.23 × 10³"),
+        ("number", (100.0,), "100"),
+        ("number", (1e-9,), "10⁻⁹"),
+        ("number", (-1e-9,), "−1 × 10⁻⁹"),
+        ("number", (2.5e14,), "2.5 × 10¹⁴"),
+        ("number", (math.nan,), "–"),
+        ("number", (math.inf,), "∞"),
+        ("number", (-math.inf,), "−∞"),
+        ("timed", (1.7,), "1.70"),
+        ("timed", (34.0,), "34.0"),
+        ("timed", (433.0,), "433"),
+        ("timed", (5.0,), "5.00"),
+        ("timed", (1.5e-8,), "1.50 × 10⁻⁸"),
+        ("timed", (12345.6,), "12 300"),
+        ("timed", (999.7,), "1000"),
+        ("timed", (2e6,), "2.00 × 10⁶"),
+        ("measured", (0.765232, 0.117134), "0.77 ± 0.12"),
+        ("measured", (29.39512, 0.03199), "29.395 ± 0.032"),
+        ("measured", (-1.5, 0.25), "−1.50 ± 0.25"),
+        ("measured", (1.23456e7, 1.2e5), "(1.235 ± 0.012) × 10⁷"),
+        ("measured", (1.23456e-5, 3e-7), "(1.235 ± 0.030) × 10⁻⁵"),
+        ("measured", (0.0, 0.012), "0 ± 0.012"),
+        ("measured", (48.2, 4692.0), "48 ± 4700"),
+        ("measured", (0.5, 0.52), "0.50 ± 0.52"),
+        ("measured", (-0.0003419, 0.0032), "−0.00034 ± 0.0032"),
+        ("measured", (0.8, 0.35), "0.80 ± 0.35"),
+        ("measured", (1.0, 0.00035), "1.00000 ± 0.00035"),
+        ("measured", (3e8, 4e9), "3.0 × 10⁸ ± 4.0 × 10⁹"),
+        ("measured", (0.123456789, 1e-12), "0.123457 ± 1.0 × 10⁻¹²"),
+        ("measured", (7.0, 0.0), "7"),
+        ("measured", (7.0, math.nan), "7"),
+        ("measured", (225.4, math.inf), "225 ± ∞"),
+        ("measured", (math.inf, math.nan), "∞"),
+        ("measured", (math.nan, math.nan), "–"),
+        ("percent", (0, 9), "0 %"),
+        ("percent", (1, 9), "11.1 %"),
+        ("percent", (9, 9), "100 %"),
+        ("percent", (1, 9999), "< 0.1 %"),
+        ("readable", ("bias: -1.2e-05 ± 3e-07",), "bias: (−1.200 ± 0.030) × 10⁻⁵"),
+        (
+            "readable",
+            ("over LLS's, σ ≥ .1 r: 27.41 ± 5.1; N = 30: 0 ± 0.00035",),
+            "over LLS's, σ ≥ .1 r: 27.4 ± 5.1; N = 30: 0 ± 0.00035",
+        ),
+        ("readable", ("at 1e+14: -3",), "at 1 × 10¹⁴: −3"),
+        ("readable", ("run paper-8689e37964, 10-fold",), "run paper-8689e37964, 10-fold"),
+        ("readable", ("in [0, 1]-free words",), "in [0, 1]-free words"),
+        ("exactly", (123456.0,), "123 456"),
+        ("exactly", (1234567.0,), "1 234 567"),
+        ("exactly", (1.25e8,), "1.25 × 10⁸"),
+        ("exactly", (0.1,), "0.1"),
+        ("percent", (9998, 9999), "> 99.9 %"),
     ],
 )
-def test_number(value, expected):
-    """Three digits, a long minus, powers of ten."""
-    assert plain(words.number(value)) == expected
+def test_numbers_for_a_reader(function, arguments, expected):
+    """Three digits, a long minus, powers of ten; two digits of an error, and the number to the same place.
 
-
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
-        (1.7, "1.70"),
-        (34.0, "34.0"),
-        (433.0, "433"),
-        (5.0, "5.00"),
-        (1.5e-8, "1.50 × 10⁻⁸"),
-        (12345.6, "12 300"),
-        (999.7, "1000"),
-        (2e6, "2.00 × 10⁶"),
-    ],
-)
-def test_timed(value, expected):
-    """A measured number keeps the zeros at its end."""
-    assert plain(words.timed(value)) == expected
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "expected"),
-    [
-        (0.765232, 0.117134, "0.77 ± 0.12"),
-        (29.39512, 0.03199, "29.395 ± 0.032"),
-        (-1.5, 0.25, "−1.50 ± 0.25"),
-        (1.23456e7, 1.2e5, "(1.235 ± 0.012) × 10⁷"),
-        (1.23456e-5, 3e-7, "(1.235 ± 0.030) × 10⁻⁵"),
-        (0.0, 0.012, "0 ± 0.012"),
-        (48.2, 4692.0, "48 ± 4700"),
-        (0.5, 0.52, "0.50 ± 0.52"),
-        (-0.0003419, 0.0032, "−0.00034 ± 0.0032"),
-        (0.8, 0.35, "0.80 ± 0.35"),
-        (1.0, 0.00035, "1.00000 ± 0.00035"),
-        (3e8, 4e9, "3.0 × 10⁸ ± 4.0 × 10⁹"),
-        (0.123456789, 1e-12, "0.123457 ± 1.0 × 10⁻¹²"),
-        (7.0, 0.0, "7"),
-        (7.0, math.nan, "7"),
-        (225.4, math.inf, "225 ± ∞"),
-        (math.inf, math.nan, "∞"),
-        (math.nan, math.nan, "–"),
-    ],
-)
-def test_measured(value, error, expected):
-    """Two digits of the error, the number to the same place, one power of ten for both."""
-    assert plain(words.measured(value, error)) == expected
+    A measured number keeps the zeros at its end, one of a config all digits; a share is neither rounded to none nor to
+    all. Numbers in a program's text become a reader's; names stay as they are.
+    """
+    assert plain(getattr(words, function)(*arguments)) == expected
 
 
 def test_a_number_breaks_before_its_error_alone():
@@ -380,33 +369,6 @@ def test_a_number_breaks_before_its_error_alone():
     assert words.measured(1.23456e7, 1.2e5).split(" ") == ["(1.235", "±\u00a00.012)\u00a0×\u00a010⁷"]
     assert words.count(1234567).split() == ["1", "234", "567"]
     assert " " not in words.count(1234567)
-
-
-@pytest.mark.parametrize(
-    ("part", "whole", "expected"), [(0, 9, "0 %"), (1, 9, "11.1 %"), (9, 9, "100 %"), (1, 9999, "< 0.1 %")]
-)
-def test_percent(part, whole, expected):
-    """A share is rounded, but neither to none nor to all."""
-    assert plain(words.percent(part, whole)) == expected
-    assert plain(words.percent(9998, 9999)) == "> 99.9 %"
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("bias: -1.2e-05 ± 3e-07", "bias: (−1.200 ± 0.030) × 10⁻⁵"),
-        (
-            "over LLS's, σ ≥ .1 r: 27.41 ± 5.1; N = 30: 0 ± 0.00035",
-            "over LLS's, σ ≥ .1 r: 27.4 ± 5.1; N = 30: 0 ± 0.00035",
-        ),
-        ("at 1e+14: -3", "at 1 × 10¹⁴: −3"),
-        ("run paper-8689e37964, 10-fold", "run paper-8689e37964, 10-fold"),
-        ("in [0, 1]-free words", "in [0, 1]-free words"),
-    ],
-)
-def test_readable(text, expected):
-    """Numbers in a program's text become a reader's; names stay as they are."""
-    assert plain(words.readable(text)) == expected
 
 
 HEAD = 'name = "x"\nseed = 1\nestimators = ["mle"]\n'
@@ -436,14 +398,6 @@ HEAD = 'name = "x"\nseed = 1\nestimators = ["mle"]\n'
 def test_design(design, expected):
     """A design in a sentence, with every quantity and its values as the config gives them."""
     assert plain(words.design(parse(f"{HEAD}[design]\n{design}"))) == expected
-
-
-@pytest.mark.parametrize(
-    ("value", "expected"), [(123456.0, "123 456"), (1234567.0, "1 234 567"), (1.25e8, "1.25 × 10⁸"), (0.1, "0.1")]
-)
-def test_exactly(value, expected):
-    """No digit of a config's number is lost."""
-    assert plain(words.exactly(value)) == expected
 
 
 def test_every_measure_has_a_heading():

@@ -165,18 +165,17 @@ def test_the_first_run_that_can_feed_a_figure_does(circles, random, claims, read
     assert [tag["id"] for tag in document.of("h2")][4] == f"run-{random.study.run_name()}"
 
 
-def test_a_broken_figure_does_not_cost_the_page(random, claims, monkeypatch, read):
-    """Its failure is told among the reasons."""
+@pytest.mark.parametrize("step", ["prepare", "draw"])
+def test_a_broken_figure_does_not_cost_the_page(random, claims, monkeypatch, read, step):
+    """Its failure is told among the reasons with its place in the code, whether it prepares or draws."""
 
-    class Broken:
-        """A figure that fails."""
+    def broken(tables):
+        raise ZeroDivisionError("no such luck")
 
-        def prepare(self, tables):
-            raise ZeroDivisionError("no such luck")
-
-    monkeypatch.setattr("study.simulation.figures.FIGURES", {"broken": Broken(), "fig2_error": FIGURES["fig2_error"]})
+    figure = SimpleNamespace(**{"prepare": lambda tables: 1, "draw": None} | {step: broken})
+    monkeypatch.setattr("study.simulation.figures.FIGURES", {"broken": figure, "fig2_error": FIGURES["fig2_error"]})
     document = read(render([random], claims))
-    assert "broken: failed: ZeroDivisionError('no such luck')" in document.text
+    assert "broken: failed: ZeroDivisionError('no such luck') at " in document.text
     assert [tag["id"] for tag in document.of("figure")] == ["fig2_error"]
 
 
