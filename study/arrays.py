@@ -111,10 +111,8 @@ def _coordinates(values: Any, name: str) -> Any:
     if pair := angles(names):
         raise ValueError(f"{name}: columns {' and '.join(pair)} are angles, not lengths: convert them to x, y, z")
     if len(names) > _USUAL:
-        whole = f"or frame.to_numpy() for all {len(names)} dimensions"
-        raise ValueError(
-            f"{name}: {len(names)} columns, and no names say which are x, y and z: pass those alone, {whole}"
-        )
+        remedy = f"pass those alone, or frame.to_numpy() for all {len(names)} dimensions"
+        raise ValueError(f"{name}: {len(names)} columns, and no names say which are x, y and z: {remedy}")
     return values
 
 
@@ -124,12 +122,11 @@ def _from_frame(values: Any, array: NDArray[Any], name: str) -> NDArray[Any]:
     if columns is None or dtypes is None or not hasattr(values, "to_numpy"):
         raise TypeError(f"{name} have dtype {array.dtype}: expected real numbers")
     kinds = {str(column): dtype for column, dtype in zip(columns, dtypes, strict=True)}
-    wrong = [column for column, dtype in kinds.items() if getattr(dtype, "kind", "O") not in "fiu"]
-    if wrong:
-        rest = [column for column in kinds if column not in wrong]
+    rest = [column for column, dtype in kinds.items() if getattr(dtype, "kind", "O") in "fiu"]
+    if len(rest) < len(kinds):
         remedy = f"pass the others, {', '.join(map(repr, rest))}, alone" if rest else "no column is left"
-        faults = ", ".join(f"{column!r} has dtype {kinds[column]}" for column in wrong[:5])
-        raise TypeError(f"{name}: column {faults}, which is not one of real numbers; {remedy}")
+        faults = [f"{column!r} has dtype {dtype}" for column, dtype in kinds.items() if column not in rest]
+        raise TypeError(f"{name}: column {', '.join(faults[:5])}, which is not one of real numbers; {remedy}")
     return np.asarray(values.to_numpy(dtype=float, na_value=np.nan))
 
 

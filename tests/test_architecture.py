@@ -37,7 +37,6 @@ ORDER = {
     "recordings": [
         "recording",
         "formats",
-        "pose_noise",
         "rigid",
         "markersets",
         "joints",
@@ -49,7 +48,6 @@ ORDER = {
         "view",
         "synthetic",
         "case_study",
-        "fig7_case",
         "library",
         "commands",
     ],

@@ -2,8 +2,7 @@
 
 from study.fits.answer import Fit
 from study.fits.form import MinimumZone, minimum_zone
-from study.fits.incremental import Incremental
-from study.fits.markers import JointFit, mgdk
+from study.fits.markers import Incremental, JointFit, mgdk
 from study.fits.registry import ESTIMATORS, fit, load_installed, register
 from study.fits.samples import Estimates, Estimator, Samples, Status
 

@@ -160,11 +160,9 @@ def polynomials(cap: Cap, y: Positions, theta: Floats, weighted: Orders, degree:
     x = 1.0 - 2.0 * (np.sin(0.5 * theta) / math.sin(0.5 * cap.half_angle)) ** 2
     table = np.polynomial.legendre.legvander(x, degree)
     axial, lateral = (np.einsum("nmt,mtk->nmk", kernel, table, optimize=True) for kernel in weighted)
-    rim = kernels(cap, y, np.asarray(cap.half_angle))
-    return Orders(
-        np.concatenate([axial, rim.axial], axis=-1),
-        np.concatenate([lateral, rim.lateral * math.sin(cap.half_angle)], axis=-1),
-    )
+    at_rim, beside = kernels(cap, y, np.asarray(cap.half_angle))
+    lateral = np.concatenate([lateral, beside * math.sin(cap.half_angle)], axis=-1)
+    return Orders(np.concatenate([axial, at_rim], axis=-1), lateral)
 
 
 def derivatives(cap: Cap, y: Positions, terms: int) -> Orders:
@@ -279,10 +277,8 @@ def by_quadrature(cap: Cap, nodes: int = _NODES) -> Floats:
         ValueError: if rounding leaves fewer digits than are promised.
     """
     half_angle, noise, d = cap
-    lost = ValueError(
-        f"noise = {noise!r} hides a cap of {math.degrees(half_angle):g}° so far that float64 cannot hold the "
-        f"attainable bound: give less noise or a larger angle"
-    )
+    words = "so far that float64 cannot hold the attainable bound: give less noise or a larger angle"
+    lost = ValueError(f"noise = {noise!r} hides a cap of {math.degrees(half_angle):g}° {words}")
     if not (noise < _GONE * half_angle and half_angle > _LEAST_ANGLE):
         raise lost
     y = _positions(cap, nodes)
@@ -640,10 +636,8 @@ def _assert_unit(directions: Floats, present: Bools) -> None:
     if wrong.any():
         place = tuple(int(i) for i in np.argwhere(wrong)[0])
         where, length = ", ".join(map(str, place)), float(np.sqrt(square[place]))
-        raise ValueError(
-            f"directions[{where}] has length {length:.6g}: expected unit vectors; divide each vector from the "
-            "centre by its length"
-        )
+        remedy = "divide each vector from the centre by its length"
+        raise ValueError(f"directions[{where}] has length {length:.6g}: expected unit vectors; {remedy}")
 
 
 def normal_weights(directions: Floats, covariance: Floats) -> Floats:
@@ -729,11 +723,9 @@ def point_noise(noise: Floats, shape: tuple[int, ...], of: str = "points") -> Fl
         wrong = np.asarray(~missing & ~((noise > 0.0) & (noise < 1e150)))
         if wrong.any():
             place = tuple(int(i) for i in np.argwhere(wrong)[0])
-            where = ", ".join(map(str, place[1:]))
-            raise ValueError(
-                f"noise[{where}] = {noise[place]:g}: the standard deviation of a point must be positive and finite; "
-                "a point that is to be left out is NaN"
-            )
+            value = f"noise[{', '.join(map(str, place[1:]))}] = {noise[place]:g}"
+            words = "must be positive and finite; a point that is to be left out is NaN"
+            raise ValueError(f"{value}: the standard deviation of a point {words}")
         square = np.where(missing, 0.0, noise) ** 2
         return square if noise.ndim == 2 else square[..., None] * np.eye(noise.shape[2])
     whole: Bools = np.asarray(~missing.any(axis=(2, 3)))

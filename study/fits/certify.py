@@ -228,20 +228,14 @@ def _layouts(zone: bool) -> Iterator[_Layout]:
         yield _Layout(name, cap @ frame.T, center, radius, radius * (1.0 - cosine), form, rng)
 
 
-def _least_squares_points(layout: _Layout) -> Floats:
-    """Points with residuals orthogonal to the directions and to a constant, so that the sphere is the minimum."""
-    base = np.column_stack([layout.directions, np.ones(len(layout.directions))])
-    residuals = layout.rng.standard_normal(len(base))
-    residuals -= base @ np.linalg.lstsq(base, residuals)[0]
-    return layout.points(layout.form * layout.height * residuals / np.abs(residuals).max())
+def _touching(base: Floats, rng: np.random.Generator) -> tuple[Ints, Ints]:
+    """Numbers of the d + 2 points that touch a zone, and their sides, from the sign of their multipliers.
 
-
-def _touching(layout: _Layout) -> tuple[Ints, Ints]:
-    """Numbers of the d + 2 points that touch a zone, and their sides, from the sign of their multipliers."""
-    base = np.column_stack([layout.directions, np.ones(len(layout.directions))])
+    ``base`` holds the directions and a constant (n, d + 1).
+    """
     best = (-1.0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
     for _ in range(_CHOICES):
-        rows = layout.rng.choice(len(base), base.shape[1] + 1, replace=False)
+        rows = rng.choice(len(base), base.shape[1] + 1, replace=False)
         multipliers = np.linalg.svd(base[rows].T)[2][-1]
         balance = float(np.abs(multipliers).min() / np.abs(multipliers).max())
         if balance > best[0]:
@@ -256,14 +250,17 @@ def reference_pairs(estimator: str) -> Iterator[ReferencePair]:
         estimator: ``mle``, ``gdke`` or ``minimum_zone``.
     """
     for layout in _layouts(estimator == ZONE):
+        base = np.column_stack([layout.directions, np.ones(len(layout.directions))])
         if estimator == ZONE:
-            rows, sides = _touching(layout)
-            residuals = layout.rng.uniform(-_INSIDE, _INSIDE, len(layout.directions))
+            rows, sides = _touching(base, layout.rng)
+            residuals = layout.rng.uniform(-_INSIDE, _INSIDE, len(base))
             residuals[rows] = sides
             points = layout.points(0.5 * layout.form * layout.height * residuals)
             sphere = narrowest_zone(points[rows], sides)
-        else:
-            points = _least_squares_points(layout)
+        else:  # residuals orthogonal to the directions and to a constant, so that the sphere is the minimum
+            residuals = layout.rng.standard_normal(len(base))
+            residuals -= base @ np.linalg.lstsq(base, residuals)[0]
+            points = layout.points(layout.form * layout.height * residuals / np.abs(residuals).max())
             sphere = SOLVERS[estimator](points, layout.center)
         yield ReferencePair(layout.name, points, sphere)
 

@@ -77,7 +77,7 @@ def on_circles(samples: Samples, fit: Estimates) -> Bools:
     b, d, n = samples.shape
     if d != 3 or n < _FEWEST:
         return np.zeros(b, dtype=np.bool_)
-    values, along = samples.spectrum.values, samples.spectrum.cross
+    values, along = samples.regression.along[:2]
     with np.errstate(all="ignore"):
         share = (n - 1.0) / n
         center = 0.5 * along[:, 1:] / values[:, 1:]  # the algebraic fit in the plane of the two larger extents

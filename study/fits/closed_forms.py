@@ -40,7 +40,7 @@ import numpy as np
 from study.arrays import Bools, Floats
 from study.fits.jit import CHUNK, compiled, dot, fill, total
 from study.fits.linalg import eigenbasis
-from study.fits.moments import Regression, Spectrum
+from study.fits.moments import Regression
 from study.fits.samples import Estimates, Samples, Status, blank, remove
 
 _EPS = 2.0**-52
@@ -89,11 +89,11 @@ def member(samples: Samples, eta: Floats, radius_weight: float | Floats, kept: B
     Returns:
         The fit, its noise variance estimated from the residuals.
     """
-    spectrum = samples.spectrum
-    b, d, _ = spectrum.axes.shape
+    regression = samples.regression
+    b, d, _ = regression.axes.shape
     fit, weight = blank(b, d), np.zeros(b) + radius_weight
     kept = every(b, d) if kept is None else kept
-    _member(samples.regression, spectrum, eta, weight, kept, fit)
+    _member(regression, eta, weight, kept, fit)
     return fit
 
 
@@ -106,17 +106,21 @@ def every(batch: int, dimension: int) -> Bools:
 
 def subtracting(samples: Samples, noise: Floats) -> Estimates:
     """The family's fit with a covariance Σ̂ (b, d, d) of each set's own subtracted from C."""
-    r, spectrum = samples.regression, samples.spectrum
+    r = samples.regression
     b, d = r.mean.shape
     remaining, basis = eigenbasis(r.covariance - noise)
-    right = r.cross - 2.0 * np.einsum("bij,bj->bi", noise, r.mean)
+    right = r.vectors[2] - 2.0 * np.einsum("bij,bj->bi", noise, r.mean)
     with np.errstate(all="ignore"):
         right = np.einsum("bji,bj->bi", basis, right)
     offset, fit, kept = np.empty((b, d)), blank(b, d), every(b, d)
-    _offsets(Spectrum(np.stack([remaining, right, np.zeros((b, d))]), basis), np.zeros(b), kept, offset)
-    fit.condition[:] = _spectral_radius(noise, spectrum)
+    left = r._replace(along=np.stack([remaining, right, np.zeros((b, d))]), axes=basis)
+    _offsets(left, np.zeros(b), kept, offset)
+    with np.errstate(all="ignore"):  # the largest eigenvalue of Λ^-½ Vᵀ Σ̂ V Λ^-½, which is symmetric, is ρ(Σ̂C⁻¹)
+        scaled = r.axes / np.sqrt(r.eigenvalues)[:, None, :]
+        similar = np.einsum("bji,bjk,bkl->bil", scaled, noise, scaled)
+    fit.condition[:] = eigenbasis(similar)[0][:, -1]
     trace = np.trace(noise, axis1=1, axis2=2)
-    _conclude(r, spectrum, offset, -(r.n - 1.0) / r.n * trace, kept, fit)
+    _conclude(r, offset, -(r.n - 1.0) / r.n * trace, kept, fit)
     return _with_noise(fit, trace / d)
 
 
@@ -153,9 +157,9 @@ def noise_of_residuals(variance: float, mean_square: float, n: float, dimension:
 
 
 @compiled
-def _offsets(spectrum: Spectrum, eta: Floats, kept: Bools, offset: Floats) -> None:
+def _offsets(regression: Regression, eta: Floats, kept: Bools, offset: Floats) -> None:
     """(C - ηI)⁻¹ (½q - ηȳ), paper eqs 2 and 17, from the eigenbasis of C."""
-    along, axes = spectrum
+    along, axes = regression.along, regression.axes
     values, cross, mean = along[0], along[1], along[2]
     b, d = values.shape
     for t in range(b):
@@ -181,7 +185,7 @@ def _least(values: Floats, kept: Bools, t: int) -> float:
 @compiled
 def _residuals(regression: Regression, offset: Floats, excess: Floats, noise: Floats) -> None:
     """Mean |x - ĉ|², less the base, and the noise that the variance of |x - ĉ|² shows."""
-    numbers, vectors, covariance = regression
+    numbers, vectors, covariance, _, _ = regression
     n, variance, square, base = numbers[0], numbers[1], numbers[2], numbers[3]
     mean, cross = vectors[1], vectors[2]
     b, d = offset.shape
@@ -199,16 +203,14 @@ def _residuals(regression: Regression, offset: Floats, excess: Floats, noise: Fl
 
 
 @compiled
-def _conclude(
-    regression: Regression, spectrum: Spectrum, offset: Floats, radius_term: Floats, kept: Bools, fit: Estimates
-) -> None:
+def _conclude(regression: Regression, offset: Floats, radius_term: Floats, kept: Bools, fit: Estimates) -> None:
     """Fill in the fits whose centre is o + offset (paper eqs 3, 18, 21), with the statuses that follow from C and ρ.
 
     ``radius_term`` is the difference between the radius squared and the mean of |x - ĉ|². ``fit.condition`` is given.
     """
     origin, variance, base = regression.vectors[0], regression.numbers[1], regression.numbers[3]
     center, radius, noise, condition, status, _ = fit
-    values = spectrum.along[0]
+    values = regression.along[0]
     b, d = offset.shape
     excess = np.empty(b)
     _residuals(regression, offset, excess, noise)
@@ -233,26 +235,16 @@ def _conclude(
 
 
 @compiled
-def _member(
-    regression: Regression, spectrum: Spectrum, eta: Floats, weight: Floats, kept: Bools, fit: Estimates
-) -> None:
+def _member(regression: Regression, eta: Floats, weight: Floats, kept: Bools, fit: Estimates) -> None:
     """Fill in the family's fits for given η, and ρ = η/λ_min."""
-    n, values = regression.numbers[0], spectrum.along[0]
+    n, values = regression.numbers[0], regression.along[0]
     b, d = values.shape
     offset, radius_term = np.empty((b, d)), np.empty(b)
-    _offsets(spectrum, eta, kept, offset)
+    _offsets(regression, eta, kept, offset)
     for t in range(b):
         fit.condition[t] = eta[t] / _least(values, kept, t) if eta[t] > 0.0 else math.nan
         radius_term[t] = (n[t] - 1.0) / n[t] * weight[t] * eta[t]
-    _conclude(regression, spectrum, offset, radius_term, kept, fit)
-
-
-def _spectral_radius(noise: Floats, spectrum: Spectrum) -> Floats:
-    """ρ(Σ̂C⁻¹) (b,): the largest eigenvalue of Λ^-½ Vᵀ Σ̂ V Λ^-½, which is symmetric."""
-    with np.errstate(all="ignore"):
-        scaled = spectrum.axes / np.sqrt(spectrum.values)[:, None, :]
-        similar = np.einsum("bji,bjk,bkl->bil", scaled, noise, scaled)
-    return eigenbasis(similar)[0][:, -1]
+    _conclude(regression, offset, radius_term, kept, fit)
 
 
 _MAX_STEPS = 200
@@ -309,10 +301,10 @@ def smallest_root(values: Floats, cross: Floats, mean: Floats, square: float, sp
 
 
 @compiled
-def _solve_all(regression: Regression, spectrum: Spectrum, kappa: float, kept: Bools, eta: Floats) -> None:
+def _solve_all(regression: Regression, kappa: float, kept: Bools, eta: Floats) -> None:
     """The root for each set, found in units of its own size, so that no power of the points' unit overflows."""
-    values, cross, mean = spectrum.along[0], spectrum.along[1], spectrum.along[2]
-    numbers = regression.numbers
+    numbers, along = regression.numbers, regression.along
+    values, cross, mean = along[0], along[1], along[2]
     b, d = values.shape
     extent, q, y = np.empty(d), np.empty(d), np.empty(d)
     for t in range(b):
@@ -335,11 +327,10 @@ def root(samples: Samples, kappa: float, kept: Bools | None = None) -> Floats:
         kappa: the constant ϰ.
         kept: eigen-directions of C that take part (b, d); all, if None.
     """
-    spectrum = samples.spectrum
-    b, d, _ = spectrum.axes.shape
+    regression = samples.regression
+    b, d, _ = regression.axes.shape
     eta = np.empty(b)
-    kept = every(b, d) if kept is None else kept
-    _solve_all(samples.regression, spectrum, kappa, kept, eta)
+    _solve_all(regression, kappa, every(b, d) if kept is None else kept, eta)
     return eta
 
 
@@ -403,25 +394,26 @@ def fuller_constant(samples: Samples) -> Floats:
     Source: theory (9.4).
     """
     alpha = np.empty(len(samples.regression.n))
-    _constants(samples.regression, samples.spectrum, alpha)
+    _constants(samples.regression, alpha)
     return alpha
 
 
 @compiled
-def _constants(regression: Regression, spectrum: Spectrum, alpha: Floats) -> None:
+def _constants(regression: Regression, alpha: Floats) -> None:
     few, many = _FULLER
     for t in range(alpha.size):
-        alpha[t] = few + (many - few) / (1.0 + (_wald_of_curvature(regression, spectrum, t) / _SEEN) ** 2)
+        alpha[t] = few + (many - few) / (1.0 + (_wald_of_curvature(regression, t) / _SEEN) ** 2)
 
 
 @compiled
-def _wald_of_curvature(regression: Regression, spectrum: Spectrum, t: int) -> float:
+def _wald_of_curvature(regression: Regression, t: int) -> float:
     """Wald statistic W of the curvature across the least extent (theory 9.4), from set t of a batch.
 
     It tests whether |y|², regressed on y = x - x̄, depends on y along the least eigen-direction of C. By chance alone it
     is about 1, as where noise hides the curvature of a cap; it is infinite where the regression leaves no residuals.
     """
-    values, cross, mean = spectrum.along[0, t], spectrum.along[1, t], spectrum.along[2, t]
+    along = regression.along
+    values, cross, mean = along[0, t], along[1, t], along[2, t]
     n, size, left = regression.numbers[0, t], math.sqrt(regression.numbers[1, t]), 1.0
     for k in range(values.size):
         if values[k] > 0.0:
@@ -456,7 +448,7 @@ def hinge(samples: Samples) -> Estimates:
     if np.ndim(samples.noise if samples.noise is not None else 0.0) == 2:
         raise ValueError("hinge compares every direction with one noise level: pass noise=σ, not a covariance, or none")
     b, d, _ = samples.shape
-    values = samples.spectrum.values
+    values = samples.regression.eigenvalues
     kept = values > 8.0 * d * _EPS * values[:, -1:]
     if samples.noise is not None:
         eta = np.zeros(b) + np.square(samples.noise)
@@ -493,7 +485,7 @@ def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
     from scipy.special import fdtri  # imported here, as it takes as long as the rest of the library
 
     regression = samples.regression
-    values, along = samples.spectrum.values, samples.spectrum.cross
+    values, along = regression.along[:2]
     n, d = regression.n, values.shape[1]
     others = kept.copy()
     others[:, direction] = False
@@ -509,8 +501,9 @@ def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
 
 def _significant(samples: Samples, eta: Floats, errors: float) -> Bools:
     """True where an eigenvalue of C exceeds the noise by so many standard errors of the noise, η√(2/n): (b, d)."""
-    n = samples.regression.n
-    return np.asarray(samples.spectrum.values - eta[:, None] > errors * (eta * np.sqrt(2.0 / n))[:, None])
+    regression = samples.regression
+    limit = errors * (eta * np.sqrt(2.0 / regression.n))
+    return np.asarray(regression.eigenvalues - eta[:, None] > limit[:, None])
 
 
 _ROUNDS = 12

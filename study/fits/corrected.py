@@ -353,7 +353,7 @@ def corrected(samples: Samples) -> Estimates:
     Source: theory §9, (9.3).
     """
     eta = root(samples, 2.0 * samples.shape[1])
-    return _fit(samples, eta, share_of_pair(eta, samples.spectrum.values[:, 0]))
+    return _fit(samples, eta, share_of_pair(eta, samples.regression.eigenvalues[:, 0]))
 
 
 def corrected_01(samples: Samples) -> Estimates:
@@ -495,7 +495,7 @@ def corrected_covariance(samples: Samples, estimates: Estimates) -> Floats:
     Source: theory §9.4.
     """
     eta = root(samples, 2.0 * samples.shape[1])
-    return sandwich(samples, estimates, share_of_pair(eta, samples.spectrum.values[:, 0]))
+    return sandwich(samples, estimates, share_of_pair(eta, samples.regression.eigenvalues[:, 0]))
 
 
 def sandwich(samples: Samples, estimates: Estimates, pair: float | Floats) -> Floats:

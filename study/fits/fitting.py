@@ -128,6 +128,7 @@ def interval_numbers(fit: Fit, names: list[str]) -> dict[str, float]:
     return {f"{name}_{side}": float(pair[i]) for name, pair in ends.items() for i, side in enumerate(("low", "high"))}
 
 
+_SIZES = ("residual_rms", "condition", "form_error", "largest_deviation")
 Row = dict[str, Any]
 """A fit by the names of its numbers."""
 STANDARD_UNCERTAINTY = "± is one standard uncertainty"
@@ -212,12 +213,10 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
         *errors, radius_error = result.standard_errors
         for name, value, error in zip(names, result.center, errors, strict=True):
             row[f"center_{name}"], row[f"error_{name}"] = float(value), float(error)
-        row["radius"], row["radius_error"] = float(result.radius), float(radius_error)
-        row["diameter"], row["diameter_error"] = float(result.diameter), 2.0 * float(radius_error)
+        row |= {"radius": float(result.radius), "radius_error": float(radius_error)}
+        row |= {"diameter": float(result.diameter), "diameter_error": 2.0 * float(radius_error)}
         row["noise"] = float(result.sigma)
-        row["residual_rms"], row["condition"] = float(result.residual_rms), float(result.condition)
-        row["form_error"], row["largest_deviation"] = float(result.form_error), float(result.largest_deviation)
-        row |= interval_numbers(result, names)
+        row |= {name: float(getattr(result, name)) for name in _SIZES} | interval_numbers(result, names)
         row |= {f"goodness_{name}": float(p) for name, p in result.goodness._asdict().items()}
         row["allowance"] = float(result.allowance.max())
         row["outliers"], row["copies"] = int(result.outliers.sum()), int(result.copies)
@@ -236,8 +235,7 @@ def printed(rows: list[Row], names: list[str]) -> Iterator[str]:
     cells, form = [], []
     notes: dict[str, list[str]] = {}
     for row in rows:
-        measured = [with_error(row[f"center_{name}"], row[f"error_{name}"]) for name in names]
-        measured.append(with_error(row["radius"], row["radius_error"]))
+        measured = _measured(row, names)
         others = [number(row["noise"]), number(row["residual_rms"]), number(row["condition"], ".2g")]
         ok = row["status"] == Status.OK.text
         cells.append([row["estimator"], *measured, *others, str(row["samples"]), "ok" if ok else "see below"])
@@ -254,6 +252,12 @@ def printed(rows: list[Row], names: list[str]) -> Iterator[str]:
     for caution in sorted(cautions):
         estimators = [row["estimator"] for row in rows if ESTIMATORS[row["estimator"]].caution == caution]
         yield f"{', '.join(estimators)}: {caution}"
+
+
+def _measured(row: Row, names: list[str]) -> list[str]:
+    """Coordinates of the centre and radius with their standard errors."""
+    sizes = [(row[f"center_{name}"], row[f"error_{name}"]) for name in names]
+    return [with_error(*pair) for pair in [*sizes, (row["radius"], row["radius_error"])]]
 
 
 class FileFits(NamedTuple):
@@ -306,22 +310,20 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
 
 def _table(files: list[FileFits]) -> Iterator[str]:
     """A line per file and estimator, and the meaning of statuses that are not ok."""
-    most = max(files, key=lambda each: len(each.table.names)).table.names
-    same = all(each.table.names == most for each in files)
+    most = max(files, key=lambda file: len(file.table.names)).table.names
+    same = all(file.table.names == most for file in files)
     axes = most if same else [f"center {i}" for i in range(1, len(most) + 1)]
     cells, texts, remarks = [], {}, 0
-    for each in files:
-        for (estimator, answer), row in zip(each.fits.items(), each.rows(), strict=True):
-            names = each.table.names
-            center = [with_error(row[f"center_{name}"], row[f"error_{name}"]) for name in names]
-            center += ["-"] * (len(axes) - len(names))
-            radius, noise = with_error(row["radius"], row["radius_error"]), number(row["noise"])
+    for file in files:
+        for (estimator, answer), row in zip(file.fits.items(), file.rows(), strict=True):
+            *center, radius = _measured(row, file.table.names)
+            center += ["-"] * (len(axes) - len(center))
             status, said = statuses(answer.status), len(list(doubts(answer)))
             if not answer.ok:
                 texts[status] = row["status"]
             remarks += said
             counts = [str(row["samples"]), str(said or "-")]
-            cells.append([str(each.path), estimator, *center, radius, noise, *counts, status])
+            cells.append([str(file.path), estimator, *center, radius, number(row["noise"]), *counts, status])
     yield from columns(cells, ["file", "estimator", *axes, "radius", "noise", "samples", "remarks", "status"])
     yield from meanings(texts)
     if remarks:
@@ -332,14 +334,14 @@ def as_json(files: list[FileFits]) -> str:
     """A list of objects, one per file and estimator, with the library's names; null where there is no number."""
     rows = []
     for one in files:
-        file = {"file": one.path, "coordinates": one.table.names, "columns_left_out": one.table.left}
-        rows += [file | fit.to_dict() for fit in one.fits.values()]
+        head = {"file": one.path, "coordinates": one.table.names, "columns_left_out": one.table.left}
+        rows += [head | fit.to_dict() for fit in one.fits.values()]
     return json_text(rows)
 
 
 def as_csv(files: list[FileFits]) -> str:
     """A row per file and estimator, with a header; an empty cell where there is no number."""
-    rows = [{"file": str(each.path)} | row for each in files for row in each.rows()]
+    rows = [{"file": str(file.path)} | row for file in files for row in file.rows()]
     text = io.StringIO()
     titles = {name: inert(name) for row in rows for name in row}
     writer = csv.DictWriter(text, list(titles), lineterminator="\n")

@@ -85,10 +85,8 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
         present = one[~np.isnan(one).any(axis=1)]
         if len(present) > d and np.isfinite(present).all():
             spheres[t], optimal[t] = _of_one(present)
-    center = spheres[:, :d].reshape(*lead, d)
-    return MinimumZone(
-        center, spheres[:, d].reshape(lead), spheres[:, d + 1].reshape(lead), np.asarray(optimal.reshape(lead))
-    )
+    center, radius, width = spheres[:, :d].reshape(*lead, d), spheres[:, d], spheres[:, d + 1]
+    return MinimumZone(center, radius.reshape(lead), width.reshape(lead), optimal.reshape(lead))
 
 
 def _of_one(x: Floats) -> tuple[Floats, bool]:

@@ -417,26 +417,24 @@ def _minimum_from(samples: Samples, share: float) -> Estimates:
     ĉ is Taubin's answer where the noise is clearly below the points' extent, which saves a pass or two, and GDKE's,
     which does not run away, where it is not.
     """
-    regression, spectrum = samples.regression, samples.spectrum
-    b, d = spectrum.values.shape
+    regression = samples.regression
+    b, d, _ = regression.axes.shape
     eta = root(samples, 0.0)
-    clear = eta < _CLEAR * spectrum.values[:, 0]
+    clear = eta < _CLEAR * regression.eigenvalues[:, 0]
     first = member(samples, np.where(clear, eta, 0.0), 0.0)
     fit = blank(b, d)
     fit.status[:] = first.status
     offset = share * (first.center - regression.origin)
-    _fit_all(samples.rows, regression, spectrum.values, offset, fit, zeros(d), zeros(d, d))
+    _fit_all(samples.rows, regression, offset, fit, zeros(d), zeros(d, d))
     return fit
 
 
 @compiled
-def _fit_all(
-    x: Floats, regression: Regression, values: Floats, offset: Floats, fit: Estimates, zero: Sums, square: Sums
-) -> None:
+def _fit_all(x: Floats, regression: Regression, offset: Floats, fit: Estimates, zero: Sums, square: Sums) -> None:
     """Minimise F for each set of a batch (b, d, n) whose status is ok.
 
-    ``values`` are the eigenvalues of C (b, d), ``offset`` the first centres relative to the regression's origins
-    (b, d), ``zero`` and ``square`` d and d² sums at zero.
+    ``offset`` are the first centres relative to the regression's origins (b, d), ``zero`` and ``square`` d and d² sums
+    at zero.
     """
     b, d, n = x.shape
     scratch, search = Scratch(np.empty((1, d, CHUNK)), zero, square), new_search(d)
@@ -444,7 +442,7 @@ def _fit_all(
         if fit.status[t] != Status.OK:
             continue
         _copy(offset[t], search.best)
-        points, origin, plane = SampleBlock(x, t, 0, n), regression.vectors[0, t], (n - 1.0) * values[t, 0]
+        points, origin, plane = SampleBlock(x, t, 0, n), regression.vectors[0, t], (n - 1.0) * regression.along[0, t, 0]
         fit.status[t] = minimise(points, origin, search, regression.numbers[2, t], plane, scratch)
         state = search.states[0]
         fit.iterations[t] = state.steps

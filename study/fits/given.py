@@ -452,11 +452,8 @@ def given_intervals(sets: Weighted, level: float) -> Intervals:
     Raises:
         ValueError: if the level is not between 0 and 1.
     """
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level = {level}: a confidence level lies between 0 and 1, for example 0.95")
     b, _, d = sets.points.shape
-    result = Intervals(np.empty((b, 2)), np.empty((b, d, 2)), np.full(b, np.nan))
-    result.radius[:], result.center[:] = (0.0, np.inf), (-np.inf, np.inf)
+    result = Intervals.unbounded(b, d, level)
     known = np.isfinite(sets.radius)
     with np.errstate(all="ignore"):
         for alike, ends_of, fitted in ((known, _with_radius, d), (~known, _without_radius, d + 1)):

@@ -64,6 +64,15 @@ class Intervals(NamedTuple):
     center: Floats
     noise_share: Floats
 
+    @classmethod
+    def unbounded(cls, batch: int, dimension: int, level: float) -> "Intervals":
+        """Intervals without ends, to be filled in; ValueError if the level is not between 0 and 1."""
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"level = {level}: a confidence level lies between 0 and 1, for example 0.95")
+        radius, center = np.empty((batch, 2)), np.empty((batch, dimension, 2))
+        radius[:], center[:] = (0.0, np.inf), (-np.inf, np.inf)
+        return cls(radius, center, np.full(batch, np.nan))
+
     @property
     def identified(self) -> Bools:
         """True where the radius is bounded at both ends and the noise is below 0.35 radii (b,)."""
@@ -90,12 +99,8 @@ def intervals(samples: Samples, level: float = 0.95, stretch: Floats | None = No
 
     Source: theory §10.
     """
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level = {level}: a confidence level lies between 0 and 1, for example 0.95")
     b, d, _ = samples.shape
-    result = Intervals(np.empty((b, 2)), np.empty((b, d, 2)), np.full(b, np.nan))
-    result.radius[:] = 0.0, np.inf
-    result.center[:] = -np.inf, np.inf
+    result = Intervals.unbounded(b, d, level)
     stretch = np.ones(b) if stretch is None else np.asarray(stretch, dtype=float)
     if is_ordinary(samples.moments.fourth):
         _compute(samples, level, stretch, result)

@@ -42,8 +42,6 @@ from numba.core import event  # noqa: E402
 from numba.cpython.unsafe.tuple import tuple_setitem  # noqa: E402
 from numba.extending import intrinsic, overload  # noqa: E402
 
-_replaced: Callable[..., Any] = cast(Any, tuple_setitem)
-
 F = TypeVar("F", bound=Callable[..., object])
 
 CHUNK = 256
@@ -95,7 +93,7 @@ def _discard_stale_code() -> None:
         return
 
 
-class _Report(cast(Any, event).Listener):  # type: ignore[misc]  # numba has no type for it
+class _Report(event.Listener):
     """Log functions of this package when they are compiled, and the first of them so that a user reads it."""
 
     warned = False
@@ -114,22 +112,19 @@ class _Report(cast(Any, event).Listener):  # type: ignore[misc]  # numba has no 
 
 
 _discard_stale_code()
-cast(Any, event).register("numba:compile", _Report())
+event.register("numba:compile", _Report())  # type: ignore[no-untyped-call]
 
 
-def compiled(function: F) -> F:
+def compiled(function: F, fastmath: bool = True) -> F:
     """Compile a function with the package's options when it is first called, and cache the code on disk."""
-    return _njit(function, {"reassoc", "contract", "arcp", "nsz"})
+    flags = {"reassoc", "contract", "arcp", "nsz"} if fastmath else False
+    options = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=flags)
+    return cast(F, options(function))
 
 
 def compiled_as_written(function: F) -> F:
     """Compile a function without ``fastmath``: its numbers have the same bits wherever it is inlined."""
-    return _njit(function, False)
-
-
-def _njit(function: F, fastmath: set[str] | bool) -> F:
-    options = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=fastmath)
-    return cast(F, options(function))
+    return compiled(function, fastmath=False)
 
 
 def zeros(dimension: int, per: int = 1) -> Sums:
@@ -154,16 +149,13 @@ def _put(sums: Any, i: Any, value: Any) -> Callable[..., Any]:
         sums[i] = value
         return sums
 
-    return (lambda sums, i, value: _replaced(sums, i, value)) if _is_tuple(sums) else stored
+    is_tuple = isinstance(sums, types.BaseTuple)
+    return (lambda sums, i, value: tuple_setitem(sums, i, value)) if is_tuple else stored  # type: ignore[call-arg]
 
 
 @overload(fresh, inline="always", strict=False)
 def _fresh(sums: Any) -> Callable[..., Any]:
-    return (lambda sums: sums) if _is_tuple(sums) else (lambda sums: sums.copy())
-
-
-def _is_tuple(kind: object) -> bool:
-    return isinstance(kind, types.BaseTuple)
+    return (lambda sums: sums) if isinstance(sums, types.BaseTuple) else (lambda sums: sums.copy())
 
 
 def _fma(typing: Any, factor: Any, other: Any, term: Any) -> Any:

@@ -14,13 +14,18 @@ A program in C of the time might have used single precision. Sums of third power
 points are some 1e12 units apart, so that outliers at the largest noise need not be a flaw of the method: `lls_single`.
 
 These are for the study of the paper; on data use `lls`.
+
+Incremental GDK, `igdk`: the paper's recurrences for x̄, C, S and C⁻¹, one sample at a time in constant memory (a
+rank-one update, so no new inverse is needed). Its answer is GDKE's with its bias: with C - Σ the update is no longer of
+rank one. `study.Incremental` keeps the moments instead.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from study.arrays import Floats
+from study.arrays import Floats, Ints
 from study.fits.closed_forms import noise_of_residuals, residual_noise
 from study.fits.jit import (
     CHUNK,
@@ -41,6 +46,7 @@ from study.fits.jit import (
     zeros,
 )
 from study.fits.linalg import eigenbasis
+from study.fits.moments import Moments
 from study.fits.samples import Estimates, Samples, Status, blank, remove
 
 _EPS = 2.0**-52
@@ -244,3 +250,87 @@ def _cut(samples: Samples, tolerance: float, origin: Floats) -> Estimates:
         fit.noise_variance[:] = residual_noise(samples.regression, fit.center - samples.moments.mean)
     fit.status[~finite] = Status.NOT_FINITE
     return remove(fit, ~finite)
+
+
+class Running(NamedTuple):
+    """State of the recurrences: x̄ (b, d), C (b, d, d) and S (b, d) in weights of 1/(n - 1), and C⁻¹ (b, d, d)."""
+
+    mean: Floats
+    covariance: Floats
+    third: Floats
+    inverse: Floats
+
+
+@compiled
+def _recur(point: Floats, n: float, running: Running, delta: Floats, w: Floats) -> None:
+    """Add one sample to x̄, C, S and C⁻¹ of n samples of one set, in place (theory §1.1).
+
+    ``delta`` and ``w`` (d,) receive δ = x - x̄ and C⁻¹δ.
+    """
+    mean, c, s, inverse = running
+    d = mean.size
+    share, shrink = 1.0 / (n + 1.0), (n - 1.0) / n
+    trace = square = dw = 0.0
+    for i in range(d):
+        delta[i] = point[i] - mean[i]
+        square += delta[i] * delta[i]
+        trace += c[i, i]
+    third = (n - 1.0) * share * share * square
+    for i in range(d):
+        w[i] = along = 0.0
+        for j in range(d):
+            w[i] += inverse[i, j] * delta[j]
+            along += c[i, j] * delta[j]
+        dw += delta[i] * w[i]
+        s[i] = shrink * (s[i] - share * (2.0 * along + trace * delta[i])) + third * delta[i]
+    scale, grow = 1.0 / ((n * n - 1.0) / n + dw), 1.0 / shrink
+    for i in range(d):
+        step, correction = share * delta[i], scale * w[i]
+        mean[i] += step
+        for j in range(i + 1):
+            c[i, j] = c[j, i] = shrink * c[i, j] + step * delta[j]
+            inverse[i, j] = inverse[j, i] = grow * (inverse[i, j] - correction * w[j])
+
+
+@compiled
+def _stream_all(x: Floats, first: Ints, running: Running) -> None:
+    """Run each set of a batch (b, d, n) through the recurrences, from its sample number ``first`` (b,) on."""
+    b, d, n = x.shape
+    delta, w, point = np.empty(d), np.empty(d), np.empty(d)
+    for t in range(b):
+        one = Running(running.mean[t], running.covariance[t], running.third[t], running.inverse[t])
+        for k in range(first[t], n):
+            for i in range(d):
+                point[i] = x[t, i, k]
+            _recur(point, float(k), one, delta, w)
+
+
+def igdk(samples: Samples) -> Estimates:
+    """Incremental GDK by the paper's recurrences, with GDKE's bias.
+
+    They start on the first d + 5 samples, or on more while those lie in a plane.
+
+    Source: paper eqs 24-25; the recurrences are theory §1.1.
+    """
+    b, d, n = samples.shape
+    first, regular = np.full(b, min(n, d + 5)), np.zeros(b, dtype=np.bool_)
+    mean, c, s = np.empty((b, d)), np.empty((b, d, d)), np.empty((b, d))
+    waiting = np.arange(b)
+    while len(waiting):
+        start = Moments.of(samples.x[waiting, :, : first[waiting[0]]])
+        mean[waiting], c[waiting] = start.mean, start.covariance
+        s[waiting] = start.third / (start.n - 1.0)[:, None]  # paper eq. 6
+        values = np.linalg.eigvalsh(np.where(np.isfinite(start.covariance), start.covariance, 0.0))
+        regular[waiting] = values[:, 0] > d * np.finfo(float).eps * values[:, -1]
+        waiting = waiting[~regular[waiting] & (first[waiting] < n)]  # so far they lie in a plane
+        first[waiting] = np.minimum(n, 2 * first[waiting])
+    fit = blank(b, d)
+    inverse = np.linalg.inv(np.where(regular[:, None, None], c, np.eye(d)))
+    _stream_all(samples.x, first, Running(mean, c, s, inverse))
+    offset = 0.5 * np.einsum("bij,bj->bi", inverse, s)
+    fit.center[:] = mean + offset
+    fit.radius[:] = np.sqrt((n - 1.0) / n * np.trace(c, axis1=1, axis2=2) + np.einsum("bi,bi->b", offset, offset))
+    fit.noise_variance[:] = residual_noise(samples.regression, fit.center - samples.moments.mean)
+    fit.status[~regular] = Status.SINGULAR
+    fit.status[~np.isfinite(samples.moments.fourth)] = Status.NOT_FINITE
+    return remove(fit, fit.status != Status.OK)

@@ -11,6 +11,9 @@ Several markers about one centre (MGDK): the joint fit of markers at different d
 The centre is that of the corrected equation 22 (`common_center`). As derived, w_p = n_p - 1. But a marker's algebraic
 residual grows with its radius, and so its weight should fall: w_p = n_p/r̂_p². Where the noise is not known, one η for
 all markers is found from their residuals together (theory §5.5).
+
+Points that arrive one after the other need not be stored: `Incremental` keeps their moments, which merge exactly, and
+solves the d × d system when an answer is wanted: every closed form, and the common centre, from the same few numbers.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,11 +24,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from study.arrays import Floats, Ints, real_array
+from study.fits.answer import Fit
 from study.fits.bounds import noise_covariance
-from study.fits.incremental import Incremental
 from study.fits.linalg import eigenbasis
-from study.fits.moments import Moments
-from study.fits.samples import FARTHEST, Status, binary_size, scaled_noise
+from study.fits.moments import Moments, Regression
+from study.fits.samples import FARTHEST, Estimator, Samples, Status, binary_size, blank, is_ordinary, scaled_noise
 from study.text import number, with_error
 
 if TYPE_CHECKING:
@@ -125,6 +128,103 @@ class JointFit:
         words = self.status.name.lower().replace("_", " ")
         rest = f"sigma {number(self.sigma)}, {self.count.sum():,} points, {words}"
         return f"JointFit(center ({center}), radii ({radii}{more}), {rest})"
+
+
+class Incremental:
+    """A sphere fit that grows with its points, in constant memory.
+
+    The points are not stored: 14 numbers in three dimensions stand for all of them, and every closed form gives from
+    these the answer that it gives from the points.
+
+    Args:
+        dimension: d ≥ 2.
+
+    Attributes:
+        dimension: d.
+        moments: the `Moments` of the points so far, a batch of one; None while there are none.
+
+    Raises:
+        ValueError: if the dimension is smaller than 2.
+
+    Example:
+        >>> import study
+        >>> growing = study.Incremental(2)
+        >>> for points in ([[1, 0], [0, 1]], [[-1, 0], [0, -1]]):
+        ...     growing.update(points)
+        >>> fit = growing.fit(study.ESTIMATORS["gdke"])
+        >>> fit.center, float(fit.radius)
+        (array([0., 0.]), 1.0)
+
+    Source: the idea is the paper's, eqs 24-25.
+    """
+
+    def __init__(self, dimension: int) -> None:
+        if dimension < 2:
+            raise ValueError(f"dimension = {dimension}: a sphere needs at least 2")
+        self.moments: Moments | None = None
+        self.dimension = dimension
+
+    def update(self, points: ArrayLike) -> None:
+        """Add points.
+
+        Args:
+            points: one (d,) or several (n, d), in the unit of those before. Points with a NaN are left out.
+
+        Raises:
+            TypeError: if they are not real numbers.
+            ValueError: if the shape is another.
+        """
+        array = np.atleast_2d(real_array(points, "points")).astype(float, copy=False)
+        if array.ndim != 2 or array.shape[1] != self.dimension:
+            d = self.dimension
+            raise ValueError(f"points have shape {np.shape(points)}: expected ({d},) or (n, {d})")
+        array = array[~np.isnan(array).any(axis=1)]
+        if len(array):
+            x = array.T[None]
+            self.moments = Moments.of(x) if self.moments is None else self.moments.update(x)
+
+    def merge(self, other: "Incremental") -> None:
+        """Add the points of another fit that grew; that one stays as it is.
+
+        Raises:
+            ValueError: if it is of another dimension.
+        """
+        if other.dimension != self.dimension:
+            raise ValueError(f"points of dimension {other.dimension} cannot be added to points of {self.dimension}")
+        if other.moments is not None:
+            self.moments = other.moments if self.moments is None else self.moments.merge(other.moments)
+
+    def fit(self, estimator: Estimator, noise: float | Floats | None = None) -> Fit:
+        """Fit the points so far by a closed form.
+
+        Args:
+            estimator: one that needs the moments alone, such as ``study.ESTIMATORS["als"]``.
+            noise: standard deviation σ in the unit of the points, a covariance (d, d), or None where the estimator
+                does not need it.
+
+        Returns:
+            A fit of shape ``()``. While there are fewer than d + 1 points its status is `Status.TOO_FEW_POINTS`. Points
+            of a size beyond 1e40 or below 1e-40 have the status `Status.NOT_FINITE`: their moments leave the range of
+            numbers.
+
+        Raises:
+            TypeError: if the noise is no real number.
+            ValueError: if the estimator needs the points themselves, which are not stored, or the noise cannot be used.
+        """
+        if not estimator.moments_suffice:
+            raise ValueError("this estimator reads the points, which are not stored: take gdke, ugdk or als")
+        if noise is not None:
+            noise_covariance(noise, self.dimension)
+        if self.moments is None or self.moments.n[0] < self.dimension + 1:
+            status = Status.TOO_FEW_POINTS
+        elif np.trace(self.moments.second[0]) > 0.0 and not is_ordinary(self.moments.fourth):
+            status = Status.NOT_FINITE
+        else:
+            regression = Regression.about_centroids(self.moments)
+            return Fit(estimator(Samples.of_regression(regression, noise)).reshape())
+        fit = blank(1, self.dimension)
+        fit.status[:] = status
+        return Fit(fit.reshape())
 
 
 ROUNDS = 5

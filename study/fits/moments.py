@@ -124,11 +124,6 @@ class Moments(NamedTuple):
         """Sample covariance C, paper eq. 5: (b, d, d)."""
         return self.second / (self.n - 1.0)[:, None, None]
 
-    @property
-    def third_central(self) -> Floats:
-        """Third central vector moment S, paper eq. 6: (b, d)."""
-        return self.third / (self.n - 1.0)[:, None]
-
 
 @compiled
 def shift(n: float, delta: Floats, first: Floats, second: Floats, third: Floats, fourth: float) -> float:
@@ -245,29 +240,43 @@ def accumulate(x: PointSets, moments: Moments, zero: Sums, square: Sums) -> None
 
 
 class Regression(NamedTuple):
-    """Moments of y = x - o and |y|² of a batch of point sets, in three arrays, which is what a kernel takes.
+    """Moments of y = x - o and |y|² of a batch of point sets, in the few arrays that a kernel takes.
 
     Attributes:
-        numbers: n, ``variance``, ``square`` and ``base`` of each set (4, b).
-        vectors: ``origin``, ``mean`` and ``cross`` (3, b, d).
+        numbers: n, ``variance``, ``square`` and the base of each set: r², where it is known and the fits are wanted as
+            errors, else 0 (4, b).
+        vectors: ``origin``, ``mean`` and the sample covariance of y and |y|² (3, b, d): that is the paper's S, eq. 6,
+            where the mean of y is 0.
         covariance: C, the sample covariance of y, in weights of 1/(n - 1), paper eq. 5 (b, d, d).
+        along: eigenvalues of C, ascending, and the components of S and ``mean`` along its axes (3, b, d).
+        axes: eigenvectors of C (b, d, d), as columns.
     """
 
     numbers: Floats
     vectors: Floats
     covariance: Floats
+    along: Floats
+    axes: Floats
 
     @classmethod
-    def of(cls, moments: Moments) -> "Regression":
+    def of(cls, numbers: Floats, vectors: Floats, covariance: Floats) -> "Regression":
+        """Form a regression from its moments, and diagonalise C."""
+        result = cls(numbers, vectors, covariance, np.empty(vectors.shape), np.empty(covariance.shape))
+        _decompose(result)
+        return result
+
+    @classmethod
+    def about_centroids(cls, moments: Moments) -> "Regression":
         """Form the regression about the centroids."""
         b, d, _ = moments.second.shape
-        result = cls(np.empty((4, b)), np.empty((3, b, d)), np.empty((b, d, d)))
+        parts = np.empty((3, b, d)), np.empty((b, d, d)), np.empty((3, b, d)), np.empty((b, d, d))
+        result = cls(np.empty((4, b)), *parts)
         _central(moments, result)
         return result
 
     def take(self, places: Ints) -> "Regression":
         """The regression of sets of the batch, by their places (k,)."""
-        return Regression(self.numbers[:, places], self.vectors[:, places], self.covariance[places])
+        return Regression.of(self.numbers[:, places], self.vectors[:, places], self.covariance[places])
 
     @property
     def n(self) -> Floats:
@@ -281,13 +290,8 @@ class Regression(NamedTuple):
 
     @property
     def square(self) -> Floats:
-        """Mean of |y|², less ``base`` (b,)."""
+        """Mean of |y|², less the base (b,)."""
         return np.asarray(self.numbers[2])
-
-    @property
-    def base(self) -> Floats:
-        """r² (b,), where it is known and the fits are wanted as errors; else 0."""
-        return np.asarray(self.numbers[3])
 
     @property
     def origin(self) -> Floats:
@@ -300,38 +304,18 @@ class Regression(NamedTuple):
         return np.asarray(self.vectors[1])
 
     @property
-    def cross(self) -> Floats:
-        """Sample covariance of y and |y|² (b, d): the paper's S, eq. 6, where the mean of y is 0."""
-        return np.asarray(self.vectors[2])
-
-
-class Spectrum(NamedTuple):
-    """A regression in the eigenbasis of C.
-
-    Attributes:
-        along: eigenvalues of C, ascending, and the components of ``cross`` and ``mean`` along its axes (3, b, d).
-        axes: eigenvectors of C (b, d, d), as columns.
-    """
-
-    along: Floats
-    axes: Floats
-
-    @classmethod
-    def of(cls, regression: Regression) -> "Spectrum":
-        """Diagonalise C."""
-        result = cls(np.empty(regression.vectors.shape), np.empty(regression.covariance.shape))
-        _decompose(regression, result)
-        return result
-
-    @property
-    def values(self) -> Floats:
+    def eigenvalues(self) -> Floats:
         """Eigenvalues of C (b, d), ascending."""
         return np.asarray(self.along[0])
 
-    @property
-    def cross(self) -> Floats:
-        """Components of ``cross`` along the eigenvectors (b, d)."""
-        return np.asarray(self.along[1])
+
+@compiled
+def _decompose(regression: Regression) -> None:
+    """Write eigenvalues and eigenvectors of C, and the components along these."""
+    _, vectors, covariance, along, axes = regression
+    diagonalise_all(covariance, along[0], axes)
+    components_all(axes, vectors[2], along[1])
+    components_all(axes, vectors[1], along[2])
 
 
 @compiled
@@ -339,7 +323,7 @@ def _central(moments: Moments, regression: Regression) -> None:
     """C and S (paper eqs 5 and 6), and variance and mean of |y|², of sums about the centroid."""
     second, origin, third = moments.second, moments.vectors[0], moments.vectors[1]
     count, fourth = moments.numbers[0], moments.numbers[1]
-    numbers, vectors, covariance = regression
+    numbers, vectors, covariance, _, _ = regression
     b, d = third.shape
     for t in range(b):
         n, trace = count[t], 0.0
@@ -350,14 +334,7 @@ def _central(moments: Moments, regression: Regression) -> None:
                 covariance[t, i, j] = second[t, i, j] / (n - 1.0)
         square = trace / n
         numbers[0, t], numbers[1, t], numbers[2, t], numbers[3, t] = n, fourth[t] / n - square * square, square, 0.0
-
-
-@compiled
-def _decompose(regression: Regression, spectrum: Spectrum) -> None:
-    along, axes = spectrum
-    diagonalise_all(regression.covariance, along[0], axes)
-    components_all(axes, regression.vectors[2], along[1])
-    components_all(axes, regression.vectors[1], along[2])
+    _decompose(regression)
 
 
 @compiled
@@ -464,7 +441,7 @@ class JointMoments:
         count = np.tile(self.count, len(sigma))
         weight = count / (count - 1.0)
         cross = third.reshape(-1, d) * weight[:, None]
-        return Regression(
+        return Regression.of(
             numbers=np.stack([count, variance.reshape(-1), excess.reshape(-1), np.repeat(radius**2, b)]),
             vectors=np.stack([np.zeros_like(cross), middle.reshape(-1, d), cross]),
             covariance=second.reshape(-1, d, d) * weight[:, None, None],

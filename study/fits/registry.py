@@ -41,8 +41,7 @@ from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taub
 from study.fits.corrected import corrected, corrected_01, corrected_02, corrected_12, corrected_covariance, sandwich
 from study.fits.geometric import mle, mle_centroid, mle_mirror
 from study.fits.given import fit_given, given_of
-from study.fits.incremental import igdk
-from study.fits.lls import lls, lls_nr, lls_nr_raw, lls_single
+from study.fits.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
 from study.fits.robust import robust
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
 from study.text import did_you_mean

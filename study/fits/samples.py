@@ -24,7 +24,7 @@ import numpy as np
 from study.arrays import Bools, Floats, Ints
 from study.fits.bounds import bound_from_scatter, normal_weights, unit_covariance, weighted_scatter
 from study.fits.linalg import eigenbasis
-from study.fits.moments import Moments, Regression, Spectrum
+from study.fits.moments import Moments, Regression
 
 
 class Estimates(NamedTuple):
@@ -107,13 +107,8 @@ class Samples:
     lent: bool = False
 
     @classmethod
-    def of_moments(cls, moments: Moments, noise: float | Floats | None = None) -> "Samples":
-        """Samples of which only the moments are known: enough for every closed form."""
-        return cls.of_regression(Regression.of(moments), noise)
-
-    @classmethod
     def of_regression(cls, regression: Regression, noise: float | Floats | None = None) -> "Samples":
-        """Samples of which only the closed forms' regression is known."""
+        """Samples of which only the regression is known, as from their moments: enough for every closed form."""
         samples = cls(np.empty((*regression.mean.shape, 0)), noise)
         samples.__dict__["regression"] = regression  # in place of the cached property
         return samples
@@ -200,13 +195,8 @@ class Samples:
 
     @cached_property
     def regression(self) -> Regression:
-        """Covariances from which the closed forms are computed."""
-        return Regression.of(self.moments)
-
-    @cached_property
-    def spectrum(self) -> Spectrum:
-        """The regression in the eigenbasis of C."""
-        return Spectrum.of(self.regression)
+        """Covariances from which the closed forms are computed, with the eigenbasis of C."""
+        return Regression.about_centroids(self.moments)
 
 
 @dataclass(frozen=True)

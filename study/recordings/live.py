@@ -22,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Floats
-from study.fits.incremental import Incremental
-from study.fits.markers import JointFit, mgdk_so_far
+from study.fits.markers import Incremental, JointFit, mgdk_so_far
 from study.fits.samples import Status
 from study.recordings.joints.estimate import CENTIMETRE
 from study.recordings.recording import RecordingError

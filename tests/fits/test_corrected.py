@@ -246,7 +246,7 @@ def population(cap_moments):
     def make(d, angle, noise):
         mean, scatter = cap_moments(angle, d)
         vectors = np.stack([np.zeros((1, d)), mean[None], np.zeros((1, d))])
-        regression = Regression(np.array([[1.0], [0], [0], [0]]), vectors, (scatter + noise**2 * np.eye(d))[None])
+        regression = Regression.of(np.array([[1.0], [0], [0], [0]]), vectors, (scatter + noise**2 * np.eye(d))[None])
         one = np.ones(1)
         estimates = Estimates(np.zeros((1, d)), one, noise**2 * one, np.nan * one, np.zeros(1, int), np.zeros(1, int))
         return Samples.of_regression(regression), estimates, scatter

@@ -320,7 +320,7 @@ def _from_points(study: Study, unit: Batch, result: Result) -> None:
         for places in batch.group.levels:
             samples = draws.place(batch.cells[places[0]].level, _workspace)
             result.clock("points", n, trials)
-            samples.spectrum  # noqa: B018  computed now, so that no estimator's time includes what all use
+            samples.regression  # noqa: B018  computed now, so that no estimator's time includes what all use
             result.clock("moments", n, trials)
             fits.append(_fits(study, samples, places, batch, result))
             for place in places if study.keep_points else ():
@@ -345,7 +345,6 @@ def _from_moments(study: Study, unit: Batch, result: Result) -> None:
         level = unit.cells[places[0]].level
         regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
         samples = Samples.of_regression(regression, level.noise)
-        samples.spectrum  # noqa: B018
         result.clock("points", n, unit.trials)
         fits.append(_fits(study, samples, places, unit, result))
     if study.estimators:

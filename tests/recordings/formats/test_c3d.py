@@ -270,6 +270,7 @@ def changed(path, *fields):
     "fields",
     [
         {POINTS: 20000, LAST: 20000},
+        {POINTS: 2000, LAST: 2000, "POINT:USED": 2000, "POINT:FRAMES": 2000},
         {POINTS: 20000, LAST: 20000, "POINT:USED": 20000, "POINT:FRAMES": 20000},
         {POINTS: 20000, "POINT:USED": 20000, LAST: LONG},
         {ANALOG: 60000, LAST: 60000},

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from study.fits import geometric, incremental, jit, lls, moments
+from study.fits import geometric, jit, lls, moments
 from study.fits.samples import blank
 
 
@@ -77,10 +77,10 @@ def one_pass(x):
 def stream(x):
     """The incremental fit."""
     d = x.shape[1]
-    running = incremental.Running(objects(1, d), objects(1, d, d), objects(1, d), objects(1, d, d))
+    running = lls.Running(objects(1, d), objects(1, d, d), objects(1, d), objects(1, d, d))
     for i in range(d):
         running.inverse[0, i, i] = Counted(1.0)
-    incremental._stream_all(x, np.array([d + 5]), running)
+    lls._stream_all(x, np.array([d + 5]), running)
 
 
 def per_sample(kernel, d):
