@@ -136,6 +136,8 @@ def test_columns_are_those_declared(run, change, words):
     """A table with the digest of the manifest, but other columns, is refused with one line."""
     alter(run, "errors", change)
     run.record("errors")
+    assert run.damaged() == ["errors"]
+    assert not run.finished()
     with pytest.raises(RunError, match=f"not a table of this version: {words}; `study run"):
         run.table("errors")
 
