@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from study.recordings.formats.read import read_recording
+from study.recordings.joints.estimate import symmetric_fit
 from study.recordings.joints.find import find_joints
-from study.recordings.joints.symmetric import symmetric_fit
 from study.recordings.markersets.match import choose
 from study.recordings.skeleton.calibrate import calibrate
 from study.recordings.skeleton.draw import draw_skeleton

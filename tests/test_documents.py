@@ -1,9 +1,14 @@
-"""The documents: their links lead somewhere, and the site lists every page."""
+"""The documents: their links lead somewhere, and the site lists every page; the examples of docstrings are run."""
 
+import doctest
+import inspect
 import re
 from pathlib import Path
 
 import pytest
+
+import study
+from study.fits import registry
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
@@ -92,3 +97,31 @@ def test_displayed_formulas_of_theory_are_in_latex():
             assert rows == []
     numbers = re.findall(r"\\tag\{(.*?)\}", text)
     assert len(numbers) == len(set(numbers))
+
+
+PUBLIC = [
+    name for name in study.__all__ if inspect.isclass(getattr(study, name)) or inspect.isfunction(getattr(study, name))
+]
+OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.DONT_ACCEPT_TRUE_FOR_1
+
+
+def test_public_names():
+    """Each is there, is offered before it is imported, and has a docstring, but for a table and the version."""
+    assert set(study.__all__) - set(PUBLIC) == {"ESTIMATORS", "__version__"}
+    assert set(study.__all__) <= set(dir(study))
+    assert "import_module" not in dir(study)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = study.nothing
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_example(name, monkeypatch, tmp_path):
+    """The docstring of a name, or one of its public methods, has an example, and all of them are right."""
+    monkeypatch.chdir(tmp_path)
+    examples = doctest.DocTestFinder(recurse=True).find(getattr(study, name), name, globs={})
+    assert any(test.name == name and test.examples for test in examples)
+    lines = []
+    for test in examples:
+        doctest.DocTestRunner(optionflags=OPTIONS).run(test, out=lines.append)
+    registry.remove(["centroid"])  # of the example of `study.register`
+    assert "".join(lines) == ""

@@ -1,4 +1,4 @@
-"""The wheel: it holds what the commands need, and they find it from any folder."""
+"""The wheel: it holds what the commands need, and they find it from any folder. What is loaded for a first answer."""
 
 import os
 import subprocess
@@ -65,3 +65,53 @@ def test_versions_agree():
     assert f"\nversion: {study.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     headings = [line for line in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines() if line[:3] == "## "]
     assert headings[:2] == ["## Unreleased", f"## {study.__version__}"]
+
+
+HEAVY = {"scipy.stats", "scipy.optimize", "pandas", "pyarrow", "pydantic", "matplotlib"}
+JUDGE = "import study.simulation.claims, study.simulation.analysis.summary, study.simulation.analysis.summary_text"
+COMMAND = """import sys
+sys.argv = ["study", "fit", "points.csv"]
+from study import cli
+try:
+    cli.main()
+except SystemExit as end:
+    assert end.code == 0, end.code
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "loaded", "said"),
+    [
+        (
+            "import study\nprint(study.fit([[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, -1.0], [0.1, -1, 0]]))",
+            set(),
+            "Fit(",
+        ),
+        (COMMAND, {"pydantic"}, "radius"),  # the parser of the command line brings it
+        (JUDGE, {"pandas", "pyarrow", "pydantic"}, ""),
+    ],
+    ids=["fit", "command", "claims"],
+)
+def test_a_first_answer_loads_nothing_heavy_that_it_does_not_need(tmp_path, code, loaded, said):
+    """A fit with errors and text needs NumPy, the compiler and Student's quantile alone, in Python or as a command.
+
+    To judge claims, or to open a run, neither scipy's distributions nor a figure's library is loaded.
+    """
+    (tmp_path / "points.csv").write_text("x,y\n0,1\n1,0\n-1,0\n0,-1.01\n0.7,0.72\n")
+    code = f"import logging\nlogging.disable()\n{code}\n"  # whether loops are compiled or come from the cache
+    code += f"import sys\nprint(*({HEAVY!r} & set(sys.modules)), file=sys.stderr)"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, encoding="utf-8")
+    assert done.returncode == 0, done.stderr
+    assert set(done.stderr.split()) <= loaded
+    assert said in done.stdout
+
+
+def test_the_package_is_light():
+    """`import study` loads none of the heavy libraries; a function brings what it needs."""
+    code = "import sys, study\nheavy = {'numpy', 'numba', 'scipy', 'matplotlib', 'pandas', 'pyarrow'}\n"
+    code += "assert not heavy & set(sys.modules), heavy & set(sys.modules)\nassert callable(study.crlb)\n"
+    code += "assert 'numpy' in sys.modules"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=ROOT, capture_output=True, encoding="utf-8")
+    assert (done.returncode, done.stderr) == (0, "")

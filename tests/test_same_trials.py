@@ -34,7 +34,6 @@ name = "grid"
 seed = 1
 dimension = 3
 estimators = ["mle", "gdke", "ugdk", "als", "corrected"]
-
 [design]
 kind = "grid"
 trials = 40
@@ -42,21 +41,10 @@ samples = [20, 40, 80, 160]
 noise_over_radius = [0.01, 0.05, 0.1, 0.2]
 angle = [45, 90]
 """
-DEPARTURES = """
-name = "departures"
-seed = 1
-dimension = 3
-estimators = ["mle", "gdke", "als"]
-
-[design]
-kind = "grid"
-trials = 40
-samples = 50
-noise_over_radius = 0.05
-angle = [60, 180]
-law = ["normal", "laplace", "uniform"]
-outlier_share = [0.0, 0.1, 0.3]
-"""
+DEPARTURES = (
+    GRID.replace("[20, 40, 80, 160]", "50").replace("[0.01, 0.05, 0.1, 0.2]", "0.05").replace("[45, 90]", "[60, 180]")
+)
+DEPARTURES += 'law = ["normal", "laplace", "uniform"]\noutlier_share = [0.0, 0.1, 0.3]\n'
 SMALL = {"paper": 400, "ellipse": 200, "power-law": 40, "efficiency": 40, "starts": 400, "bias": 400, "anisotropic": 40}
 """Trials of the configs that claims compare estimators in."""
 
@@ -163,7 +151,7 @@ def test_figures_are_of_all_trials(pair, name, text, frames):
     """Curves, slopes and maps do not depend on the status; only counts of statuses do."""
     one, other = (FIGURES[name].prepare(Tables.of(run)) for run in pair(text))
     for frame in frames:
-        tables = [getattr(each, frame).drop(columns="not_ok", errors="ignore") for each in (one, other)]
+        tables = [getattr(data, frame).drop(columns="not_ok", errors="ignore") for data in (one, other)]
         pd.testing.assert_frame_equal(*tables)
 
 

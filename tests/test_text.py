@@ -26,37 +26,25 @@ from study.simulation.report.page import read_bench
 from study.text import columns, did_you_mean, duration, inert, inert_frame, nearest, number, size
 
 
-def test_alignment():
-    """Columns are as wide as their widest text, titles included, and the last mark serves the rest."""
-    found = list(columns([["a", "1.5", "10"], ["long name", "2", "3"]], ["name", "value", "n"], "<>"))
-    assert found == ["name       value   n", "a            1.5  10", "long name      2   3"]
-
-
-def test_indent_and_short_rows():
-    """Lines start after the indentation, have no spaces at their end, and may lack their last columns."""
-    assert list(columns([["a"], ["b", "c"]], indent=4)) == ["    a", "    b  c"]
-
-
-def test_wrapping():
-    """The last column alone is wrapped, between words, and goes on below itself."""
-    found = list(columns([["name", "one two three"]], width=14))
-    assert found == ["name  one two", "      three"]
-
-
-def test_a_word_is_never_cut():
-    """What does not fit stays whole: a name that is cut cannot be copied."""
-    assert list(columns([["name", "one indivisible"]], width=10)) == ["name  one", "      indivisible"]
-
-
-def test_accents_take_no_place():
-    """σ̂ is two characters in one place of a terminal."""
-    assert list(columns([["σ̂", "1"], ["σσ", "2"]])) == ["σ̂   1", "σσ  2"]
-
-
-def test_nothing():
-    """No rows and no header make no line; a header alone makes one."""
-    assert list(columns([])) == []
-    assert list(columns([], ["a", "b"])) == ["a  b"]
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        # as wide as their widest text, titles included; the last mark serves the rest
+        (
+            ([["a", "1.5", "10"], ["long name", "2", "3"]], ["name", "value", "n"], "<>"),
+            ["name       value   n", "a            1.5  10", "long name      2   3"],
+        ),
+        (([["a"], ["b", "c"]], (), "<", 4), ["    a", "    b  c"]),  # no spaces at a line's end, short rows
+        (([["name", "one two three"]], (), "<", 0, 14), ["name  one two", "      three"]),
+        (([["name", "one indivisible"]], (), "<", 0, 10), ["name  one", "      indivisible"]),  # no name is cut
+        (([["σ̂", "1"], ["σσ", "2"]],), ["σ̂   1", "σσ  2"]),  # accents take no place
+        (([],), []),
+        (([], ["a", "b"]), ["a  b"]),
+    ],
+)
+def test_columns(arguments, expected):
+    """Alignment, indentation, wrapping of the last column between words, and nothing."""
+    assert list(columns(*arguments)) == expected
 
 
 def test_a_terminal_changes_nothing(monkeypatch):
@@ -89,40 +77,40 @@ def test_columns_line_up(mark):
 KNOWN = ("mle", "lls", "ugdk", "gdke")
 
 
-def test_nearest():
-    """A misspelt name finds its own; one that is like none finds none."""
-    assert nearest("ugdkk", KNOWN) == "ugdk"
-    assert nearest("lsl", iter(KNOWN)) == "lls"
-    assert nearest("zzz", KNOWN) is None
-    assert nearest("x", []) is None
+FIGURES = ["fig2_error", "fig5_methods", "fig_map", "fig_posterior"]
 
 
-def test_capitals():
-    """A name that differs in capitals alone is the nearest, whatever else is like it."""
-    assert nearest("Als", ["lls", "als"]) == "als"
-    assert nearest("FIG2", ["fig2_error", "fig_map"]) == "fig2_error"
-    assert nearest("cmu", ["CMU41", "other"]) == "CMU41"
+@pytest.mark.parametrize(
+    ("name", "known", "expected"),
+    [
+        ("ugdkk", KNOWN, "ugdk"),
+        ("lsl", iter(KNOWN), "lls"),
+        ("zzz", KNOWN, None),
+        ("x", [], None),
+        ("", ["a"], None),
+        ("Als", ["lls", "als"], "als"),  # capitals alone differ
+        ("FIG2", ["fig2_error", "fig_map"], "fig2_error"),
+        ("cmu", ["CMU41", "other"], "CMU41"),
+        ("fig2", FIGURES, "fig2_error"),  # the only one that begins so
+        ("f", FIGURES, None),
+    ],
+)
+def test_nearest(name, known, expected):
+    """A misspelt name, other capitals and the beginning of a name find their own; one that is like none finds none."""
+    assert nearest(name, known) == expected
 
 
-def test_the_beginning_of_a_name():
-    """It finds the only name that begins so."""
-    known = ["fig2_error", "fig5_methods", "fig_map", "fig_posterior"]
-    assert nearest("fig2", known) == "fig2_error"
-    assert nearest("f", known) is None
-    assert nearest("", ["a"]) is None
-
-
-def test_did_you_mean():
-    """The nearest is offered first; all are listed, in their order."""
-    assert did_you_mean("lsl", KNOWN) == "did you mean 'lls'? Known are mle, lls, ugdk, gdke"
-    assert did_you_mean("zzz", iter(KNOWN)) == "known are mle, lls, ugdk, gdke"
-
-
-def test_several_names():
-    """Each unknown name that is like a known one is answered, and the list comes once."""
-    assert did_you_mean(["lsl", "zzz", "gdkee"], KNOWN) == (
-        "did you mean 'lls' and 'gdke'? Known are mle, lls, ugdk, gdke"
-    )
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ("lsl", "did you mean 'lls'? Known are mle, lls, ugdk, gdke"),
+        ("zzz", "known are mle, lls, ugdk, gdke"),
+        (["lsl", "zzz", "gdkee"], "did you mean 'lls' and 'gdke'? Known are mle, lls, ugdk, gdke"),
+    ],
+)
+def test_did_you_mean(names, words):
+    """Each unknown name that is like a known one is answered; all are listed once, in their order."""
+    assert did_you_mean(names, iter(KNOWN)) == words
 
 
 def test_numbers():

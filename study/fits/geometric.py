@@ -19,10 +19,9 @@ Source: paper §4.3 and Shakarji 1998, which minimise the same function by Leven
 """
 
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.arrays import Floats
 from study.fits.closed_forms import member, root
@@ -193,7 +192,7 @@ class State(Protocol):
 
 
 STATE = np.dtype(list(State.__annotations__.items()))
-_ON = -1
+ON = -1
 """In place of a status: the search goes on."""
 
 
@@ -201,31 +200,24 @@ class Search(NamedTuple):
     """The search for the minimum of one set; centres are relative to an origin near the points.
 
     Attributes:
-        states: the state, one record of `STATE` (1,): a record alone would not keep the memory that it is in.
+        state: a record of `STATE`.
         best: best centre so far (d,).
         trial: centre whose F the next pass forms (d,).
         step: the step between them (d,).
-        descent: Σ(R - R̄)e (d,).
-        matrix: ½∇²F (d, d).
-        vectors: its eigenvectors (d, d).
-        sums: sums of a pass.
     """
 
-    states: NDArray[Any]
+    state: State
     best: Floats
     trial: Floats
     step: Floats
+
+
+class Room(NamedTuple):
+    """Working memory of a step: Σ(R - R̄)e (d,), ½∇²F (d, d) and its eigenvectors (d, d)."""
+
     descent: Floats
     matrix: Floats
     vectors: Floats
-    sums: SphereSums
-
-
-@compiled
-def new_search(d: int) -> Search:
-    """Memory for searches in d dimensions."""
-    states, vectors, matrices = np.empty(1, STATE), np.empty((4, d)), np.empty((2, d, d))
-    return Search(states, vectors[0], vectors[1], vectors[2], vectors[3], matrices[0], matrices[1], sphere_sums(d))
 
 
 @compiled
@@ -254,9 +246,9 @@ def _half_hessian(n: int, radius: float, sums: SphereSums, matrix: Floats) -> No
 
 
 @compiled
-def _downhill(n: int, radius: float, search: Search) -> bool:
-    """Write the step from the descent: Newton's, or with absolute eigenvalues, and then False is returned."""
-    _, _, _, step, descent, matrix, vectors, sums = search
+def _downhill(n: int, radius: float, sums: SphereSums, room: Room, step: Floats) -> bool:
+    """Write the step from ``room.descent``: Newton's, or with absolute eigenvalues, and then False is returned."""
+    descent, matrix, vectors = room
     _half_hessian(n, radius, sums, matrix)
     _copy(descent, step)
     if cholesky_solve(matrix, step):
@@ -272,6 +264,19 @@ def _downhill(n: int, radius: float, search: Search) -> bool:
 
 
 @compiled
+def begin(search: Search, spread: float, plane: float) -> None:
+    """Start from ``search.best``; ``spread`` is the mean of |x - origin|², ``plane`` the F of the best plane."""
+    state, best = search.state, search.best
+    state.plane = plane
+    state.bound = _BOUND * math.sqrt(spread)
+    state.radius = state.before = math.sqrt(spread + dot(best, best))  # eq. 3: it keeps R - r small
+    state.best = math.inf
+    state.wanted = state.square = state.last = 0.0
+    state.steps = state.halvings = state.again = 0
+    _copy(best, search.trial)
+
+
+@compiled
 def _ended(state: State, n: int, value: float) -> int:
     """Status of a search that ends where F has this value: a sphere, unless it is far and no better than a plane."""
     far, doubt = state.square > (_FAR * state.bound) ** 2, 2.0 * _EPS * state.before * math.sqrt(n * max(value, 0.0))
@@ -281,20 +286,20 @@ def _ended(state: State, n: int, value: float) -> int:
 
 
 @compiled
-def _advance(search: Search, n: int) -> int:
+def advance(search: Search, n: int, sums: SphereSums, room: Room) -> int:
     """Compare the trial centre with the best by the sums of a pass, and choose the next one.
 
     Returns:
-        `_ON`, or a `Status` if the search has ended.
+        `ON`, or a `Status` if the search has ended.
     """
-    states, best, trial, step, descent, _, _, sums = search
-    state, d = states[0], best.size
+    state, best, trial, step = search
+    descent, d = room.descent, best.size
     excess, squares = sums.numbers
     value = squares - excess * excess / n
     if state.again == 0 and excess * excess > _CANCELLED * n * value:
         state.radius += excess / n
         state.again = 1
-        return _ON
+        return ON
     state.again = 0
     newton, rise = True, excess / n
     around = state.radius + rise  # R̄, the radius that belongs to this centre
@@ -306,7 +311,7 @@ def _advance(search: Search, n: int) -> int:
             return Status.AT_BOUND if state.square > (_FAR * state.bound) ** 2 else Status.NOT_CONVERGED
         for i in range(d):  # Σ(R - R̄)e, from Σ(R - r)e: not by R̄ - r, which has lost digits
             descent[i] = sums.vectors[PULL, i] - rise * sums.vectors[MEAN, i]
-        newton = _downhill(n, around, search)
+        newton = _downhill(n, around, sums, room, step)
     elif state.halvings == 0 and value <= state.best + 2.0 * _EPS * state.radius * math.sqrt(n * state.best):
         _copy(trial, best)  # F is the same to rounding, and this centre is a Newton step further
         status = _ended(state, n, value)
@@ -347,37 +352,7 @@ def _advance(search: Search, n: int) -> int:
                     bend -= step[i] * sums.squares[CURVE, max(i, j), min(i, j)] * step[j]
             state.before += (0.5 * bend - dot(step, sums.vectors[MEAN])) / n
         return status
-    return Status.AT_BOUND if state.square > state.bound * state.bound else _ON
-
-
-@compiled
-def minimise(points: SampleBlock, origin: Floats, search: Search, spread: float, plane: float, scratch: Scratch) -> int:
-    """Search the minimum of F from ``search.best``, which receives the best centre, as the state does its numbers.
-
-    Args:
-        points: the points of a set.
-        origin: point near them (d,), to which centres are relative.
-        search: holds the start.
-        spread: mean of |x - origin|².
-        plane: F of the best plane.
-        scratch: working memory.
-
-    Returns:
-        The `Status` of the search.
-    """
-    state, best = search.states[0], search.best
-    state.plane = plane
-    state.bound = _BOUND * math.sqrt(spread)
-    state.radius = state.before = math.sqrt(spread + dot(best, best))  # eq. 3: it keeps R - r small
-    state.best = math.inf
-    state.wanted = state.square = state.last = 0.0
-    state.steps = state.halvings = state.again = 0
-    _copy(best, search.trial)
-    status = _ON
-    while status == _ON:
-        sum_about(points, origin, search.trial, state.radius, False, search.sums, scratch)
-        status = _advance(search, points.size)
-    return status
+    return Status.AT_BOUND if state.square > state.bound * state.bound else ON
 
 
 _CLEAR = 0.3
@@ -433,21 +408,28 @@ def _minimum_from(samples: Samples, share: float) -> Estimates:
 def _fit_all(x: Floats, regression: Regression, offset: Floats, fit: Estimates, zero: Sums, square: Sums) -> None:
     """Minimise F for each set of a batch (b, d, n) whose status is ok.
 
-    ``offset`` are the first centres relative to the regression's origins (b, d), ``zero`` and ``square`` d and d² sums
-    at zero.
+    ``offset`` holds the first centres relative to the regression's origins (b, d), and receives the best; ``zero`` and
+    ``square`` are d and d² sums at zero.
     """
     b, d, n = x.shape
-    scratch, search = Scratch(np.empty((1, d, CHUNK)), zero, square), new_search(d)
+    scratch, room = (
+        Scratch(np.empty((1, d, CHUNK)), zero, square),
+        Room(np.empty(d), np.empty((d, d)), np.empty((d, d))),
+    )
+    states, sums, trial, step = np.empty(1, STATE), sphere_sums(d), np.empty(d), np.empty(d)
+    origins, spread, values = regression.vectors[0], regression.numbers[2], regression.along[0]
     for t in range(b):
         if fit.status[t] != Status.OK:
             continue
-        _copy(offset[t], search.best)
-        points, origin, plane = SampleBlock(x, t, 0, n), regression.vectors[0, t], (n - 1.0) * regression.along[0, t, 0]
-        fit.status[t] = minimise(points, origin, search, regression.numbers[2, t], plane, scratch)
-        state = search.states[0]
-        fit.iterations[t] = state.steps
+        state, status = states[0], ON  # taken anew each time, for a record does not keep the memory that it is in
+        search, points, origin = Search(state, offset[t], trial, step), SampleBlock(x, t, 0, n), origins[t]
+        begin(search, spread[t], (n - 1.0) * values[t, 0])
+        while status == ON:
+            sum_about(points, origin, trial, state.radius, False, sums, scratch)
+            status = advance(search, n, sums, room)
+        fit.status[t], fit.iterations[t] = status, state.steps
         for i in range(d):
-            fit.center[t, i] = origin[i] + search.best[i]
+            fit.center[t, i] = origins[t, i] + offset[t, i]
         if state.best < math.inf:
             fit.radius[t] = state.before
             fit.noise_variance[t] = max(state.best, 0.0) / (n - d - 1) if n > d + 1 else math.nan  # F may round below 0

@@ -33,7 +33,7 @@ import scipy
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.closed_forms import smallest_root
-from study.fits.geometric import minimise, mle, new_search
+from study.fits.geometric import ON, STATE, Room, Search, advance, begin, mle, sphere_sums, sum_about
 from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, fill, zeros
 from study.fits.linalg import cholesky_solve, diagonalise, eigenbasis
 from study.fits.moments import Moments, accumulate
@@ -527,13 +527,17 @@ def _grow_all(
     quantiles, floor, extra, share = limits
     b, d, n = y.shape
     selection, sphere, e, origin = new_selection(n, zero, square), np.empty(d + 1), np.empty((d, n)), np.zeros(d)
-    scratch, search = Scratch(np.empty((1, d, CHUNK)), zero, square), new_search(d)
+    scratch, sums = Scratch(np.empty((1, d, CHUNK)), zero, square), sphere_sums(d)
+    room, states = Room(np.empty(d), np.empty((d, d)), np.empty((d, d))), np.empty(1, STATE)
+    best, trial, step = np.empty(d), np.empty(d), np.empty(d)
     distance, inside = selection.distance, selection.inside
     for t in range(b):
         for i in range(d + 1):
             sphere[i] = spheres[t, i]
         if not sphere[d] < math.inf:
             continue
+        state = states[0]  # taken anew for each set, for a record does not keep the memory that it is in
+        search = Search(state, best, trial, step)
         nearest, concentrations, growing = math.inf, 0, False
         squares = variance = above = below = rounding = 0.0
         following, suspected = 0, False
@@ -545,11 +549,15 @@ def _grow_all(
             points = selected(y[t], selection)
             m = points.shape[2]
             for i in range(d):
-                search.best[i] = sphere[i]
-            minimise(SampleBlock(points, 0, 0, m), origin, search, 1.0, math.inf, scratch)
+                best[i] = sphere[i]
+            begin(search, 1.0, math.inf)
+            block, status = SampleBlock(points, 0, 0, m), ON
+            while status == ON:
+                sum_about(block, origin, trial, state.radius, False, sums, scratch)
+                status = advance(search, m, sums, room)
             for i in range(d):
-                sphere[i] = search.best[i]
-            sphere[d] = search.states[0].before
+                sphere[i] = best[i]
+            sphere[d] = state.before
             if not growing:
                 continue
             residuals(y[t], sphere, distance)

@@ -20,13 +20,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from study import style
 from study.arrays import Bools, Floats, Ints
 from study.fits.random import stream
 from study.recordings.joints.calibration import Calibration, JointPlace
 from study.recordings.joints.estimate import USABLE, Estimate
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import cap_angle
+from study.recordings.rigid import across, cap_angle
 
 _LEAST = 50
 """Smallest number of frames for the power law: with fewer, fits fail or have no finite variance."""
@@ -59,16 +63,11 @@ def power_law(scatter: pd.DataFrame, axis: str) -> dict[str, object]:
         The axis, the exponent, ends of a 95 % bootstrap interval over joints, and the number of joints.
     """
     way = "window" if axis == "window" else "random"
-    x_name, y_name = ("effective", "error") if axis == "effective" else ("samples", "median")
+    x, y = ("effective", "error") if axis == "effective" else ("samples", "median")
     part = without_hinge_axes(scatter)
     part = part[(part["way"] == way) & (part["samples"] >= _LEAST) & np.isfinite(part["median"]) & (part["median"] > 0)]
-    exponents = np.array(
-        [
-            np.polyfit(np.log(group[x_name]), np.log(group[y_name]), 1)[0]
-            for _, group in part.groupby("joint", sort=False)
-            if group[x_name].nunique() > 1
-        ]
-    )
+    groups = [group for _, group in part.groupby("joint", sort=False) if group[x].nunique() > 1]
+    exponents = np.array([np.polyfit(np.log(group[x]), np.log(group[y]), 1)[0] for group in groups])
     count = len(exponents)
     if not count:
         return {"axis": axis, "exponent": np.nan, "low": np.nan, "high": np.nan, "joints": 0}
@@ -145,8 +144,8 @@ class JointSamples:
         every_frame = np.arange(self.frames)[None]
         count = self.used.sum(axis=1)
         for _ in range(20):
-            center, _ = self.centers(every_frame, None)
-            away = ((self.y - center[0][None, :, None]) ** 2).sum(axis=1)
+            center = self.centers(every_frame, None)[0]
+            away = ((self.y - center[None, :, None]) ** 2).sum(axis=1)
             mean = np.where(self.used, away, 0.0).sum(axis=1) / np.maximum(count, 1)
             variance = (np.where(self.used, away - mean[:, None], 0.0) ** 2).sum(axis=1) / np.maximum(count, 1)
             self.weights = np.where(count > 1, 1.0 / np.maximum(mean, 1e-300), 0.0)
@@ -182,13 +181,13 @@ class JointSamples:
             "along": float(along),
         }
 
-    def centers(self, index: Ints, axis: Floats | None) -> tuple[Floats, Bools]:
-        """Centres by MGDK (B, 3) from the frames of each subset (B, N); True where positive definite (B,).
+    def centers(self, index: Ints, axis: Floats | None) -> Floats:
+        """Centres by MGDK (B, 3) from the frames of each subset (B, N); NaN where not positive definite.
 
         With an axis (3,) the fit gives the centre across it, and the mean of the samples the centre along it.
         """
         left, right = self._pool(index)
-        basis = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:].T
+        basis = across(axis)
         reduced = basis.T @ left @ basis
         values = np.linalg.eigvalsh(reduced)
         fine = values[:, 0] > 0.0
@@ -200,7 +199,7 @@ class JointSamples:
             shifted = right - np.einsum("bij,bj->bi", left, middle)
             centers = middle + np.linalg.solve(reduced, (shifted @ basis)[:, :, None])[:, :, 0] @ basis.T
         centers[~fine] = np.nan
-        return np.asarray(centers), np.asarray(fine)
+        return np.asarray(centers)
 
     def effective(self, number: int) -> float:
         """N_eff of this many random frames."""
@@ -359,9 +358,9 @@ def _scatter_of(
             for dropped in (False, True) if samples.hinge else (False,):
                 axis = samples.least if dropped else None
                 pieces = np.array_split(index, _PIECES)
-                places = np.concatenate([samples.centers(piece, axis)[0] for piece in pieces])
+                places = np.concatenate([samples.centers(piece, axis) for piece in pieces])
                 centers[way, dropped, number] = places
-                away = places - samples.centers(seen[None], axis)[0][0]
+                away = places - samples.centers(seen[None], axis)[0]
                 if axis is not None:
                     away = away - np.outer(away @ axis, axis)
                 rows.append({"joint": name, "way": way, "dropped": dropped, "samples": number})
@@ -391,3 +390,85 @@ def _distances(samples: JointSamples, distance: Floats, number: int, way: str) -
     effective = samples.effective(number) if way == "random" else max(number / samples.autocorrelation_time, 1.0)
     near, failed = float((ranked <= NEAR).mean()), float((~ok).mean())
     return {"median": median, "near": near, "failed": failed, "effective": effective, "error": error}
+
+
+_GREY, _OUT = "0.6", "#c1272d"
+_PANELS = {
+    "raw": ("random", "samples", "median", "#1f5fa8", "o", "random"),
+    "effective": ("random", "effective", "error", "#1f5fa8", "o", "random"),
+    "window": ("window", "effective", "median", "#d98c1f", "s", "consecutive, of $N$"),
+}
+"""Of each law: the way of taking frames, the columns of its axes, its colour and mark, and its name in the figure."""
+
+
+@style.journal()
+def draw(case: CaseStudy) -> Figure:
+    """Draw figure 7 of a recording: scatter of joint centres over the number of frames that they are fitted to.
+
+    Left, as in the paper: random subsets, and their scatter about the whole recording's centre. Right: the effective
+    number of independent frames, and an error that includes the standard error of the whole recording's centre. Beside
+    it are consecutive frames, which a shorter recording would have. Look at the slopes, printed with their intervals,
+    and at the outliers, named with their reasons.
+    """
+    figure = Figure(figsize=(style.PAGE, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    plain = case.scatter[(case.scatter["way"] == "random") & ~case.scatter["dropped"]]
+    outliers = set(case.joints.loc[case.joints["outlier"], "joint"])
+    left.set_yscale("log")
+    for joint, curve in plain.groupby("joint", sort=False):
+        known = curve[np.isfinite(curve["median"])]
+        color, order = (_OUT, 3) if joint in outliers else (_GREY, 2)
+        left.plot(known["samples"], 100 * known["median"], color=color, linewidth=0.8, zorder=order)
+    for number, share in plain.groupby("samples", sort=True)["near"].mean().items():
+        text = left.text(float(str(number)), 0.98, f"{100 * share:.0f} %", ha="center", va="top", fontsize=style.SMALL)
+        text.set_transform(left.get_xaxis_transform())
+    _draw_laws(left, case, ("raw",), f"as in the paper; at the top the share within {100 * NEAR:g} cm")
+    _draw_laws(right, case, ("effective", "window"), "with the error of the whole recording's centre")
+    left.set_xlabel("number of frames $N$, taken at random")
+    left.set_ylabel("median distance from the whole recording's centre, cm")
+    right.set_xlabel("effective number of independent frames")
+    shown = 100 * plain.loc[np.isfinite(plain["median"]), "median"]
+    left.set_ylim(0.5 * shown.min(), min(2.0 * shown.max(), 60.0))
+    joints = ((_GREY, "a joint"), (_OUT, "an outlier"))
+    handles = [Line2D([], [], color=color, linewidth=0.8, label=label) for color, label in joints]
+    for axis, label in (("raw", "random subsets, median joint"), ("window", "consecutive frames")):
+        color, mark = _PANELS[axis][3:5]
+        handles.append(Line2D([], [], color=color, marker=mark, markersize=4, label=label))
+    figure.legend(handles=handles, loc="outside upper left", ncols=4, columnspacing=1.6)
+    figure.supxlabel("\n".join(_outliers(case)), fontsize=style.SMALL, x=0.01, ha="left", color=_OUT)
+    style.stamp(figure, f"{case.recording} · {case.frames:,} frames · {case.subsets} subsets per point")
+    return figure
+
+
+def _draw_laws(ax: Axes, case: CaseStudy, axes: Sequence[str], title: str) -> None:
+    """Draw medians over joints, centimetres, and print their exponents with intervals."""
+    rows, lines = without_hinge_axes(case.scatter), []
+    for axis in axes:
+        way, x, y, color, mark, name = _PANELS[axis]
+        middle = rows[rows["way"] == way].groupby("samples", sort=True)[[x, y]].median()
+        middle = middle[np.isfinite(middle[y])]  # infinite if more than half of the fits failed
+        ax.plot(middle[x], 100 * middle[y], color=color, marker=mark, markersize=4, linewidth=1.6, zorder=5)
+        law = case.laws[case.laws["axis"] == axis].iloc[0]
+        if np.isfinite(law["exponent"]):
+            exponent, low, high = (style.decimals(law[key], 2) for key in ("exponent", "low", "high"))
+            lines.append(f"{name}: exponent {exponent} ({low} to {high})")
+    ax.set_xscale("log")
+    ax.axhline(100 * NEAR, color="black", linewidth=0.6, linestyle=(0, (2, 2)))
+    ax.set_title(title, loc="left", fontsize=style.SMALL + 1)
+    ax.text(0.02, 0.02, "\n".join(lines), transform=ax.transAxes, va="bottom", fontsize=style.SMALL)
+
+
+def _outliers(case: CaseStudy) -> list[str]:
+    """A line for each joint that scatters more than others, with the reason."""
+    rows = case.joints[case.joints["outlier"]].to_dict("records")
+    return [f"{str(row['joint']).replace('_', ' ')}: {row['reason'] or 'not explained'}" for row in rows]
+
+
+def printed(case: CaseStudy) -> list[str]:
+    """The results of a case study in lines of text."""
+    lines = [f"{case.recording}: {case.subsets} subsets of each size, a quarter from each of {SETS} data sets"]
+    for law in case.laws.to_dict("records"):
+        exponent = f"{law['exponent']:.3f} ({law['low']:.3f} to {law['high']:.3f})"
+        lines.append(f"exponent, {law['axis']}: {exponent}, {law['joints']} joints")
+    skipped = [f"{joint.replace('_', ' ')} left out: {why}" for joint, why in case.skipped.items()]
+    return [*lines, *_outliers(case), *skipped]

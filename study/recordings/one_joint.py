@@ -16,7 +16,7 @@ import numpy as np
 
 from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace
-from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, Estimate, JointStatus
+from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.joints.poses import SegmentPoses
 from study.recordings.joints.report import accuracy_columns
@@ -52,37 +52,28 @@ def misplaced_across(
     estimate, across = found.estimate, found.joint.across
     if estimate is None or estimate.axis is None or not across:
         return ()
-    strange = [label for label in across if label not in own]
-    return (*_loose_points(strange, poses, recording), *_far_middle(estimate, across, recording))
-
-
-def _loose_points(labels: Sequence[str], poses: Mapping[str, SegmentPoses], recording: Recording) -> Iterator[str]:
-    for label in labels:
+    reasons = []
+    for label in (label for label in across if label not in own):
         moves = min((_scatter(each.to_local(recording.of(label))) for each in poses.values()), default=0.0)
         if moves > _LOOSE:
-            yield f"{label} is on neither segment: it moves by {1000 * moves:.0f} mm in their axes"
-
-
-def _far_middle(estimate: Estimate, across: Sequence[str], recording: Recording) -> Iterator[str]:
+            reasons.append(f"{label} is on neither segment: it moves by {1000 * moves:.0f} mm in their axes")
     middle = estimate.poses.mean_place(0.5 * (recording.of(across[0]) + recording.of(across[1])))
-    if estimate.axis is None or np.isnan(middle).any():
-        return
-    name = f"the middle of {' and '.join(across)}"
-    off = middle - estimate.center
+    if np.isnan(middle).any():
+        return tuple(reasons)
+    name, off = f"the middle of {' and '.join(across)}", middle - estimate.center
     away = float(np.linalg.norm(off - (off @ estimate.axis) * estimate.axis))
     if away > _OFF:
-        yield f"{name} is {1000 * away:.0f} mm from its axis"
-    shown = _shown_place(estimate)
+        reasons.append(f"{name} is {1000 * away:.0f} mm from its axis")
+    shown = None  # where the markers put the joint along its axis, too
+    if estimate.sphere is not None:
+        shown = estimate.sphere.center if estimate.sphere.axis is None else None
+    elif estimate.pair is not None and not estimate.pair.hinge:
+        shown = estimate.pair.in_parent
     along = 0.0 if shown is None else abs(float((middle - shown) @ estimate.axis))
     if along > _ALONG:
-        yield f"it is no hinge: it rotated about every direction, and its centre is {1000 * along:.0f} mm from {name}"
-
-
-def _shown_place(estimate: Estimate) -> Floats | None:
-    """Place (3,) where the markers put a joint along its axis, too; None if they show nothing of it."""
-    if estimate.sphere is not None:
-        return estimate.sphere.center if estimate.sphere.axis is None else None
-    return estimate.pair.in_parent if estimate.pair is not None and not estimate.pair.hinge else None
+        centre = f"its centre is {1000 * along:.0f} mm from {name}"
+        reasons.append(f"it is no hinge: it rotated about every direction, and {centre}")
+    return tuple(reasons)
 
 
 def _scatter(y: Floats) -> float:
@@ -144,39 +135,30 @@ def find_clusters(recording: Recording, parent: str, child: str, across: str = "
             marker that is named twice; fewer than three markers of the parent, none of the child, or one or more than
             two for the axis.
     """
-    given = {f"--{PARENT}": _split(parent), f"--{CHILD}": _split(child), "--across": _split(across)}
     known = {label.casefold(): label for label in reversed(recording.markers)}
-    found: dict[str, list[str]] = {}
+    found: list[tuple[str, ...]] = []
     unknown: dict[str, list[str]] = {}
-    for option, names in given.items():
-        for name in names:
-            label = _label(name, recording.markers, known)
-            if label is None:
-                unknown.setdefault(option, []).append(name)
-            else:
-                found.setdefault(option, []).append(label)
+    for option, names in ((f"--{PARENT}", parent), (f"--{CHILD}", child), ("--across", across)):
+        given = [name for part in names.split(",") if (name := part.strip())]
+        labels = [_label(name, recording.markers, known) for name in given]
+        if wrong := [name for name, label in zip(given, labels, strict=True) if label is None]:
+            unknown[option] = wrong
+        found.append(tuple(label for label in labels if label is not None))
     if unknown:
         listed = "; ".join(f"{option} {', '.join(map(repr, names))}" for option, names in unknown.items())
         wrong = [name for names in unknown.values() for name in names]
         remedy = did_you_mean(wrong, recording.markers)
         raise RecordingError(f"{recording.name}: no marker of this name: {listed}; {remedy}")
-    clusters = Clusters(*(tuple(found.get(option, ())) for option in given))
+    clusters = Clusters(*found)
     _require_usable(recording, clusters)
     return clusters
 
 
-def _split(names: str) -> list[str]:
-    return [name.strip() for name in names.split(",") if name.strip()]
-
-
 def _label(name: str, markers: Sequence[str], small: dict[str, str]) -> str | None:
     """The recording's label for a name as a user gives it; None if there is none."""
-    for each in (name, name.rpartition(":")[2].strip()):
-        if each in markers:
-            return each
-        if each.casefold() in small:
-            return small[each.casefold()]
-    return None
+    short = name.rpartition(":")[2].strip()
+    labels = (form if form in markers else small.get(form.casefold()) for form in (name, short))
+    return next(filter(None, labels), None)
 
 
 def _require_usable(recording: Recording, clusters: Clusters) -> None:
@@ -314,8 +296,8 @@ def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False)
     world, axis = np.full((3, recording.frames), np.nan), None
     if parent is not None:
         world = parent.to_world(found.in_parent)
-        if not np.isnan(found.axis_in_parent).any():
-            axis = np.einsum("ijt,j->it", parent.rotation, found.axis_in_parent)
+        if found.axis is not None:
+            axis = np.einsum("ijt,j->it", parent.rotation, found.axis)
     known = ~np.isnan(world[0])
     turn = np.nan
     if parent is not None and child is not None:
@@ -348,16 +330,11 @@ def _reference(rotation: Floats) -> int:
     return int(trace.argmax()) + 1 if trace.size else 0
 
 
-def _wanted(found: JointPlace) -> JointStatus:
-    """The status of a reliable joint of the kind that the user gave: a ball that moved as a hinge has no centre."""
-    return JointStatus.HINGE if found.joint.kind == "hinge" else JointStatus.OK
-
-
 def _doubts(found: JointPlace, joints: Calibration, recording: Recording, world: Floats) -> list[str]:
     """Reasons not to rely on a joint: its status, a pose that is missing, a place outside the body."""
-    doubts = []
-    if found.status != _wanted(found):
-        doubts.append(found.reason)
+    # a ball that moved as a hinge has no centre
+    wanted = JointStatus.HINGE if found.joint.kind == "hinge" else JointStatus.OK
+    doubts = [] if found.status == wanted else [found.reason]
     n = accuracy_columns(found)
     if found.joint.kind == "ball" and n["moved_least"] < _ONE_AXIS * n["moved_most"]:
         doubts.append(
@@ -408,7 +385,7 @@ def joint_json(joint: OneJoint) -> str:
         "center": found.in_parent,
         "covariance": found.covariance,
         "error": joint.error,
-        "axis": None if np.isnan(found.axis_in_parent).any() else found.axis_in_parent,
+        "axis": found.axis,
         "center_in_recording": joint.in_recording,
         "axes_frame": joint.frame,
         "moved_least": joint.moved[0],
@@ -428,7 +405,7 @@ def _parts(joint: OneJoint) -> Iterator[str]:
     if not np.isnan(found.in_parent).any():
         yield f"centre ({_millimetres(found.in_parent)}) ± {1000 * joint.error:.1f} mm in the parent's axes"
         yield f"mean ({_millimetres(joint.in_recording)}) mm in the recording's"
-    if not np.isnan(found.axis_in_parent).any():
+    if found.axis is not None:
         between = " and ".join(found.joint.across)
         place = f"midway between {between}" if between else "not known"
         yield f"axis ({', '.join(f'{x:.3f}' for x in found.axis_in_parent)}), the place along it is {place}"
@@ -437,15 +414,11 @@ def _parts(joint: OneJoint) -> Iterator[str]:
         yield f"moved {joint.moved[0]:.0f}°-{joint.moved[1]:.0f}°{turned}"
     if joint.frames:
         yield f"{joint.frames} frames, effectively {number(joint.effective_frames, '.0f')}"
-    across = "" if np.isnan(found.axis_in_parent).any() else " across the axis"
-    yield from (
-        f"{_comparison(each)}{across}" for i, each in enumerate(joint.compared) if i == 0 or each.distance < NEAR
-    )
+    across = "" if found.axis is None else " across the axis"
+    for i, each in enumerate(joint.compared):
+        if i == 0 or each.distance < NEAR:
+            yield f"{each.label} of another program is {1000 * each.distance:.1f} mm away{across}"
     yield f"doubts: {'; '.join(joint.doubts)}" if joint.doubts else "no doubts"
-
-
-def _comparison(centre: OtherCentre) -> str:
-    return f"{centre.label} of another program is {1000 * centre.distance:.1f} mm away"
 
 
 def _millimetres(place: Floats) -> str:

@@ -32,7 +32,6 @@ from scipy.spatial.transform import Rotation
 from study.arrays import Bools, Floats, Ints
 from study.fits.jit import compiled
 from study.fits.linalg import diagonalise
-from study.recordings.pose_noise import skew
 
 _FAR = 6.0
 """A distance this many robust standard deviations from its median is wrong..."""
@@ -99,16 +98,11 @@ def distance_outliers(x: Floats, middle: Floats, limit: Floats) -> Bools:
         at = np.flatnonzero(left)
         rejected = np.zeros((m, len(suspect)), dtype=np.bool_)
         rejected[worst[at], at] = True
-        last_two = (~result[:, suspect] & _present(x, suspect)).sum(axis=0) == 2
+        last_two = (~result[:, suspect] & ~np.isnan(x[:, 0][:, suspect])).sum(axis=0) == 2
         rejected |= (wrong > 0) & (left & ((wrong > 0).sum(axis=0) == 2) & last_two)
         result[:, suspect] |= rejected
         part = np.where(rejected[:, None] | rejected[None], 0.0, part)
     return result
-
-
-def _present(x: Floats, frames: Ints) -> Bools:
-    """Samples that are not missing, of some frames (m, len(frames))."""
-    return ~np.isnan(x[:, 0][:, frames])
 
 
 _EXCHANGE = 0.01
@@ -217,10 +211,24 @@ def mean_rotated_covariance(rotation: Floats, covariance: Floats) -> Floats:
     return np.asarray(np.einsum("ijt,jk,lkt->il", rotation, covariance, rotation, optimize=True) / frames)
 
 
+def skew(v: Floats) -> Floats:
+    """Matrices [v] (…, 3, 3) with [v] w = v × w."""
+    result = np.zeros((*v.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        result[..., k, j] = v[..., i]
+        result[..., j, k] = -v[..., i]
+    return result
+
+
 def nearest_rotation(matrix: Floats) -> Floats:
     """Rotation (3, 3) nearest to a matrix (3, 3); for a sum of rotations it is their mean."""
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
+
+
+def across(axis: Floats | None) -> Floats:
+    """Directions across an axis as columns (3, 2); all three (3, 3), if there is none."""
+    return np.eye(3) if axis is None else np.asarray(np.linalg.svd(axis[None])[2][1:].T)
 
 
 _NO_INERTIA = 1e-6

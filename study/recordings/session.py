@@ -29,12 +29,19 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
-from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, USABLE, JointStatus, SideDifference, largest_error
+from study.recordings.joints.estimate import (
+    CENTIMETRE,
+    SHORT_TEXTS,
+    USABLE,
+    JointStatus,
+    PlaceDifference,
+    largest_error,
+)
 from study.recordings.joints.find import find_joints
 from study.recordings.joints.report import joint_table
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import fit_rigid_motion
+from study.recordings.rigid import across, fit_rigid_motion
 from study.recordings.skeleton.calibrate import (
     calibrate,
     hull_distances,
@@ -73,21 +80,6 @@ _NOWHERE = 0.05
 """Metres: error from which a joint that no trial moved has no place."""
 
 
-@dataclass
-class SharedAxes:
-    """The axes of one segment that all trials are moved to, with the points that show them.
-
-    Attributes:
-        trial: number of the trial whose axes they are.
-        has_pose: True if the segment has a pose there; its axes are its parent's otherwise.
-        points: places of its markers, and of the joint above it, by name, metres.
-    """
-
-    trial: int
-    has_pose: bool
-    points: dict[str, Floats]
-
-
 def shape_points(calibration: Calibration, shape: SegmentShape) -> dict[str, Floats]:
     """The points that fix a segment's pose (3,) by name: its markers and, if these are too few, the joint above it."""
     points = dict(zip(shape.markers, shape.places, strict=True))
@@ -108,41 +100,32 @@ def change_between(points: Mapping[str, Floats], onto: Mapping[str, Floats]) -> 
     return AxesChange(rotation[:, :, 0], origin[:, 0]) if known[0] else UNKNOWN
 
 
-def shared_axes(calibrations: Sequence[Calibration]) -> dict[str, SharedAxes]:
-    """For each segment the first trial in which it has a pose, or else the first that has markers of it."""
-    found: dict[str, SharedAxes] = {}
-    for index, calibration in enumerate(calibrations):
-        for shape in calibration.shapes:
-            before = found.get(shape.segment)
-            if before is None or (shape.has_pose and not before.has_pose):
-                found[shape.segment] = SharedAxes(index, shape.has_pose, shape_points(calibration, shape))
-    return found
+def axes_changes(
+    calibrations: Sequence[Calibration], index: int, references: Mapping[str, int]
+) -> dict[str, AxesChange]:
+    """The change of axes of each segment of a trial, by its number, to those of the segment's reference trial.
 
-
-def axes_changes(index: int, calibration: Calibration, onto: Mapping[str, SharedAxes]) -> dict[str, AxesChange]:
-    """The change of axes of each segment of a trial, by its number among the trials."""
-    parents = {segment.name: segment.parent for segment in calibration.markerset.segments}
-    changes: dict[str, AxesChange] = {}
-    for shape in calibration.shapes:
-        reference, parent = onto[shape.segment], parents[shape.segment]
-        if reference.trial == index:
-            change = SAME
-        elif shape.has_pose and reference.has_pose:
-            change = change_between(shape_points(calibration, shape), reference.points)
-        elif shape.has_pose or reference.has_pose or parent is None:
-            change = UNKNOWN
-        else:  # its axes are its parent's
-            change = changes[parent]
-        changes[shape.segment] = change
+    A segment without a pose in either has its parent's axes.
+    """
+    calibration, changes = calibrations[index], dict[str, AxesChange]()
+    for segment, shape in zip(calibration.markerset.segments, calibration.shapes, strict=True):
+        other = calibrations[references[segment.name]]
+        onto = other.shape(segment.name)
+        if other is calibration:
+            changes[segment.name] = SAME
+        elif shape.has_pose and onto.has_pose:
+            changes[segment.name] = change_between(shape_points(calibration, shape), shape_points(other, onto))
+        elif shape.has_pose or onto.has_pose or segment.parent is None:
+            changes[segment.name] = UNKNOWN
+        else:
+            changes[segment.name] = changes[segment.parent]
     return changes
 
 
 def moved(place: JointPlace, changes: Mapping[str, AxesChange]) -> JointPlace:
     """A joint in the new axes of its two segments."""
     parent, child = changes[place.joint.parent], changes[place.joint.child]
-    owner = (
-        child if np.isnan(place.in_parent).any() else parent
-    )  # the covariance is in the parent's axes, if it has any
+    owner = child if np.isnan(place.in_parent).any() else parent  # whose axes the covariance is in
     return replace(
         place,
         in_parent=parent.place(place.in_parent),
@@ -170,7 +153,7 @@ def allowance(place: JointPlace) -> Floats:
         normal = estimate.sphere.normal / estimate.used[estimate.sphere.weights > 0.0].sum()
         if estimate.side == "child" and not np.isnan(place.in_parent).any():
             normal = place.mean_rotation @ normal @ place.mean_rotation.T
-    basis = np.eye(3) if place.axis is None else _basis(place.axis)
+    basis = across(place.axis)
     values, vectors = np.linalg.eigh(basis.T @ normal @ basis)
     if estimate.pair is None:  # along the arm of markers that move on a sphere only its curvature shows, not rotation
         values[0] = values[1]
@@ -195,17 +178,19 @@ def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
     best = used[0]
     if len(used) < 2:
         return best
-    contradictions = [(part, difference(best, part)) for part in used[1:]]
-    against = [(part, off) for part, off in contradictions if off.contradicts]
+    against = [(part, off) for part in used[1:] if (off := difference(best, part)).contradicts]
     if against:
         part, worst = max(against, key=lambda pair: pair[1].distance)
-        return replace(
-            best,
-            status=JointStatus.DISAGREE,
-            reason=_contradiction(best, part, worst),
-            covariance=best.covariance + np.outer(worst.vector, worst.vector),
-        )
-    information = [_information(part, best.axis_in_parent) for part in used]
+        turn = f", its axis turned by {np.degrees(worst.angle):.0f}°" if worst.angle > 0.0 else ""
+        apart = f"{part.trials[0]} puts it {1000 * worst.distance:.0f} mm from where {best.trials[0]} does{turn}"
+        covariance = best.covariance + np.outer(worst.vector, worst.vector)
+        reason = f"{apart}: beyond what the errors explain"
+        return replace(best, status=JointStatus.DISAGREE, reason=reason, covariance=covariance)
+    information = []
+    for part in used:  # across the best trial's axis or, if that has none, across the part's own
+        basis = across(part.axis if best.axis is None else best.axis)
+        within = basis.T @ (part.covariance + part.allowance) @ basis
+        information.append(basis @ np.linalg.pinv(within, hermitian=True) @ basis.T)
     rotation, total = best.mean_rotation, np.linalg.pinv(np.sum(information, axis=0), hermitian=True)
     shares = [total @ each for each in information]
     return replace(
@@ -243,34 +228,12 @@ def _unmoved(best: JointPlace) -> JointPlace:
     return replace(best, status=JointStatus.UNSURE, reason=reason, covariance=total)
 
 
-def difference(one: JointPlace, other: JointPlace) -> SideDifference:
+def difference(one: JointPlace, other: JointPlace) -> PlaceDifference:
     """Difference of another trial's place from a joint's, across the axis of either, in the parent's axes."""
-    axes = [place.axis_in_parent for place in (one, other) if not np.isnan(place.axis_in_parent).any()]
-    basis = _basis(axes[0]) if axes else np.eye(3)
-    off = basis.T @ (other.in_parent - one.in_parent)
-    errors = basis.T @ (one.covariance + one.allowance + other.covariance + other.allowance) @ basis
+    axes = [place.axis for place in (one, other) if place.axis is not None]
+    errors = one.covariance + one.allowance + other.covariance + other.allowance
     angle = float(np.arccos(np.minimum(np.abs(axes[0] @ axes[1]), 1.0))) if len(axes) == 2 else 0.0
-    chi_square = float(off @ np.linalg.pinv(errors, hermitian=True) @ off)
-    return SideDifference(basis @ off, chi_square, len(off), "parent", angle)
-
-
-def _contradiction(best: JointPlace, other: JointPlace, off: SideDifference) -> str:
-    turn = f", its axis turned by {np.degrees(off.angle):.0f}°" if off.angle > 0.0 else ""
-    (one,), (two,) = best.trials, other.trials
-    return f"{two} puts it {1000 * off.distance:.0f} mm from where {one} does{turn}: beyond what the errors explain"
-
-
-def _basis(axis: Floats) -> Floats:
-    """Two directions across an axis, as columns (3, 2)."""
-    return np.asarray(np.linalg.svd(axis[None])[2][1:].T)
-
-
-def _information(place: JointPlace, axis: Floats) -> Floats:
-    """Inverse of a covariance (3, 3) across the best trial's axis or, if that has none, across the place's own."""
-    along = place.axis_in_parent if np.isnan(axis).any() else axis
-    basis = np.eye(3) if np.isnan(along).any() else _basis(along)
-    total = place.covariance + place.allowance
-    return np.asarray(basis @ np.linalg.pinv(basis.T @ total @ basis, hermitian=True) @ basis.T)
+    return PlaceDifference.of(other.in_parent - one.in_parent, errors, axes[0] if axes else None, "parent", angle)
 
 
 def _mean(points: Sequence[Floats], information: Sequence[Floats]) -> Floats:
@@ -309,10 +272,15 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
         calibrations: one for each trial, in the same marker set.
         static: number of the trial whose shapes are taken, where it has them; the mean of all trials' if None.
     """
-    onto = shared_axes(calibrations)
-    changes = [axes_changes(index, calibration, onto) for index, calibration in enumerate(calibrations)]
+    numbers = range(len(calibrations))
+    # the first trial in which a segment has a pose, if there is one
+    references = {
+        segment.name: min(numbers, key=lambda k: not calibrations[k].shape(segment.name).has_pose)
+        for segment in markerset.segments
+    }
+    changes = [axes_changes(calibrations, index, references) for index in numbers]
     shapes = tuple(
-        _merged_shape(segment.name, onto[segment.name], calibrations, changes, static) for segment in markerset.segments
+        _merged_shape(name, calibrations[first], calibrations, changes, static) for name, first in references.items()
     )
     parts = {
         joint.name: [
@@ -321,50 +289,41 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
         ]
         for joint in markerset.joints
     }
-    return Session(
-        Calibration(
-            source=", ".join(calibration.source for calibration in calibrations),
-            frames=sum(calibration.frames for calibration in calibrations),
-            markerset=markerset,
-            shapes=shapes,
-            joints=tuple(map(pool_places, parts.values())),
-        ),
-        parts,
-        tuple(calibrations),
-    )
+    source, frames = ", ".join(one.source for one in calibrations), sum(one.frames for one in calibrations)
+    merged = Calibration(source, frames, markerset, shapes, tuple(map(pool_places, parts.values())))
+    return Session(merged, parts, tuple(calibrations))
 
 
 def _merged_shape(
     name: str,
-    reference: SharedAxes,
+    reference: Calibration,
     calibrations: Sequence[Calibration],
     changes: Sequence[Mapping[str, AxesChange]],
     static: int | None,
 ) -> SegmentShape:
     """Mean shape of a segment over the trials, weighted by their frames; a static trial's for the markers it has."""
-    first = calibrations[reference.trial].shape(name)
+    first = reference.shape(name)
     own = first.has_own_pose
-    # of each marker in each trial that shows it
-    places, scatters, frames = defaultdict(list), defaultdict(list), defaultdict(list)
+    # place, scatter and frames of each marker in each trial that shows it
+    seen: dict[str, list[tuple[Floats, float, int]]] = defaultdict(list)
     fixed: dict[str, Floats] = {}
     for index, (calibration, change) in enumerate(zip(calibrations, changes, strict=True)):
         shape = calibration.shape(name)
-        if shape.has_pose != reference.has_pose or np.isnan(change[name].shift).any():
+        if shape.has_pose != first.has_pose or np.isnan(change[name].shift).any():
             continue
         own = own or shape.has_own_pose
-        for marker, place, scatter in zip(shape.markers, change[name].place(shape.places), shape.scatter, strict=True):
-            places[marker].append(place)
-            scatters[marker].append(scatter)
-            frames[marker].append(calibration.frames)
-            if index == static:
-                fixed[marker] = place
-    markers = tuple(marker for marker in calibrations[0].markerset.segment(name).markers if marker in places)
-    merged, scatter = np.zeros((len(markers), 3)), np.zeros(len(markers))
+        moved_places = change[name].place(shape.places)
+        for marker, place, scatter in zip(shape.markers, moved_places, shape.scatter, strict=True):
+            seen[marker].append((place, scatter, calibration.frames))
+        fixed |= zip(shape.markers, moved_places, strict=True) if index == static else ()
+    markers = tuple(marker for marker in reference.markerset.segment(name).markers if marker in seen)
+    merged, scatters = np.zeros((len(markers), 3)), np.zeros(len(markers))
     for k, marker in enumerate(markers):
-        merged[k] = fixed.get(marker, np.average(places[marker], axis=0, weights=frames[marker]))
-        square = np.nan_to_num(scatters[marker]) ** 2 + ((places[marker] - merged[k]) ** 2).sum(axis=1)
-        scatter[k] = np.sqrt(np.average(square, weights=frames[marker]))
-    return SegmentShape(name, markers, merged, scatter, own, first.reason)
+        places, own_scatters, frames = (np.array(part) for part in zip(*seen[marker], strict=True))
+        merged[k] = fixed.get(marker, np.average(places, axis=0, weights=frames))
+        square = np.nan_to_num(own_scatters) ** 2 + ((places - merged[k]) ** 2).sum(axis=1)
+        scatters[k] = np.sqrt(np.average(square, weights=frames))
+    return SegmentShape(name, markers, merged, scatters, own, first.reason)
 
 
 def hinges_placed(session: Session, static: Calibration, recording: Recording) -> Session:
@@ -375,34 +334,25 @@ def hinges_placed(session: Session, static: Calibration, recording: Recording) -
         static: calibration of the static trial alone, with the poses of its segments.
         recording: the static trial.
     """
-    places = tuple(
-        _along_axis(place, _middle(place, session.calibration, static, recording))
-        for place in session.calibration.joints
-    )
-    return replace(session, calibration=replace(session.calibration, joints=places))
-
-
-def _middle(place: JointPlace, merged: Calibration, static: Calibration, recording: Recording) -> Floats:
-    """Middle of the two points in the parent's axes (3,), metres; NaN if the trial does not show it."""
-    parent, across = place.joint.parent, place.joint.across
-    poses = static.poses.get(parent)
-    if poses is None or len(across) != 2 or not set(across) <= set(recording.markers):
-        return np.full(3, np.nan)
-    middle = poses.mean_place(0.5 * (recording.of(across[0]) + recording.of(across[1])))
-    onto = shape_points(merged, merged.shape(parent))
-    return change_between(shape_points(static, static.shape(parent)), onto).place(middle)
-
-
-def _along_axis(place: JointPlace, middle: Floats) -> JointPlace:
-    """A hinge moved along its axis to next to a point in the parent's axes (3,), in both segments."""
-    axis = place.axis_in_parent
-    if np.isnan(axis).any() or np.isnan(middle).any() or np.isnan(place.in_parent).any():
-        return place
-    step = float((middle - place.in_parent) @ axis)
-    in_child = place.axis_in_child * np.sign((place.mean_rotation @ place.axis_in_child) @ axis)
-    if np.isnan(in_child).any():  # a child without a pose
-        in_child = place.mean_rotation.T @ axis
-    return replace(place, in_parent=place.in_parent + step * axis, in_child=place.in_child + step * in_child)
+    merged = session.calibration
+    places = list(merged.joints)
+    for k, place in enumerate(places):
+        parent, ends, axis = place.joint.parent, place.joint.across, place.axis
+        poses = static.poses.get(parent)
+        if poses is None or axis is None or len(ends) != 2 or not set(ends) <= set(recording.markers):
+            continue
+        middle = poses.mean_place(0.5 * (recording.of(ends[0]) + recording.of(ends[1])))
+        onto = shape_points(merged, merged.shape(parent))
+        middle = change_between(shape_points(static, static.shape(parent)), onto).place(middle)
+        if np.isnan(middle).any() or np.isnan(place.in_parent).any():
+            continue
+        step = float((middle - place.in_parent) @ axis)
+        in_child = place.axis_in_child * np.sign((place.mean_rotation @ place.axis_in_child) @ axis)
+        if np.isnan(in_child).any():  # a child without a pose
+            in_child = place.mean_rotation.T @ axis
+        in_parent, in_child = place.in_parent + step * axis, place.in_child + step * in_child
+        places[k] = replace(place, in_parent=in_parent, in_child=in_child)
+    return replace(session, calibration=replace(merged, joints=tuple(places)))
 
 
 def calibrate_session(
@@ -453,20 +403,15 @@ def _checked(session: Session, trials: Sequence[Recording]) -> Session:
         return session
     drawn = [draw_skeleton(calibration, trial) for trial in trials]
     misfits = np.array([one.misfits for one in drawn])
-    total = _mean_square(misfits, np.array([trial.frames for trial in trials], dtype=np.float64))
+    weights = np.where(np.isnan(misfits), 0.0, np.array([[trial.frames] for trial in trials], dtype=np.float64))
+    with np.errstate(invalid="ignore"):
+        total = np.sqrt((weights * np.nan_to_num(misfits) ** 2).sum(axis=0) / weights.sum(axis=0))
     shapes = tuple(replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, total, strict=True))
     hulls = [hull_distances(trial.positions, one.centers) for one, trial in zip(drawn, trials, strict=True)]
     least = [
         min(each, key=lambda hull: np.nan_to_num(hull.share_outside, nan=2.0)) for each in zip(*hulls, strict=True)
     ]
     return replace(session, calibration=with_doubts(replace(calibration, shapes=shapes), least))
-
-
-def _mean_square(misfits: Floats, frames: Floats) -> Floats:
-    """Root mean square of misfits (trials, segments) over trials with weights (trials,); NaN where all are NaN."""
-    weights = np.where(np.isnan(misfits), 0.0, frames[:, None])
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.sqrt((weights * np.nan_to_num(misfits) ** 2).sum(axis=0) / weights.sum(axis=0)))
 
 
 def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:

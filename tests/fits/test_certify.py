@@ -19,11 +19,8 @@ def digits():
 
 def exact(pair):
     """Points (list of lists), centre and radius of a pair as numbers of mpmath."""
-    return pair.points.tolist(), *split([mpmath.mpf(str(value)) for value in pair.sphere])
-
-
-def split(sphere):
-    return sphere[:-1], sphere[-1]
+    *center, radius = (mpmath.mpf(str(value)) for value in pair.sphere)
+    return pair.points.tolist(), center, radius
 
 
 def distances(points, center):
@@ -46,9 +43,8 @@ def test_another_solver_agrees(name, k):
     pair = PAIRS[name][k]
     points, center, radius = exact(pair)
     if name == "mle":
-        other = mpmath.findroot(
-            lambda *c: least_squares_gradient(points, c)[0], [b + radius * mpmath.mpf(10) ** -12 for b in center]
-        )
+        start = [b + radius * mpmath.mpf(10) ** -12 for b in center]
+        other = mpmath.findroot(lambda *c: least_squares_gradient(points, c)[0], start)
         answer = [*other, least_squares_gradient(points, list(other))[1]]
     elif name == "gdke":  # |x|² = 2 x·c + k by orthogonal factors, not by normal equations
         near = [mpmath.mpf(float(value)) for value in pair.sphere[:-1]]  # its rows have no zero, which qr_solve needs
@@ -97,12 +93,11 @@ def test_the_sets_cover_what_they_should():
     """Caps of 2° to 180°, centres up to a million radii away, with form and without, circles and spheres."""
     names = {pair.name for pair in PAIRS["mle"]}
     assert len(names) == len(PAIRS["mle"]) == 90
-    for part in (
+    assert {
         "sphere-cap002-offset1e6-form0.05",
         "circle-cap180-offset0-form0",
         "sphere-cap045-offset1e3-form0.001",
-    ):
-        assert part in names
+    } <= names
     far = next(pair for pair in PAIRS["mle"] if "offset1e6" in pair.name)
     assert np.linalg.norm(far.points[0]) / float(far.sphere[-1]) == pytest.approx(1e6, rel=1e-4)
 
@@ -149,35 +144,31 @@ def test_files_keep_every_digit(good):
 @pytest.mark.parametrize("kind", ["center", "diameter", "point"])
 def test_a_mutated_pair_is_noticed(good, tmp_path, place, kind):
     """One number that is off by a millionth of the radius makes its set fail, and no other."""
-    wrong = []
-    for number, path in enumerate(certify.pair_files(good)):
-        pair = certify.read_pair(path)
-        if number == place:
-            wrong.append(pair.name)
-            sphere, points = list(pair.sphere), pair.points.copy()
-            shift = sphere[-1] * certify.Decimal("1e-6")
-            if kind == "point":
-                outward = points[3] - np.array([float(value) for value in sphere[:-1]])
-                points[3] += 1e-6 * outward
-            else:
-                sphere[0 if kind == "center" else -1] += shift
-            pair = certify.ReferencePair(pair.name, points, tuple(sphere))
-        certify.write_pairs([pair], tmp_path)
+    pairs = list(certify.read_pairs([good], []))
+    pair = pairs[place]
+    sphere, points = list(pair.sphere), pair.points.copy()
+    if kind == "point":
+        points[3] += 1e-6 * (points[3] - np.array([float(value) for value in sphere[:-1]]))
+    else:
+        sphere[0 if kind == "center" else -1] += sphere[-1] * certify.Decimal("1e-6")
+    pairs[place] = certify.ReferencePair(pair.name, points, tuple(sphere))
+    certify.write_pairs(pairs, tmp_path)
     results = [certify.certificate(pair, "mle") for pair in certify.read_pairs([tmp_path], [])]
-    assert [one.name for one in results if not one.passes(1e-9)] == wrong
+    assert [one.name for one in results if not one.passes(1e-9)] == [pair.name]
 
 
+FIT = "0\n0\n0\n2\n"
 BAD = {
-    "words": ({"a.ds": "1 2 three\n" * 5, "a.fit": "0\n0\n0\n2\n"}, "a.ds: line 1"),
-    "ragged": ({"a.ds": "1 2 3\n" * 4 + "1 2\n", "a.fit": "0\n0\n0\n2\n"}, "point 5 has 2 numbers"),
-    "few points": ({"a.ds": "1 2 3\n" * 3, "a.fit": "0\n0\n0\n2\n"}, "3 points of 3 coordinates"),
+    "words": ({"a.ds": "1 2 three\n" * 5, "a.fit": FIT}, "a.ds: line 1"),
+    "ragged": ({"a.ds": "1 2 3\n" * 4 + "1 2\n", "a.fit": FIT}, "point 5 has 2 numbers"),
+    "few points": ({"a.ds": "1 2 3\n" * 3, "a.fit": FIT}, "3 points of 3 coordinates"),
     "no answer": ({"a.ds": "1 2 3\n" * 5}, "a.fit: no such file"),
-    "empty": ({"a.ds": "", "a.fit": "0\n0\n0\n2\n"}, "a.ds: holds no numbers"),
+    "empty": ({"a.ds": "", "a.fit": FIT}, "a.ds: holds no numbers"),
     "another shape": ({"a.ds": "1 2 3\n" * 5, "a.fit": "0\n0\n0\n0\n0\n1\n2\n"}, "a.fit: 7 numbers"),
     "negative": ({"a.ds": "1 2 3\n" * 5, "a.fit": "0\n0\n0\n-2\n"}, "the diameter is -2"),
-    "infinite": ({"a.ds": "1 2 inf\n" * 5, "a.fit": "0\n0\n0\n2\n"}, "expected finite numbers"),
-    "too large": ({"a.ds": "1 2 1e999\n" * 5, "a.fit": "0\n0\n0\n2\n"}, "expected finite numbers"),
-    "bytes": ({"a.ds": b"\xff\xfe\x00\x01", "a.fit": "0\n0\n0\n2\n"}, "not a text of numbers"),
+    "infinite": ({"a.ds": "1 2 inf\n" * 5, "a.fit": FIT}, "expected finite numbers"),
+    "too large": ({"a.ds": "1 2 1e999\n" * 5, "a.fit": FIT}, "expected finite numbers"),
+    "bytes": ({"a.ds": b"\xff\xfe\x00\x01", "a.fit": FIT}, "not a text of numbers"),
     "one column": ({"a.ds": "1\n" * 5, "a.fit": "0\n2\n"}, "5 points of 1 coordinates"),
     "nothing": ({"readme.txt": "1"}, "holds no .ds file"),
 }
@@ -200,7 +191,7 @@ def test_malformed_folders(tmp_path, kind):
 def test_points_without_a_fit(tmp_path):
     """Points of a line have no sphere: the set fails, in words."""
     (tmp_path / "a.ds").write_text("".join(f"{k} {2 * k} {3 * k}\n" for k in range(6)))
-    (tmp_path / "a.fit").write_text("0\n0\n0\n2\n")
+    (tmp_path / "a.fit").write_text(FIT)
     (pair,) = certify.read_pairs([tmp_path], [])
     one = certify.certificate(pair, "gdke")
     assert not one.passes(1e-9)

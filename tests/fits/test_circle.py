@@ -17,14 +17,6 @@ def arcs(rng, sets, n, reach, width=0.0, sigma=0.01):
     return u + sigma * rng.normal(size=u.shape)
 
 
-def caps(rng, sets, n, degrees, sigma):
-    """Points (sets, n, 3) of caps."""
-    height = 1.0 - rng.uniform(size=(sets, n)) * (1.0 - math.cos(math.radians(degrees)))
-    angle, across = rng.uniform(0.0, 2.0 * math.pi, (sets, n)), np.sqrt(1.0 - height**2)
-    u = np.stack([height, across * np.cos(angle), across * np.sin(angle)], axis=-1)
-    return u + sigma * rng.normal(size=u.shape)
-
-
 @pytest.mark.parametrize(("reach", "width"), [(45.0, 0.0), (180.0, 0.0), (90.0, 3.0)])
 @pytest.mark.parametrize("n", [30, 300])
 def test_circles_are_named(reach, width, n):
@@ -45,9 +37,9 @@ def test_every_estimator_says_so(estimator):
 
 @pytest.mark.parametrize("degrees", [20.0, 60.0, 180.0])
 @pytest.mark.parametrize("sigma", [0.002, 0.03])
-def test_caps_are_no_circles(degrees, sigma):
+def test_caps_are_no_circles(on_cap, degrees, sigma):
     """Of 1000 caps at most as many are named as a share of .5 % gives in all but 1e-4 of runs."""
-    fit = study.fit(caps(np.random.default_rng(2), 1000, 40, degrees, sigma))
+    fit = study.fit(on_cap(np.random.default_rng(2), 40, degrees, noise=sigma, sets=1000)[0])
     assert (fit.status == Status.HINGE).sum() <= binom.isf(1e-4, 1000, 0.005)
 
 
@@ -56,10 +48,7 @@ def test_errors_of_the_circle():
     rng = np.random.default_rng(3)
     fit = study.fit(arcs(rng, 500, 80, 70.0))
     circle = fit.circle
-    for error in (
-        (circle.center / circle.center_errors).T,
-        (circle.radius - 1.0) / circle.radius_error,
-    ):
+    for error in ((circle.center / circle.center_errors).T, (circle.radius - 1.0) / circle.radius_error):
         assert np.sqrt(np.mean(error**2, axis=-1)) == pytest.approx(1.0, abs=0.12)
     tilt = np.arccos(np.minimum(np.abs(circle.axis[:, 2]), 1.0))
     assert np.sqrt(np.mean((tilt / circle.axis_error) ** 2)) == pytest.approx(1.0, abs=0.12)  # the other tilt is small

@@ -236,8 +236,7 @@ def test_interpolation_is_gdke(rng, on_cap, d, name):
     points = points[apart > 0.3]  # the centre loses 1e-15 / 0.3², the root the square of that
     assert len(points) > 50
     fit, plain = study.fit(points, name), study.fit(points, "gdke")
-    np.testing.assert_allclose(fit.center, plain.center, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(fit.radius, plain.radius, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.c_[fit.center, fit.radius], np.c_[plain.center, plain.radius], rtol=0, atol=1e-9)
     assert np.isnan(fit.noise_variance).all()
 
 
@@ -262,8 +261,8 @@ def test_insignificant(rng, on_cap, angle, noise):
     weak = excess <= 1
     assert 10 < weak.sum() < 990
     for name in ("als", "fuller"):
-        found = study.fit(points, name).own_status
-        np.testing.assert_array_equal(found, np.where(weak, Status.INSIGNIFICANT, Status.OK))
+        expected = np.where(weak, Status.INSIGNIFICANT, Status.OK)
+        np.testing.assert_array_equal(study.fit(points, name).own_status, expected)
 
 
 def median_ratios(angle, noise, estimators, trials):
@@ -310,8 +309,7 @@ def test_als_is_consistent_where_others_are_not():
     """
     ratio, sigma = median_ratios(45.0, 0.3, ["als", "mle", "taubin"], 2400)
     assert ratio["als"] < 3.0
-    assert ratio["mle"] > 20.0
-    assert ratio["taubin"] > 20.0
+    assert min(ratio["mle"], ratio["taubin"]) > 20.0
     assert np.median(sigma) == pytest.approx(1.0, abs=2e-3)
 
 
@@ -352,18 +350,18 @@ def tilt(angle, noise, n):
 
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("noise", [0.01, 0.05])
-@pytest.mark.parametrize("angle", [60.0, 180.0])
-def test_axis_of_an_arc(rng, angle, noise, known):
+@pytest.mark.parametrize(("d", "angle", "least"), [(3, 60.0, 0.9), (3, 180.0, 0.9), (4, 60.0, 0.85)])
+def test_axis_of_an_arc(rng, d, angle, least, noise, known):
     """On arcs of ±60° and whole circles, N = 500, the axis error is theory's to 20 %, and 98 % have the status HINGE.
 
     4000 sets: a median scatters by 1.9 %, and the second-order excess at σ = .05 r is 8 %: 6 standard errors remain.
-    98 % is 6 of its standard errors below the 99.5 % found; `als` would err by 1 r (theory 0.6).
+    98 % is 6 of its standard errors below the 99.5 % found; `als` would err by 1 r (theory 0.6). In 4-D both directions
+    across an arc's plane are dropped, each with the error of the tilt.
     """
-    points, basis = on_arcs(rng, 4000, 500, angle, noise)
+    points, basis = on_arcs(rng, 4000 if d == 3 else 2000, 500, angle, noise, d)
     fit = study.fit(points, "hinge", noise if known else None)
     assert np.mean(fit.own_status == Status.HINGE) >= 0.98
-    ratio = np.median(np.abs(across(fit, basis))) / tilt(angle, noise, 500)
-    assert 0.9 < ratio <= 1.2
+    assert least < np.median(np.abs(across(fit, basis))) / tilt(angle, noise, 500) <= 1.2
     assert np.median(np.abs(across(study.fit(points[:500], "als"), basis[:500]))) > 0.3
 
 
@@ -395,16 +393,6 @@ def test_exactly_planar(rng, n, angle):
         np.testing.assert_allclose(fit.radius, 1.0, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("known", [False, True])
-@pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_plane_in_four_dimensions(rng, noise, known):
-    """In 4-D both directions across an arc's plane are dropped, each with the error of the tilt (2000 sets)."""
-    points, basis = on_arcs(rng, 2000, 500, 60.0, noise, d=4)
-    fit = study.fit(points, "hinge", noise if known else None)
-    assert np.mean(fit.own_status == Status.HINGE) >= 0.98
-    assert 0.85 < np.median(np.abs(across(fit, basis))) / tilt(60.0, noise, 500) <= 1.2
-
-
 def test_sphere_in_four_dimensions(rng, on_cap):
     """In 4-D a sphere in a hyperplane loses the one direction across it, and no other."""
     solid = on_cap(rng, 500, 60.0, sets=1000)[0]
@@ -433,8 +421,7 @@ def test_ordinary_caps_lose_no_direction(rng, on_cap, angle, d, known):
         points = on_cap(rng, n, angle, d, noise, sets=2000)[0]
         fit = study.fit(points, "hinge", noise if known else None)
         same = study.fit(points, "ugdk" if known else "als", noise)
-        np.testing.assert_array_equal(fit.center, same.center)
-        np.testing.assert_array_equal(fit.radius, same.radius)
+        np.testing.assert_array_equal(np.c_[fit.center, fit.radius], np.c_[same.center, same.radius])
         assert np.isin(fit.own_status, [Status.OK, Status.INSIGNIFICANT]).all()
 
 
@@ -445,8 +432,7 @@ def test_few_points_lose_no_direction(rng, on_cap, angle, d):
     for n in (d + 2, 6, 8, 12):
         points = on_cap(rng, n, angle, d, 1e-6, sets=1000)[0]
         fit, same = study.fit(points, "hinge"), study.fit(points, "als")
-        dropped = np.isin(fit.own_status, [Status.HINGE, Status.SINGULAR]).sum()
-        assert dropped == 0
+        assert not np.isin(fit.own_status, [Status.HINGE, Status.SINGULAR]).any()
         np.testing.assert_array_equal(fit.center, same.center)
 
 

@@ -83,23 +83,13 @@ def test_motion_and_unit(rng, on_cap, random_rotation):
 
 
 def test_points_without_a_zone(rng, on_cap):
-    """Exact points have a zone as wide as rounding; a line has none; missing points are left out."""
+    """Exact points have a zone as wide as rounding; a line has none."""
     exact = study.minimum_zone(on_cap(rng, 20, 90)[0])
     assert exact.width < 1e-14
     np.testing.assert_allclose(exact.center, 0.0, atol=1e-12)
     line = study.minimum_zone(np.outer(np.arange(6.0), [1.0, 2.0, 3.0]))
     assert np.isnan(line.center).all()
     assert not line.optimal
-    points = on_cap(rng, 12, 180, noise=0.1)[0]
-    with_gap = np.insert(points, 4, np.nan, axis=0)
-    np.testing.assert_array_equal(study.minimum_zone(with_gap).center, study.minimum_zone(points).center)
-
-
-def test_shapes_are_refused():
-    """Fewer points than d + 1, and one dimension."""
-    for shape in ((3, 3), (5,), (4, 1)):
-        with pytest.raises(ValueError, match="points have shape"):
-            study.minimum_zone(np.zeros(shape))
 
 
 def test_of_a_fit(rng, on_cap):

@@ -7,7 +7,6 @@ Standard errors and ellipsoids of a fit: their definition, and their coverage of
 
 import numpy as np
 import pytest
-from scipy import stats
 from scipy.optimize import root
 from scipy.special import erf, gamma, hyp1f1
 from scipy.stats import t as student
@@ -21,14 +20,10 @@ from study.fits.intervals import Intervals, intervals
 
 
 def caps(seed, shape, degrees, sigma, dimension=3):
-    """Noisy points (b, d, n) on a unit cap about the first axis, its height uniform."""
+    """Noisy points (b, d, n) on unit caps about the first axis."""
     rng = np.random.default_rng(seed)
-    b, n = shape
-    along = 1.0 - rng.random((b, 1, n)) * (1.0 - np.cos(np.radians(degrees)))
-    across = rng.standard_normal((b, dimension - 1, n))
-    across *= np.sqrt(1.0 - along**2) / np.linalg.norm(across, axis=1, keepdims=True)
-    points = np.concatenate([along, across], axis=1)
-    return points + sigma * rng.standard_normal(points.shape)
+    u = sample_cap(rng, np.prod(shape), np.radians(degrees), dimension).reshape(*shape, dimension)
+    return (u + sigma * rng.standard_normal(u.shape)).swapaxes(1, 2)
 
 
 def of(x, level=0.95):
@@ -119,6 +114,10 @@ def test_an_interval_follows_its_points():
     expected = 3e-5 * whole.center[:, [2, 0, 1]] + np.array([7.0, -2.0, 1.0])[:, None]
     np.testing.assert_allclose(moved.center, expected, rtol=0, atol=3e-11)
     np.testing.assert_allclose(moved.noise_share, whole.noise_share, rtol=1e-6)
+    for size in (1e-100, 1e60):
+        other = of(x * size)
+        np.testing.assert_allclose(other.radius, whole.radius * size, rtol=1e-6)
+        np.testing.assert_allclose(other.noise_share, whole.noise_share, rtol=1e-6)
     rotation = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
     np.testing.assert_allclose(of(np.einsum("ij,bjn->bin", rotation, x)).radius, whole.radius, rtol=1e-6)
 
@@ -249,15 +248,6 @@ def test_identified_needs_two_ends_and_little_noise():
     assert Intervals(radius, np.zeros((5, 3, 2)), share).identified.tolist() == [True, False, False, False, False]
 
 
-@pytest.mark.parametrize("power", [-100, 60])
-def test_points_of_any_size(power):
-    """Points of very small or large size have the interval of their shape."""
-    x = caps(14, (2, 30), 60.0, 0.05)
-    whole, found = of(x), of(x * 10.0**power)
-    np.testing.assert_allclose(found.radius, whole.radius * 10.0**power, rtol=1e-6)
-    np.testing.assert_allclose(found.noise_share, whole.noise_share, rtol=1e-6)
-
-
 @pytest.fixture(scope="module")
 def weak(on_cap):
     """Forty sets of 40 points on a cap of 5°, whose curvature is of the size of the noise's effect on it."""
@@ -303,8 +293,6 @@ def test_intervals_of_a_fit(on_cap):
     assert one.interval("radius").shape == (2,)
     assert one.interval("center").shape == (3, 2)
     assert one.interval("radius")[0] < one.radius < one.interval("radius")[1]
-    with pytest.raises(ValueError, match="of = 'length': an interval is that of 'radius', 'diameter', 'center', 'x'"):
-        fit.interval("length")
 
 
 @pytest.mark.parametrize("estimator", ["corrected", "robust"])
@@ -356,14 +344,6 @@ def slack(level):
     return 4 * np.sqrt(level * (1 - level) / TRIALS)
 
 
-def by_hand(points, center, noise):
-    """[Σ wwᵀ/(uᵀΣu)]⁻¹ with w = (u, 1) and u the directions from a centre (theory 3.1), for one set."""
-    sigma = noise**2 * np.eye(len(center)) if np.ndim(noise) == 0 else noise
-    u = (points - center) / np.linalg.norm(points - center, axis=1, keepdims=True)
-    w = np.column_stack([u, np.ones(len(u))])
-    return np.linalg.inv((w / np.einsum("ni,ij,nj->n", u, sigma, u)[:, None]).T @ w)
-
-
 @pytest.mark.parametrize("level", [0.68, 0.95])
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize(("d", "n"), [(3, 100), (3, 10), (2, 10)])
@@ -400,22 +380,6 @@ def test_robust_ellipsoid_counts_the_points_that_are_left():
     np.testing.assert_allclose(axes[0], axes[1], rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.parametrize(("n", "rounded"), [(6, 0.71), (10, 0.85)])
-def test_chi_squared_would_not_do(n, rounded):
-    """With σ estimated an ellipsoid by χ² would cover 85 % instead of 95 % at N = 10, and 71 % at N = 6.
-
-    These are values of the distribution of d F(d, N - d - 1) at the quantile of χ², and the fits agree.
-    """
-    quantile = stats.chi2.ppf(0.95, 3)
-    expected = stats.f.cdf(quantile / 3, 3, n - 4)
-    assert round(expected, 2) == rounded
-    fit = study.fit(half_spheres(77, n), "als")
-    precision = np.linalg.inv(fit.covariance[:, :3, :3])
-    share = np.mean(np.einsum("bi,bij,bj->b", fit.center, precision, fit.center) < quantile)
-    assert share == pytest.approx(expected, abs=slack(expected))
-    assert covered(fit, 0.95) == pytest.approx(0.95, abs=slack(0.95))
-
-
 @pytest.mark.parametrize("known", [False, True])
 def test_standard_errors_are_the_scatter(known):
     """Errors over standard errors have unit variance, for each coordinate and the radius, as χ² and Student's t have.
@@ -446,27 +410,17 @@ def test_covariance_is_the_bound_with_estimates(rng, on_cap, name, noise):
     fit = study.fit(points, name, noise)
     for t in range(5):
         used = np.sqrt(fit.noise_variance[t]) if noise is None else noise
-        expected = by_hand(points[t], fit.center[t], used)
-        np.testing.assert_allclose(fit.covariance[t], expected, rtol=1e-8, atol=1e-12 * np.trace(expected))
-        np.testing.assert_allclose(fit.standard_errors[t], np.sqrt(np.diag(expected)), rtol=1e-8)
         directions = points[t] - fit.center[t]
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         np.testing.assert_allclose(fit.covariance[t], study.crlb(directions, used), rtol=1e-10, atol=1e-15)
 
 
 @pytest.mark.parametrize("noise", [None, 0.05, SIGMA])
-def test_errors_of_lost_fits(rng, on_cap, noise):
-    """Without an answer, or without a noise estimate, errors are NaN or infinite, and nothing warns."""
-    sound = on_cap(rng, 12, 120.0, noise=0.05)[0]
-    row = np.arange(12)[:, None]
-    four, infinite = np.where(row > 3, np.nan, sound), np.where(row == 3, np.inf, sound)
-    lost = [np.ones((12, 3)), np.full((12, 3), np.nan), sound * [1, 1, 0], infinite]
-    fit = study.fit(np.array([sound, four, *lost]), "als", noise)
-    np.testing.assert_array_equal(fit.count, [12, 4, 12, 0, 12, 12])
-    assert fit.own_status[1] == Status.OK
-    for errors in (fit.standard_errors, fit.ellipsoid().reshape(6, 9)):
-        assert np.isfinite(errors[0]).all()
-        assert np.isfinite(errors[1]).all() == (noise is not None)
-        assert not np.isfinite(errors[2:]).all(axis=1).any()
-    assert np.isfinite(fit.residual_rms[:2]).all()
-    assert np.isnan(fit.residual_rms[2:]).all()
+def test_errors_without_a_noise_estimate(rng, on_cap, noise):
+    """Of d + 1 points, which leave no residuals, errors are known where the noise is given, and nothing warns."""
+    points = on_cap(rng, 12, 120.0, noise=0.05, sets=2)[0]
+    points[1, 4:] = np.nan
+    fit = study.fit(points, "als", noise)
+    assert np.all(fit.own_status == Status.OK)
+    for errors in (fit.standard_errors, fit.ellipsoid().reshape(2, 9)):
+        np.testing.assert_array_equal(np.isfinite(errors).all(axis=1), [True, noise is not None])

@@ -54,12 +54,11 @@ def package(tmp_path):
     copy = tmp_path / "study"
     shutil.copytree(Path(study.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA", "PYTHON"))}
+    environment["PYTHONPATH"] = str(tmp_path)
 
     def run(program=PROGRAM):
         command = [sys.executable, "-W", "error", "-c", program]
-        done = subprocess.run(
-            command, cwd=tmp_path, env={**environment, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True
-        )
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         warnings.append(done.stderr)
         return done.stdout.split()

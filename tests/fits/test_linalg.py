@@ -24,9 +24,9 @@ def symmetric(rng, d):
 def test_against_lapack(rng, d):
     """Eigenvalues agree with eigh, the basis is orthonormal and diagonalises the matrix."""
     matrices = np.array([symmetric(rng, d) for _ in range(50)])
-    kept = matrices.copy()
+    before = matrices.copy()
     values, vectors = eigenbasis(matrices)
-    np.testing.assert_array_equal(matrices, kept)
+    np.testing.assert_array_equal(matrices, before)
     scale = np.abs(values).max()
     np.testing.assert_allclose(values, np.linalg.eigh(matrices)[0], rtol=0, atol=50 * EPS * scale)
     np.testing.assert_allclose(vectors.swapaxes(1, 2) @ vectors, np.broadcast_to(np.eye(d), (50, d, d)), atol=50 * EPS)

@@ -75,9 +75,8 @@ def test_unequal_counts_and_weights(rng, noise):
     markers, _ = drawn(rng, [7, 300, 40], [0.5, 2.0, 1.0], noise, center=0.2)
     sigma = noise**2 * np.eye(3) if np.ndim(noise) == 0 else noise
     counts = np.array([len(x) - 1.0 for x in markers])
-    np.testing.assert_allclose(
-        mgdk(markers, noise, weighted=False).center, weighed(markers, sigma, counts), rtol=0, atol=1e-11
-    )
+    plain = mgdk(markers, noise, weighted=False)
+    np.testing.assert_allclose(plain.center, weighed(markers, sigma, counts), rtol=0, atol=1e-11)
     fit = mgdk(markers, noise)
     square = np.array([np.mean(np.sum((x - fit.center) ** 2, axis=1)) for x in markers])
     np.testing.assert_allclose(fit.center, weighed(markers, sigma, counts / square), rtol=0, atol=1e-8)
@@ -148,18 +147,14 @@ def test_one_marker(rng, weighted, n):
         np.testing.assert_allclose(joint.covariance, single.covariance[:3, :3], rtol=1e-8)
 
 
-def test_missing_samples(rng):
-    """Rows with a NaN are left out and not counted; a marker without samples has no effect."""
+def test_markers_that_are_missing(rng):
+    """A marker without samples has no effect; one of d + 1 is enough. Missing samples: `test_wrong_input`."""
     markers, _ = drawn(rng, [20, 30, 25], [0.5, 2.0, 1.0])
-    holes = [x.copy() for x in markers]
-    holes[0][[2, 5], 1], holes[2][0] = np.nan, np.nan
-    rest = [np.delete(markers[0], [2, 5], axis=0), markers[1], markers[2][1:]]
     for noise in (None, 0.01):
-        one, two = mgdk([*holes, np.full((6, 3), np.nan), np.empty((0, 3))], noise), mgdk(rest, noise)
-        np.testing.assert_array_equal(one.count, [18, 30, 24, 0, 0])
-        np.testing.assert_array_equal(one.center, two.center)
+        one, two = mgdk([*markers, np.full((6, 3), np.nan), np.empty((0, 3))], noise), mgdk(markers, noise)
+        np.testing.assert_array_equal(one.count, [20, 30, 25, 0, 0])
+        np.testing.assert_array_equal([*one.center, *one.covariance.flat], [*two.center, *two.covariance.flat])
         np.testing.assert_array_equal(one.radii, [*two.radii, np.nan, np.nan])
-        np.testing.assert_array_equal(one.covariance, two.covariance)
     alone = mgdk([markers[0][:4], np.full((9, 3), np.nan)])
     assert alone.status == Status.OK
     np.testing.assert_allclose(alone.center, study.fit(markers[0][:4], "gdke").center, rtol=0, atol=1e-9)
@@ -277,18 +272,15 @@ def test_a_fit_of_moments_holds_no_points(rng):
 
 
 @pytest.mark.parametrize(
-    ("markers", "noise", "says"),
+    ("markers", "says"),
     [
-        ([], None, "at least one"),
-        ([np.eye(4, 3), np.eye(4, 2)], None, r"same dimension"),
-        ([np.ones(3)], None, r"marker 0 has shape \(3,\)"),
-        ([np.eye(4, 3), np.ones((4, 1))], None, r"marker 1 has shape \(4, 1\)"),
-        ([np.eye(4, 3)], 0.0, "positive"),
-        ([np.eye(4, 3)], np.eye(2), r"\(2, 2\)"),
-        ([np.eye(4, 3)], -np.eye(3), "positive definite"),
+        ([], "at least one"),
+        ([np.eye(4, 3), np.eye(4, 2)], r"same dimension"),
+        ([np.ones(3)], r"marker 0 has shape \(3,\)"),
+        ([np.eye(4, 3), np.ones((4, 1))], r"marker 1 has shape \(4, 1\)"),
     ],
 )
-def test_bad_input(markers, noise, says):
-    """No marker, unequal dimensions, wrong shapes and impossible noise raise an error that says what is wrong."""
+def test_bad_input(markers, says):
+    """No marker, unequal dimensions and wrong shapes raise an error that says what is wrong."""
     with pytest.raises(ValueError, match=says):
-        mgdk(markers, noise)
+        mgdk(markers)

@@ -4,11 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import binom
 
 import study
 from study import Status
 from study.fits import Samples
+from study.fits.cap import sample_cap
 from study.fits.corrected import corrected
 from study.fits.goodness import goodness
 from study.fits.intervals import intervals
@@ -17,9 +19,7 @@ from study.fits.structure import quick_look, structure
 
 def on_cap(rng, sets, n, degrees=180.0):
     """Directions (sets, n, 3), uniform on a cap."""
-    height = 1.0 - rng.uniform(size=(sets, n)) * (1.0 - math.cos(math.radians(degrees)))
-    angle, across = rng.uniform(0.0, 2.0 * math.pi, (sets, n)), np.sqrt(1.0 - height**2)
-    return np.stack([height, across * np.cos(angle), across * np.sin(angle)], axis=-1)
+    return sample_cap(rng, sets * n, math.radians(degrees), 3).reshape(sets, n, 3)
 
 
 def noisy(rng, u, sigma=0.01):
@@ -32,10 +32,8 @@ def on_a_path(rng, sets, n, memory):
     t = np.linspace(0.0, 6.0 * math.pi, n)
     a, b = 0.7 * np.sin(t), 0.7 * np.sin(1.31 * t + 0.4)
     u = np.column_stack([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), np.sin(b)])
-    noise = rng.normal(size=(sets, n, 3))
-    for i in range(1, n):
-        noise[:, i] = memory * noise[:, i - 1] + math.sqrt(1.0 - memory**2) * noise[:, i]
-    return u + 0.01 * noise
+    white = rng.normal(size=(sets, n, 3))
+    return u + 0.01 * lfilter([math.sqrt(1.0 - memory**2)], [1.0, -memory], white, axis=1)
 
 
 def share_at_least(share, count, wanted):
@@ -107,10 +105,10 @@ def test_outliers_are_a_status():
     rng = np.random.default_rng(5)
     points = noisy(rng, on_cap(rng, 100, 60))
     points[:, 7] *= 1.2
-    fit, kept = study.fit(points), study.fit(points, "robust")
+    fit, others = study.fit(points), study.fit(points, "robust")
     assert (fit.status == Status.OUTLIERS).mean() >= 0.95
     assert (fit.own_status == Status.OK).all()
-    assert kept.ok.mean() >= 0.95
+    assert others.ok.mean() >= 0.95
     assert not (fit.ok & fit.outliers.any(axis=1)).any()
 
 
@@ -126,16 +124,17 @@ def test_other_shapes_are_not_ok(name):
 
 
 def test_heavy_tails_do_no_harm():
-    """Student's t with 5 degrees of freedom speaks by its tails in 500 points, and the status stays ok."""
+    """Student's t with 5 degrees of freedom speaks by its tails in 500 points, and at least .85 of the fits stay ok."""
     rng = np.random.default_rng(7)
-    noise = rng.normal(size=(100, 500, 3)) / np.sqrt(rng.chisquare(5, (100, 500, 1)) / 3.0)
-    fit = study.fit(on_cap(rng, 100, 500, 60.0) + 0.01 * noise)
+    noise = rng.normal(size=(200, 500, 3)) / np.sqrt(rng.chisquare(5, (200, 500, 1)) / 3.0)
+    fit = study.fit(on_cap(rng, 200, 500, 60.0) + 0.01 * noise)
     speaks = (fit.goodness.first() == "tails") & ~fit.outliers.any(axis=1)
     assert speaks.sum() >= 20
-    assert fit.ok[speaks].mean() >= 0.9
+    assert share_at_least(fit.ok[speaks].mean(), speaks.sum(), 0.85)
 
 
 def test_what_is_seen_does_not_depend_on_unit_gaps_or_copies():
+    """The test of fit, what it allows for and the status are those of the points alone, in any unit."""
     rng = np.random.default_rng(8)
     points = noisy(rng, on_cap(rng, 3, 80) * [1.0, 0.9, 0.8])
     fit = study.fit(points)
@@ -147,6 +146,8 @@ def test_what_is_seen_does_not_depend_on_unit_gaps_or_copies():
         again = study.fit(other)
         np.testing.assert_array_equal(again.status, fit.status)
         np.testing.assert_allclose(again.allowance, fit.allowance, rtol=1e-6)
+        np.testing.assert_allclose(np.stack(again.goodness), np.stack(fit.goodness), rtol=1e-5)
+    assert study.fit(points[0]).goodness.p.shape == ()
 
 
 def test_lost_sets_show_nothing():

@@ -16,7 +16,7 @@ from study.recordings.markersets.match import choose
 from study.recordings.recording import Recording
 from study.recordings.skeleton.calibrate import calibrate, with_checks
 from study.recordings.skeleton.draw import Skeleton
-from study.recordings.skeleton.make_scene import make_scene
+from study.recordings.skeleton.scene import make_scene
 from study.recordings.synthetic.make import Recipe, synthesize
 
 

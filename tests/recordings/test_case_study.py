@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from study.recordings import fig7_case
-from study.recordings.case_study import case_study
+from study.recordings.case_study import case_study, draw, printed
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import RecordingError
@@ -88,7 +87,7 @@ def test_outliers_of_a_real_recording_have_reasons(real):
     outliers = real.joints[real.joints["outlier"]]
     assert len(outliers)
     assert (outliers["reason"] != "").all()
-    assert any("right ankle" in line for line in fig7_case.printed(real))
+    assert any("right ankle" in line for line in printed(real))
 
 
 def test_the_same_seed_gives_the_same(few):
@@ -98,7 +97,7 @@ def test_the_same_seed_gives_the_same(few):
 
 
 def test_the_figure_draws(independent):
-    figure = fig7_case.draw(fig7_case.prepare(independent))
+    figure = draw(independent)
     texts = [text.get_text() for ax in figure.axes for text in ax.texts]
     assert any("exponent −0." in text for text in texts)
 

@@ -6,13 +6,7 @@ from scipy.signal import lfilter
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
-from study.recordings.pose_noise import (
-    PoseNoise,
-    autocorrelation_time,
-    long_run_covariance,
-    rigid_residual_operator,
-    skew,
-)
+from study.recordings.joints.poses import PoseNoise, autocorrelation_time, long_run_covariance, rigid_residual_operator
 from study.recordings.rigid import (
     angles_about_center,
     cap_angle,
@@ -23,6 +17,7 @@ from study.recordings.rigid import (
     relative_rotation,
     rotation_range,
     rotation_vectors,
+    skew,
     to_local,
     to_world,
     turning_ways,

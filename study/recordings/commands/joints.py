@@ -1,6 +1,7 @@
 """Commands that find joints: `study joints` (phase 1), `study joint`, `study live` and `study case-study`."""
 
 import signal
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,9 +23,6 @@ from study.recordings.commands import (
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from study.recordings.library import Hips, Match, Recording, Session
     from study.recordings.live import LiveJoints
 
 
@@ -52,41 +50,33 @@ def case_study(
     """
     from study.files import save_frame
     from study.recordings import case_study as precision_study
-    from study.recordings import fig7_case
+    from study.recordings import library
     from study.recordings.joints.find import find_joints
-    from study.recordings.library import digest_of, place_markerset, read_recording, with_origin
     from study.style import save
     from study.text import json_text
 
-    match = place_markerset(read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames), markerset)
-    digest = digest_of(file)
+    recording = library.read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    match, digest = library.place_markerset(recording, markerset), library.digest_of(file)
     folder = results_folder(match.source.name, out)
     if not as_json:
         print_match(match)
     case = precision_study.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
-    print_lines([] if as_json else fig7_case.printed(case))
+    print_lines([] if as_json else precision_study.printed(case))
     paths = []
     for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
-        path = folder / f"case-study-{name}.parquet"
-        save_frame(with_origin(table, case.recording, digest), path)
-        paths.append(path)
-    paths += save(fig7_case.draw(fig7_case.prepare(case)), folder / "fig7_case")
+        paths.append(folder / f"case-study-{name}.parquet")
+        save_frame(library.with_origin(table, case.recording, digest), paths[-1])
+    paths += save(precision_study.draw(case), folder / "fig7_case")
     print_lines([json_text(case.data() | {"files": paths})] if as_json else paths)
 
 
-Parent = Annotated[
-    str, typer.Option("--parent", metavar="A,B,C", help="labels of three or more markers of the parent segment")
-]
-Child = Annotated[
-    str,
-    typer.Option(
-        "--child", metavar="D,E,F", help="labels of markers of the child segment, which rotates about the joint"
-    ),
-]
+_PARENT = "labels of three or more markers of the parent segment"
+Parent = Annotated[str, typer.Option("--parent", metavar="A,B,C", help=_PARENT)]
+_CHILD = "labels of markers of the child segment, which rotates about the joint"
+Child = Annotated[str, typer.Option("--child", metavar="D,E,F", help=_CHILD)]
 Hinge = Annotated[bool, typer.Option("--hinge", help="the joint is a hinge, such as a knee or an elbow")]
-Across = Annotated[
-    str, typer.Option("--across", metavar="G,H", help="lateral and medial point, midway between which a hinge lies")
-]
+_ACROSS = "lateral and medial point, midway between which a hinge lies"
+Across = Annotated[str, typer.Option("--across", metavar="G,H", help=_ACROSS)]
 JointJson = Annotated[bool, typer.Option("--json", help="print the joint as JSON, in metres and degrees")]
 
 
@@ -107,28 +97,25 @@ def joint(
     Prints one line, and compares with joint centres that other programs left in the file. The exit code is 3 if the
     joint is not ok.
     """
-    from study.recordings.library import find_clusters, fit_one_joint, joint_json, joint_line, read_recording
+    from study.recordings import library
 
     if across and not hinge:
         raise typer.BadParameter("--across: only a hinge has an axis; give --hinge, too")
-    recording = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
-    answer = fit_one_joint(recording, find_clusters(recording, parent, child, across), hinge)
+    recording = library.read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    answer = library.fit_one_joint(recording, library.find_clusters(recording, parent, child, across), hinge)
     if as_json:
-        typer.echo(joint_json(answer))
+        typer.echo(library.joint_json(answer))
     else:
         print_lines(f"note: {note}" for note in recording.notes)
-        print_lines([joint_line(answer)])
+        print_lines([library.joint_line(answer)])
     if not answer.ok:
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
 
-Files = Annotated[
-    list[Path],
-    typer.Argument(metavar="FILE...", help="a recording, or several of one session: .c3d, .trc, .csv, .tsv or .txt"),
-]
-Static = Annotated[
-    Path | None, typer.Option("--static", help="a trial that gives the shapes of the segments, such as a static one")
-]
+_FILES = "a recording, or several of one session: .c3d, .trc, .csv, .tsv or .txt"
+Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help=_FILES)]
+_STATIC = "a trial that gives the shapes of the segments, such as a static one"
+Static = Annotated[Path | None, typer.Option("--static", help=_STATIC)]
 Force = Annotated[bool, typer.Option("--force", help="merge trials even if they seem to show different subjects")]
 
 
@@ -153,74 +140,41 @@ def joints(
     With --json: recording, notes, markerset, joints (the columns of the table), files, and for one recording
     without_pose.
     """
-    from study.recordings.library import fit_session, read_recording
+    from study.files import save_frame
+    from study.recordings import library
+    from study.recordings.joints import report
+    from study.text import json_text
 
     if len(files) == 1 and static is None and force:
         raise typer.BadParameter("--force: there is nothing to overrule with one recording")
     every = [*files, *([] if static is None else [static])]
     if len(every) > 1 and frames is not None:
         raise typer.BadParameter(f"--frames {frames}: a range is of one recording; give one")
-    recordings = [read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames) for file in every]
-    if len(recordings) == 1:
-        _one(recordings[0], hips, markerset, out, as_json)
+    recordings = [library.read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames) for file in every]
+    folder, further = results_folder("-".join(one.name for one in recordings), out), dict[str, object]()
+    if len(recordings) > 1:
+        match, session = library.fit_session(
+            recordings, static=static is not None, markerset=markerset, force=force, hips=hips
+        )
+        calibration, table, lines = session.calibration, library.session_table(session), library.session_lines(session)
     else:
-        match, session = fit_session(recordings, static=static is not None, markerset=markerset, force=force, hips=hips)
-        _print_session(match, session, results_folder("-".join(one.name for one in recordings), out), as_json)
-
-
-def _one(recording: "Recording", hips: "Hips", markerset: str | None, out: Path | None, as_json: bool) -> None:
-    """The joints of one recording."""
-    from study.files import save_frame
-    from study.recordings.joints.report import agreement_lines, agreement_table, joint_lines, joint_table
-    from study.recordings.library import calibrate, place_markerset, regression_hint, save_calibration
-    from study.text import json_text
-
-    match = place_markerset(recording, markerset)
-    folder = results_folder(recording.name, out)
-    calibration = calibrate(match.recording, match.markerset, recording, hips)
-    compared = agreement_table(calibration, match.recording)
+        match = library.place_markerset(recordings[0], markerset)
+        calibration = library.calibrate(match.recording, match.markerset, recordings[0], hips)
+        compared = report.agreement_table(calibration, match.recording)
+        lines = chain(report.joint_lines(calibration), report.agreement_lines(compared), calibration.warnings())
+        table = report.joint_table(calibration).merge(compared, on="joint")
+        table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
+        further["without_pose"] = calibration.without_pose
     if not as_json:
         print_match(match)
-        print_lines([*joint_lines(calibration), *agreement_lines(compared), *calibration.warnings()])
-        print_lines(regression_hint(calibration, recording))
-    table = joint_table(calibration).merge(compared, on="joint")
-    table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
+        print_lines([*lines, *library.regression_hint(calibration, match.source)])
     save_frame(table, folder / "joints.parquet")
-    paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
-    if as_json:
-        typer.echo(json_text(_joints_data(match, table) | {"without_pose": calibration.without_pose, "files": paths}))
-    else:
-        print_lines(paths)
-
-
-def _joints_data(match: "Match", table: "pd.DataFrame") -> dict[str, object]:
-    """``recording``, ``notes``, ``markerset`` and ``joints``: the rows of the table."""
+    paths = [folder / "joints.parquet", library.save_calibration(calibration, folder / "calibration.json")]
     head = {"recording": match.source.name, "notes": list(match.source.notes), "markerset": match.data()}
-    return head | {"joints": table.to_dict("records")}
+    data = head | {"joints": table.to_dict("records")} | further | {"files": paths}
+    print_lines([json_text(data)] if as_json else paths)
 
 
-def _print_session(match: "Match", session: "Session", folder: Path, as_json: bool) -> None:
-    """Print and store the joints of a session."""
-    from study.files import save_frame
-    from study.recordings.library import regression_hint, save_calibration, session_lines, session_table
-    from study.text import json_text
-
-    table = session_table(session)
-    if not as_json:
-        print_match(match)
-        print_lines([*session_lines(session), *regression_hint(session.calibration, match.source)])
-    save_frame(table, folder / "joints.parquet")
-    paths = [folder / "joints.parquet", save_calibration(session.calibration, folder / "calibration.json")]
-    if as_json:
-        typer.echo(json_text(_joints_data(match, table) | {"files": paths}))
-    else:
-        print_lines(paths)
-
-
-LiveParent = Annotated[
-    str, typer.Option("--parent", metavar="A,B,C", help="labels of the parent's markers, three or more")
-]
-LiveChild = Annotated[str, typer.Option("--child", metavar="D,E,F", help="labels of the child's markers")]
 Set = Annotated[str | None, typer.Option("--markerset", help="all joints of a marker set, by name or file, instead")]
 Udp = Annotated[
     int | None, typer.Option("--udp", metavar="PORT", help="receive datagrams at 127.0.0.1 [default: standard input]")
@@ -230,8 +184,8 @@ Every = Annotated[int, typer.Option("--every", min=1, help="frames between two a
 
 
 def live(
-    parent: LiveParent = "",
-    child: LiveChild = "",
+    parent: Parent = "",
+    child: Child = "",
     markerset: Set = None,
     udp: Udp = None,
     unit: LiveUnit = "mm",

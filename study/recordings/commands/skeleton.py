@@ -116,14 +116,14 @@ def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
     from study.recordings.export import write_file
     from study.recordings.export.tree import joint_angles
     from study.recordings.library import RecordingError
-    from study.recordings.skeleton import make_scene
+    from study.recordings.skeleton import scene
     from study.recordings.view import figure
     from study.recordings.view.webpage import write_motion, write_viewer
     from study.style import save
 
     tables = {
-        "skeleton": make_scene.skeleton_table(motion.scene),
-        "bones": make_scene.bone_table(motion.scene),
+        "skeleton": scene.skeleton_table(motion.scene),
+        "bones": scene.bone_table(motion.scene),
         "angles": joint_angles(motion),
     }
     for name, table in tables.items():
@@ -195,20 +195,10 @@ def skeleton(
     in which it is seen, bridged, unknown and outside of the markers' hull, and the distance; bones, each with length,
     spread, error and uneven; notes, angles (what they are), overruled and files.
     """
+    from study.recordings import library
     from study.recordings.export import planned_files, write_file
     from study.recordings.export.tree import ExportedMotion, RestPose, angle_lines
-    from study.recordings.library import (
-        draw,
-        overruled,
-        printable,
-        read_recording,
-        refit_shapes,
-        regression_hint,
-        require_same_subject,
-        save_calibration,
-        with_joints,
-    )
-    from study.recordings.skeleton.make_scene import skeleton_data, skeleton_lines, skeleton_scene
+    from study.recordings.skeleton.scene import skeleton_data, skeleton_lines, skeleton_scene
     from study.recordings.view.figure import encoder
     from study.text import json_text
 
@@ -222,19 +212,19 @@ def skeleton(
         raise typer.BadParameter(f"--markerset {markerset}: a calibration has its own marker set; leave it out")
     if video:
         encoder()  # so that a missing one is reported before the work is done
-    name = printable(file.stem)
+    name = library.printable(file.stem)
     folder = results_folder(name, out)
     further = planned_files(write or "", folder, name, file)
-    source = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
-    match, used = with_joints(source, calibration, markerset, hips)
+    source = library.read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    match, used = library.with_joints(source, calibration, markerset, hips)
     if not as_json:
         print_match(match)
-        print_lines([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])
-    remarks = overruled(used, match.recording, refit) if force else []
+        print_lines([*used.lines(), *(library.regression_hint(used, source) if calibration is None else [])])
+    remarks = library.overruled(used, match.recording, refit) if force else []
     if calibration is not None and not force:
-        require_same_subject(used, match.recording, refit)
-    used = refit_shapes(used, match.recording) if refit else used
-    drawn = draw.draw_skeleton(used, match.recording)
+        library.require_same_subject(used, match.recording, refit)
+    used = library.refit_shapes(used, match.recording) if refit else used
+    drawn = library.draw.draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
         print_lines([*skeleton_lines(scene), *angle_lines(used)])
@@ -242,7 +232,7 @@ def skeleton(
 
     def written() -> Iterator[Path]:
         if calibration is None:
-            yield save_calibration(used, folder / "calibration.json")
+            yield library.save_calibration(used, folder / "calibration.json")
         yield from written_files(motion, folder)
         yield from (write_file(motion, path) for path in further)
         if video:

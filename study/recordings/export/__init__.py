@@ -20,7 +20,7 @@ from study.recordings.export.tree import Y_UP, ExportedMotion, JointNode, angle_
 from study.recordings.formats.write import write_recording, written
 from study.recordings.recording import UNITS, RecordingError
 from study.recordings.rigid import zxy_angles
-from study.recordings.skeleton.make_scene import skeleton_table
+from study.recordings.skeleton.scene import skeleton_table
 from study.text import inert_frame
 
 if TYPE_CHECKING:

@@ -35,11 +35,12 @@ from scipy.spatial.transform import Rotation
 from study.arrays import Floats, Ints
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import JointStatus
+from study.recordings.markersets.match import side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, to_world, zxy_angles
 from study.recordings.skeleton.anatomy import legs
 from study.recordings.skeleton.draw import Skeleton, pivot_joint
-from study.recordings.skeleton.scene import Scene, side, upright_rotation
+from study.recordings.skeleton.scene import Scene, upright_rotation
 
 _WORDS = {
     "arm": ("forearm", "arm", "hand", "humerus", "ulna", "radius", "clavicle", "scapula", "finger"),

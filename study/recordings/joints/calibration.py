@@ -37,17 +37,12 @@ from study.recordings.recording import RecordingError
 from study.text import columns, number
 
 
-def _to_array(rows: object) -> Floats:
-    """An array of numbers from nested lists; null becomes NaN."""
-    return np.asarray(rows, dtype=np.float64)
-
-
 def _to_lists(values: Floats) -> list[object]:
     """Nested lists of an array's numbers; NaN becomes null."""
     return [_to_lists(row) if row.ndim else None if np.isnan(row) else float(row) for row in values]
 
 
-Array = Annotated[Floats, BeforeValidator(_to_array), PlainSerializer(_to_lists)]
+Array = Annotated[Floats, BeforeValidator(lambda rows: np.asarray(rows, dtype=np.float64)), PlainSerializer(_to_lists)]
 Number = Annotated[
     float,
     BeforeValidator(lambda value: float("nan") if value is None else value),

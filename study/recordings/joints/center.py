@@ -1,7 +1,7 @@
 """One centre from several markers in a segment's axes: MGDK with the noise that the segment's pose really has.
 
 With noise of covariance I it is `study.mgdk` (paper eq. 22, corrected), the size of the noise found as `als` does and
-weights 1/r̂². Here each sample has a covariance of its own (`pose_noise`). Where markers move in planes, as about a
+weights 1/r̂². Here each sample has a covariance of its own (`PoseNoise`). Where markers move in planes, as about a
 hinge, the direction across the planes is dropped.
 
 The covariance is the sandwich of the estimating functions of (c, η), frame by frame, in its long-run form
@@ -14,6 +14,22 @@ of which hold no outlier, propose centres. If the median sample is several times
 than about the centre of all samples, there are outliers. Samples far from the spheres about that centre are rejected,
 then those far from GDKE's, until none is.
 
+Moments. UGDK subtracts the covariance of the noise from the moments of a marker (paper eqs 10-17). Here each sample has
+a covariance F of its own, (*) of `PoseNoise`:
+
+    second moment  Σzzᵀ - ΣF,        third moment  Σ|z|²z - Σ(2F + Tr F) z.
+
+The mean of both is exact for any symmetric noise. The centre of several markers is
+
+    ĉ = A⁻¹ b,  A = Σ w_p (C_p - η F̄_p),  b = Σ w_p [(C_p - η F̄_p) x̄_p + ½ (s_p - η (2 mean F z + mean Tr(F) z)_p)]
+
+which is MGDK (paper eq. 22, corrected) with noise of covariance ηF, known but for its size η. The size is where the
+variance of the residuals is what such noise gives (theory §5.5). For a hinge all of it is done in a plane, for each
+marker in its own. o = c - x̄ is the offset of a centre from a marker's mean, and v = z - o a sample as seen from there.
+
+Scores are the contribution of each frame to the equations that define the centre and its noise. The centre's covariance
+follows from them, for any correlation in time (`long_run_covariance`).
+
 Source: Rousseeuw 1984 (least median of squares).
 """
 
@@ -22,12 +38,347 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
 
 from study.arrays import Bools, Floats
 from study.fits import fit
 from study.fits.random import stream
-from study.recordings.joints.moments import SHAPE_ERROR, TINY, PooledMoments, marker_moments
-from study.recordings.pose_noise import PoseNoise, long_run_covariance
+from study.recordings.joints.poses import PoseNoise, long_run_covariance
+from study.recordings.rigid import skew
+
+
+@dataclass(frozen=True)
+class MarkerMoments:
+    """Moments of one marker in a segment's axes, and what noise of size 1 adds to them (weights 1/n).
+
+    Attributes:
+        mean: x̄ (3,), metres.
+        second, third, fourth: moments of z = x - x̄: mean zzᵀ (3, 3), mean |z|²z (3,), mean |z|⁴.
+        noise: mean F (3, 3).
+        noise_z: mean F z (3,).
+        trace_z: mean Tr(F) z (3,).
+        z_noise_z: mean zᵀFz.
+        shift, tilt: mean covariances (3, 3) of the noise's translation, the marker's own noise included, m², and of its
+            rotation, rad².
+        pivot: mean point about which it rotates (3,), metres.
+        used: frames with a sample that counts (frames,), n of them.
+        z: the samples (3, n), corrected for the mean effects of the noise, less their mean.
+        covariances: F of each sample (3, 3, n).
+    """
+
+    mean: Floats
+    second: Floats
+    third: Floats
+    fourth: float
+    noise: Floats
+    noise_z: Floats
+    trace_z: Floats
+    z_noise_z: float
+    shift: Floats
+    tilt: Floats
+    pivot: Floats
+    used: Bools
+    z: Floats
+    covariances: Floats
+
+    @property
+    def count(self) -> int:
+        """Number of samples n."""
+        return int(self.z.shape[1])
+
+
+def marker_moments(y: Floats, used: Bools, pose: PoseNoise, own: float, size: float) -> MarkerMoments:
+    """Compute the moments of a marker.
+
+    Args:
+        y: the marker in the segment's axes (3, frames), metres.
+        used: samples to use (frames,), in frames whose pose is known.
+        pose: noise of the segment's pose.
+        own: variance s² of the marker's own noise, m².
+        size: variance of the noise in units of what ``pose`` and ``own`` say, to correct for its mean effects.
+    """
+    used = used & (pose.pattern >= 0)
+    x = pose.corrected(y.compress(used, axis=1), used, size)
+    f = pose.covariances(x, used, own)
+    share = 1.0 / max(x.shape[1], 1)
+    mean = share * x.sum(axis=1)
+    z = x - mean[:, None]
+    square = (z**2).sum(axis=0)
+    # means of F and of F_ij z_k (3, 3, 4)
+    of_f = share * (f.reshape(9, -1) @ np.vstack([np.ones_like(square), z]).T).reshape(3, 3, 4)
+    patterns = share * np.bincount(pose.pattern[used], minlength=len(pose.centroid))
+    return MarkerMoments(
+        mean=mean,
+        second=share * z @ z.T,
+        third=share * z @ square,
+        fourth=share * float(square @ square),
+        noise=of_f[:, :, 0],
+        noise_z=np.einsum("ijj->i", of_f[:, :, 1:]),
+        trace_z=np.einsum("iik->k", of_f[:, :, 1:]),
+        z_noise_z=share * float(np.vdot(f, z[:, None] * z)),
+        shift=own * np.eye(3) + np.einsum("k,kij->ij", patterns, pose.shift),
+        tilt=np.einsum("k,kij->ij", patterns, pose.tilt),
+        pivot=patterns @ pose.centroid,
+        used=used,
+        z=z,
+        covariances=f,
+    )
+
+
+TINY = 1e-13
+"""Share of the markers' extent below which an extent is rounding."""
+_REPEATS = 4
+SHAPE_ERROR = 0.1
+"""Relative uncertainty of the noise's variance in one direction: the shape of its covariance is known to this."""
+
+
+class PooledMoments:
+    """Moments of the markers of one joint, with weights, in the subspace that the columns of a basis (3, d) span.
+
+    Attributes:
+        markers: moments of each marker.
+        present: places of these in the list that they were taken from.
+        n, mean, c, s: numbers of samples (M,), x̄ (M, 3), second moments C (M, 3, 3), third moments s (M, 3).
+        f, fz, trace_z, zfz: means of F (M, 3, 3), F z (M, 3), Tr(F) z (M, 3) and zᵀFz (M,).
+        variance: variances of |z|² (M,).
+        shift, tilt, pivot: parts of the noise that `squared_noise` needs (M, 3, 3), (M, 3, 3), (M, 3).
+        w: weights (M,).
+    """
+
+    def __init__(self, markers: Sequence[MarkerMoments], present: list[int]) -> None:
+        self.markers, self.present = markers, present
+        self.n = np.array([float(m.count) for m in markers])
+        self.mean = np.array([m.mean for m in markers])
+        self.c = np.array([m.second for m in markers])
+        self.s = np.array([m.third for m in markers])
+        self.f = np.array([m.noise for m in markers])
+        self.fz = np.array([m.noise_z for m in markers])
+        self.trace_z = np.array([m.trace_z for m in markers])
+        self.zfz = np.array([m.z_noise_z for m in markers])
+        self.variance = np.array([m.fourth for m in markers]) - np.einsum("pii->p", self.c) ** 2
+        self.shift = np.array([m.shift for m in markers])
+        self.tilt = np.array([m.tilt for m in markers])
+        self.pivot = np.array([m.pivot for m in markers])
+        self.w = self.n.copy()
+
+    def solve(self, basis: Floats, given: float | None = None) -> tuple[float, Floats]:
+        """Solve for the size η of the noise, unless given, and the centre; sets the weights that belong to it.
+
+        Where no size below the smallest generalised eigenvalue of (Σ w C, Σ w F) is enough, η is just below that, and
+        the centre is of no use.
+
+        Returns:
+            η, and ĉ (3,).
+        """
+        size, center, change = 0.0, np.zeros(3), 1.0
+        for step in range(_REPEATS + 1):  # the first is a start, without noise
+            if step > 0:
+                change = self.reweight(center, basis)
+            w, origin = self.w, self.w @ self.mean / self.w.sum()
+            m = self._within(self.mean - origin, basis)
+            cm, fm = (self.c @ m[:, :, None])[:, :, 0], (self.f @ m[:, :, None])[:, :, 0]
+            right = np.array([cm + 0.5 * self.s, fm + self.fz + 0.5 * self.trace_z, fm + self.fz])
+            # in directions in which F is I and C diagonal, everything is a sum of d fractions of the size
+            extent, vectors = self._extents(basis)
+            directions = basis @ vectors
+            terms = np.vstack([extent, (w @ right) @ directions])
+            known = extent > TINY * extent[-1]  # along the others there is nothing but rounding
+            limit = float(extent[0]) * (1.0 - 1e-9)
+            if step > 0 and given is None:
+                variance = float(w @ (self.variance + 4.0 * ((self.s + cm) * m).sum(axis=1)))
+                vfv = float(w @ (self.zfz + ((2.0 * self.fz + fm) * m).sum(axis=1)))
+                size = _noise_size(terms[:, known], variance, vfv, float(w @ self.squared_noise(center)), limit)
+            elif step > 0 and given is not None:
+                size = given
+            extent, b, b_noise, _ = terms[:, known]
+            center = origin + directions[:, known] @ ((b - size * b_noise) / (extent - size))
+            if change < 1e-6 or (given is None and 0.0 < size == limit):
+                break  # at the limit the matrix is singular, and further rounds are of no use
+        return size, center
+
+    def squared_noise(self, center: Floats) -> Floats:
+        """Compute half the variance of |noise|² in the residuals about a centre (M,); for noise by (*) that is Tr F².
+
+        A rotation about the pivot does not change the distance from the pivot. So it counts at second order only as far
+        as the centre is from the pivot. With d and v the centre and the marker's mean from there, S the shift's and T
+        the tilt's covariance, the result is Tr S (S + 2 [d] T [d]ᵀ) + Tr Q², Q = (½ (d vᵀ + v dᵀ) - d·v) T.
+        """
+        d, v = center - self.pivot, self.mean - self.pivot
+        dv, cross = d[:, :, None] * v[:, None], skew(d)
+        along = (d * v).sum(axis=1)[:, None, None]
+        q = 0.5 * (dv + dv.swapaxes(1, 2)) @ self.tilt - along * self.tilt
+        rotated = cross @ self.tilt @ cross.swapaxes(1, 2)
+        return np.asarray(np.einsum("pii->p", self.shift @ (self.shift + 2.0 * rotated) + q @ q))
+
+    def scores(self, size: float, center: Floats, basis: Floats) -> Floats:
+        """Estimating functions of (c, η), frame by frame (4, frames).
+
+        Summed over markers with their weights, they are ½ z f + η (F (o - z) - ½ Tr F z) for the centre, and
+        f² - 4η vᵀFv + 2η² Tr F² (as in `squared_noise`) for the size, with f = |v|² less its mean. Both sum to zero at
+        the solution.
+        """
+        scores = np.zeros((4, len(self.markers[0].used)))
+        offsets, squared = self._offsets(center, basis), self.squared_noise(center)
+        for marker, o, square, weight in zip(self.markers, offsets, squared, self.w / self.n, strict=True):
+            z, f = marker.z, marker.covariances
+            v = z - o[:, None]
+            residual = (v**2).sum(axis=0)
+            residual -= residual.mean()
+            fv = f[:, 0] * v[0] + f[:, 1] * v[1] + f[:, 2] * v[2]
+            trace = f[0, 0] + f[1, 1] + f[2, 2]
+            scores[:3, marker.used] += weight * (0.5 * z * residual - size * (fv + 0.5 * trace * z))
+            along = (fv * v).sum(axis=0)
+            scores[3, marker.used] += weight * (residual**2 - 4.0 * size * along + 2.0 * size**2 * square)
+        return scores
+
+    def reweight(self, center: Floats, basis: Floats) -> float:
+        """Set the weights n/r̂², of radii without noise taken off: those are never too small.
+
+        Returns the largest change, relative to the largest weight.
+        """
+        before, self.w = self.w, self.n / np.maximum(self.square_radii(center, 0.0, basis), 1e-300)
+        return float(np.abs(self.w - before).max() / self.w.max())
+
+    def extents(self) -> Floats:
+        """Eigenvalues of Σ n C (3,), ascending."""
+        return np.asarray(np.linalg.eigvalsh(np.einsum("p,pij->ij", self.n, self.c)))
+
+    def matrix(self, size: float, basis: Floats) -> Floats:
+        """A = Σ w (C - ηF), in the basis (d, d)."""
+        return np.asarray(basis.T @ np.einsum("p,pij->ij", self.w, self.c - size * self.f) @ basis)
+
+    def largest_size(self, basis: Floats) -> float:
+        """Smallest generalised eigenvalue of (Σ w C, Σ w F) in the basis: η must be below it for a centre to exist."""
+        return float(self._extents(basis)[0][0])
+
+    def square_radii(self, center: Floats, size: float, basis: Floats) -> Floats:
+        """r̂² of each marker (M,) (paper eq. 23)."""
+        o = self._offsets(center, basis)
+        inside = (self.c - size * self.f).reshape(-1, 9) @ (basis @ basis.T).ravel()
+        return np.asarray(inside + (o**2).sum(axis=1))
+
+    def radial_noise(self, size: float, center: Floats, basis: Floats) -> float:
+        """Standard deviation of the noise along the radius, metres."""
+        o = self._offsets(center, basis)
+        square = np.einsum("pii->p", self.c) + np.einsum("pi,pi->p", o, o)
+        return float(np.sqrt(max(size * (self.w @ self._mean_vfv(o)) / (self.w @ square), 0.0)))
+
+    def significance(self, size: float, effective: float, basis: Floats, shape_error: float = 0.0) -> float:
+        """Significance of the smallest eigenvalue: standard errors by which it exceeds the noise.
+
+        Its standard error is η√(2/n), n the effective number of independent frames, and a share of η.
+        """
+        error = size * (np.sqrt(2.0 / max(effective, 1.0)) + shape_error)
+        return float((self.largest_size(basis) - size) / max(error, 1e-300))
+
+    def slow_share(self, center: Floats) -> float:
+        """Share of the residuals' variance that a frame has in common with the next one.
+
+        Soft tissue is slow, and noise of markers and poses is new in each frame.
+        """
+        common, total = 0.0, 0.0
+        for marker, weight in zip(self.markers, self.w / self.n, strict=True):
+            squares = ((marker.z - (center - marker.mean)[:, None]) ** 2).sum(axis=0)
+            residual = np.zeros(len(marker.used))
+            residual[marker.used] = squares - squares.mean()
+            pairs = (marker.used[1:] & marker.used[:-1]).sum()
+            common += weight * float(residual[1:] @ residual[:-1]) * marker.count / max(pairs, 1)
+            total += weight * float(residual @ residual)
+        return min(max(common / total, 0.0), 1.0) if 0.0 < total < math.inf else 1.0
+
+    def shape_covariance(self, size: float, center: Floats, basis: Floats, error: float) -> Floats:
+        """Covariance of the centre (3, 3), m², as the shape of the noise's covariance is known to `SHAPE_ERROR`.
+
+        The noise along each principal direction e of the motion is off by that share, independently of the others: F
+        changes by a share of eᵀFe eeᵀ. The estimating functions (see `scores`) change with it, and (c, η) by the
+        inverse of their Jacobian. Where the noise shows along e itself, as the residual of one marker's sphere, η
+        takes it up.
+        """
+        o = self._offsets(center, basis)
+        directions = basis @ np.linalg.eigh(self.matrix(size, basis))[1]
+        along = np.einsum("ik,pij,jk->kp", directions, self.f, directions)
+        offset, extent = directions.T @ o.T, np.einsum("ik,pij,jk->kp", directions, self.c, directions)
+        weighted = error * size * self.w * along
+        scores = np.empty((basis.shape[1] + 1, directions.shape[1]))
+        scores[:-1] = basis.T @ directions * (weighted * offset).sum(axis=1)
+        scores[-1] = (4.0 * weighted * (size * along - extent - offset**2)).sum(axis=1)
+        shifts = basis @ np.linalg.pinv(self.jacobian(size, center, basis))[:-1] @ scores
+        return np.asarray(shifts @ shifts.T)
+
+    def least_direction(self, size: float) -> tuple[Floats, Floats]:
+        """Direction of least extent (3,), and the two across it as columns (3, 2)."""
+        vectors = np.linalg.eigh(self.matrix(size, np.eye(3)))[1]
+        return vectors[:, 0], vectors[:, 1:]
+
+    def exactly_planar(self) -> bool:
+        """True if the smallest extent, and that alone, is rounding."""
+        values = self.extents()
+        return bool(values[0] <= TINY * values[2] < values[1])
+
+    def rms_angles(self, size: float) -> Floats:
+        """Root mean square angles of motion about the centre, along the principal directions (3,), ascending."""
+        values = np.linalg.eigvalsh(self.matrix(size, np.eye(3))) / self.n.sum()
+        return np.asarray(np.sqrt(np.maximum(values, 0.0)))
+
+    def jacobian(self, size: float, center: Floats, basis: Floats) -> Floats:
+        """Jacobian of the estimating functions of (c, η), see `scores`, in the basis (d + 1, d + 1)."""
+        o = self._offsets(center, basis)
+        fo = np.einsum("pij,pj->pi", self.f, o)
+        d = basis.shape[1]
+        slopes = np.empty((d + 1, d + 1))
+        slopes[:d, :d] = -self.matrix(size, basis)
+        slopes[:d, d] = basis.T @ (self.w @ (fo - self.fz - 0.5 * self.trace_z))
+        residual = self.s - 2.0 * np.einsum("pij,pj->pi", self.c, o)
+        slopes[d, :d] = basis.T @ (self.w @ (-4.0 * residual + 8.0 * size * (self.fz - fo)))
+        slopes[d, d] = self.w @ (-4.0 * self._mean_vfv(o) + 4.0 * size * self.squared_noise(center))
+        return slopes
+
+    def _offsets(self, center: Floats, basis: Floats) -> Floats:
+        """Offset o of each marker (M, 3), within the basis."""
+        return self._within(center - self.mean, basis)
+
+    def _within(self, vectors: Floats, basis: Floats) -> Floats:
+        """Vectors (M, 3) projected on the subspace that a basis spans."""
+        return np.asarray(vectors @ basis @ basis.T)
+
+    def _extents(self, basis: Floats) -> tuple[Floats, Floats]:
+        """Eigenvalues of Σ w C relative to Σ w F (d,), ascending and not below 0, and its vectors (d, d)."""
+        total, noise = (basis.T @ (self.w @ part.reshape(-1, 9)).reshape(3, 3) @ basis for part in (self.c, self.f))
+        inverse = np.linalg.inv(np.linalg.cholesky(noise))  # for such small matrices faster than SciPy's eigh
+        values, vectors = np.linalg.eigh(inverse @ total @ inverse.T)
+        return np.maximum(values, 0.0), inverse.T @ vectors
+
+    def _mean_vfv(self, o: Floats) -> Floats:
+        """Mean vᵀFv of each marker (M,)."""
+        quadratic = np.einsum("pi,pij,pj->p", o, self.f, o)
+        return np.asarray(self.zfz - 2.0 * np.einsum("pi,pi->p", o, self.fz) + quadratic)
+
+
+def _noise_size(terms: Floats, variance: float, vfv: float, squared: float, limit: float) -> float:
+    """Size at which the variance of the residuals is what noise gives (theory §5.5): from 0 to ``limit``.
+
+    Args:
+        terms: in directions in which F is I and C diagonal, the extents, b, what noise of size 1 takes off it, and
+            Σ w (F m + mean F z) (4, d).
+        variance: weighted sum over markers of the variance of the residuals about the origin.
+        vfv: weighted sum of vᵀFv about the origin.
+        squared: weighted sum of `PooledMoments.squared_noise`.
+        limit: size to return where none is enough.
+    """
+    directions = terms.T.tolist()  # for so few numbers faster than an array
+
+    def excess(size: float) -> float:
+        of_residuals, along = variance, vfv
+        for extent, b, b_noise, fz in directions:
+            a = (b - size * b_noise) / (extent - size)
+            of_residuals += 4.0 * a * (extent * a - 2.0 * b)
+            along += a * (a - 2.0 * fz)
+        return of_residuals - 4.0 * size * along + 2.0 * size**2 * squared
+
+    if not (limit > 0.0 and excess(0.0) > 0.0):
+        return 0.0
+    return limit if excess(limit) >= 0.0 else float(brentq(excess, 0.0, limit, xtol=1e-15 * limit, rtol=1e-14))
+
 
 _FRAMES = 600
 """Frames from which a first value of the noise's size is found."""
@@ -82,7 +433,7 @@ class CenterFit:
         clear: True if the extent along ``least`` exceeds the noise even if that has another shape than expected.
         rms_angles: root mean square angles of the markers' motion about the centre, along their principal directions
             (3,), ascending, radians; noise taken off.
-        normal: matrix of the normal equations A = Σ w (C - ηF) (3, 3), see `moments`.
+        normal: matrix of the normal equations A = Σ w (C - ηF) (3, 3), see above.
         weights: w of each marker (M,); 0 for one with too few samples.
     """
 

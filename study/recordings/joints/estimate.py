@@ -1,6 +1,6 @@
 """Estimates of one joint, from markers on spheres in one segment's axes, or from the poses of both segments.
 
-A sphere fit uses the noise of the segment's pose (`pose_noise`) as long as the markers' motion exceeds it. Where that
+A sphere fit uses the noise of the segment's pose (`PoseNoise`) as long as the markers' motion exceeds it. Where that
 noise would explain the motion along some direction, the noise is taken for isotropic, as slowly sliding soft tissue may
 be. Where even that hides the motion, no noise is taken off: that is GDKE's answer, which is biased towards the markers
 but never far away.
@@ -19,6 +19,15 @@ joints that this moves by more than 2 cm. A joint with one estimate cannot be ch
 Only estimates with a valid standard error can contradict: not those that noise hides or could explain. Two estimates of
 a hinge that are more than 5 cm apart along the axis are not compared, because the error of the axis would decide their
 distance across it.
+
+The symmetric fit of a joint is the point in which the poses of two segments agree, and the axis of their rotation:
+
+    minimise Σ |R_P c_P + t_P - R_Q c_Q - t_Q|²                                              (SCoRE, Ehrig et al. 2006)
+
+These are six linear equations. Their matrix holds RᵀR = I, which has no noise, and M = mean R_PᵀR_Q, which noise makes
+smaller: the mean of a pose whose rotation is uncertain by δ is R (I - B), B = ½ (Tr Cov δ - Cov δ). Multiplication by
+I + B corrects for that, as UGDK corrects C for noise. For a hinge both c may slide along the axis together. The
+singular vectors of M are that axis in both segments (SARA, Ehrig et al. 2007, in closed form).
 """
 
 from collections.abc import Sequence
@@ -32,6 +41,7 @@ from study.arrays import Bools, Floats
 from study.fits.samples import Worded
 from study.recordings.joints.center import (
     CONDITION_LIMIT,
+    SHAPE_ERROR,
     CenterFit,
     LocalMarker,
     center_only,
@@ -39,10 +49,8 @@ from study.recordings.joints.center import (
     reject_off_sphere,
     reject_outliers,
 )
-from study.recordings.joints.poses import SegmentPoses
-from study.recordings.joints.symmetric import SymmetricFit
-from study.recordings.pose_noise import PoseNoise
-from study.recordings.rigid import mean_rotated_covariance, relative_rotation
+from study.recordings.joints.poses import PoseNoise, SegmentPoses, long_run_covariance, times
+from study.recordings.rigid import across, mean_rotated_covariance, relative_rotation
 
 CENTIMETRE = 0.01
 """Metres: the accuracy that the paper asks for. A larger standard error in some direction makes a centre unsure."""
@@ -77,31 +85,12 @@ class JointStatus(Worded):
     REGRESSION = 12, "not by motion, but by regression or as the file has it"
 
 
-SHORT_TEXTS = {
-    JointStatus.OK: "ok",
-    JointStatus.HINGE: "hinge",
-    JointStatus.DISAGREE: "sides disagree",
-    JointStatus.REVERSES: "ways disagree",
-    JointStatus.IMPLAUSIBLE: "implausible",
-    JointStatus.ONE_AXIS: "one axis",
-    JointStatus.UNSURE: "unsure",
-    JointStatus.INSIGNIFICANT: "insignificant",
-    JointStatus.NOT_POSITIVE_DEFINITE: "hidden by noise",
-    JointStatus.STILL: "still",
-    JointStatus.NO_FRAME: "no frame",
-    JointStatus.UNSEEN: "unseen",
-    JointStatus.REGRESSION: "regression",
-}
+_SHORT = "ok, hinge, sides disagree, ways disagree, implausible, one axis, unsure, insignificant, hidden by noise"
+SHORT_TEXTS = dict(zip(JointStatus, f"{_SHORT}, still, no frame, unseen, regression".split(", "), strict=True))
 """A status in a table, which has no room for its whole text."""
 USABLE = (JointStatus.OK, JointStatus.HINGE)
 """A joint that a skeleton can be built on without reservation."""
-DOUBTED = (
-    JointStatus.DISAGREE,
-    JointStatus.REVERSES,
-    JointStatus.IMPLAUSIBLE,
-    JointStatus.ONE_AXIS,
-    JointStatus.REGRESSION,
-)
+DOUBTED = (*(status for status in JointStatus if USABLE[-1] < status < JointStatus.UNSURE), JointStatus.REGRESSION)
 """A joint that is drawn, and doubted: its estimates, or a body, contradict it, it moved about one axis only, or not."""
 
 
@@ -111,6 +100,142 @@ def largest_error(covariance: Floats, axis: Floats | None) -> float:
         return float("nan")
     across = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
     return float(np.sqrt(max(np.linalg.eigvalsh(across @ covariance @ across)[-1], 0.0)))
+
+
+_NOISE = 3.0
+"""Standard errors within which a rotation of the axis is noise."""
+_UNTURNED = 0.02
+"""Radians: segments that rotate by less, root mean square, about every axis show no joint."""
+
+
+@dataclass(frozen=True)
+class SymmetricFit:
+    """A joint from the poses of both of its segments.
+
+    Attributes:
+        in_parent: c_P (3,), metres.
+        in_child: c_Q (3,), metres.
+        covariance: of c_P (3, 3), m²: the sandwich over frames in its long-run form, and the error that follows if the
+            poses' noise is not what their markers say.
+        gap: root mean square distance between the two images of the joint, metres.
+        axes: direction that changes least in both segments, in the parent's axes and in the child's (2, 3).
+        rms_angles: root mean square angles by which the segments rotate against each other about three axes, that one
+            first, radians.
+        hinge: True if that direction changes by no more than noise; the two c are then the shortest that agree.
+        normal: matrix of the normal equations of c_P (3, 3), 1 - M Mᵀ: what the rotation shows of it, rad².
+        frames: number of frames used.
+        effective_frames: effective number of independent frames.
+    """
+
+    in_parent: Floats
+    in_child: Floats
+    covariance: Floats
+    gap: float
+    axes: Floats
+    rms_angles: Floats
+    hinge: bool
+    normal: Floats
+    frames: int
+    effective_frames: float
+
+
+def symmetric_fit(parent: SegmentPoses, child: SegmentPoses, known_hinge: bool | None = None) -> SymmetricFit | None:
+    """Fit the point in which two segments agree.
+
+    Args:
+        parent: poses of one segment.
+        child: poses of the other.
+        known_hinge: True if the joint is a hinge, False if not, None to decide by the data.
+
+    Returns:
+        The fit; None if the segments share fewer than four frames or do not rotate against each other.
+    """
+    n = int((parent.known & child.known).sum())
+    if n < 4:
+        return None
+    system = _Agreement(parent, child, 1.0)
+    s, u, v = system.spectrum()
+    # angles that the mean rotation implies: rotation about one axis shrinks the other two
+    angles = np.sqrt(np.maximum([s[0] - s[1] - s[2] + 1.0, s[1] - s[0] - s[2] + 1.0, s[2] - s[0] - s[1] + 1.0], 0.0))
+    if angles.max() < _UNTURNED:
+        return None
+    along = np.einsum("i,ijt,j->t", u, system.m, v) - s[0]
+    error = np.sqrt(long_run_covariance(along[None])[0][0, 0]) / n
+    hinge = bool(1.0 - s[0] < _NOISE * error) if known_hinge is None else known_hinge
+    c, inverse = system.solve(hinge)
+    inflated, independent = (inverse @ part @ inverse / n**2 for part in long_run_covariance(system.scores(c)))
+    share = float(np.trace(independent[:3, :3]) / max(np.trace(inflated[:3, :3]), 1e-300))
+    doubt = inverse @ _Agreement(parent, child, 1.0 + SHAPE_ERROR).residual(c)
+    apart = parent.to_world(c[:3]) - child.to_world(c[3:])
+    return SymmetricFit(
+        in_parent=c[:3],
+        in_child=c[3:],
+        covariance=inflated[:3, :3] + np.outer(doubt[:3], doubt[:3]),
+        gap=float(np.sqrt(np.nansum(apart**2) / n)),
+        axes=np.stack([u, v]),
+        rms_angles=angles,
+        hinge=hinge,
+        normal=np.eye(3) - system.mean @ system.mean.T,
+        frames=n,
+        effective_frames=n * min(share, 1.0),
+    )
+
+
+class _Agreement:
+    """The six equations for a size of the poses' noise: mean of c_P - M c_Q = a, and the same for the child.
+
+    With G = I + B, p and q the centroids and w the vector in the world from R_P p + o_P to R_Q q + o_Q, a frame has
+
+        M = G_P R_PᵀR_Q G_Q,  a = p + G_P R_Pᵀ w - M q - shift,  b = q - G_Q R_Qᵀ w - Mᵀ p - shift.
+
+    Attributes:
+        m, a, b: of the n frames that both know (3, 3, n), (3, n), (3, n).
+        mean, mean_a, mean_b: their means.
+    """
+
+    def __init__(self, parent: SegmentPoses, child: SegmentPoses, size: float) -> None:
+        both = parent.known & child.known
+        back_p, p, world_p, shift_p = _side(parent, both, size)
+        back_q, q, world_q, shift_q = _side(child, both, size)
+        w = world_q - world_p
+        self.m = np.einsum("ijt,kjt->ikt", back_p, back_q)
+        self.a = p + times(back_p, w) - times(self.m, q) - shift_p
+        self.b = q - times(back_q, w) - times(self.m.swapaxes(0, 1), p) - shift_q
+        self.mean, self.mean_a, self.mean_b = (part.mean(axis=-1) for part in (self.m, self.a, self.b))
+
+    def spectrum(self) -> tuple[Floats, Floats, Floats]:
+        """Singular values of M, at most 1, and its first singular vectors."""
+        u, s, vt = np.linalg.svd(self.mean)
+        return np.minimum(s, 1.0), u[:, 0], vt[0]
+
+    def solve(self, hinge: bool) -> tuple[Floats, Floats]:
+        """The two places (6,), and the inverse that gives them (6, 6)."""
+        matrix = np.block([[np.eye(3), -self.mean], [-self.mean.T, np.eye(3)]])
+        basis = np.linalg.eigh(matrix)[1][:, 1 if hinge else 0 :]
+        inverse = basis @ np.linalg.pinv(basis.T @ matrix @ basis) @ basis.T
+        return inverse @ np.concatenate([self.mean_a, self.mean_b]), inverse
+
+    def residual(self, c: Floats) -> Floats:
+        """Mean residual of the equations at c (6,)."""
+        of_child = self.mean_b - c[3:] + self.mean.T @ c[:3]
+        return np.concatenate([self.mean_a - c[:3] + self.mean @ c[3:], of_child])
+
+    def scores(self, c: Floats) -> Floats:
+        """Each frame's contribution to the residuals at c (6,), less the mean (6, n)."""
+        of_child = self.b + times(self.m.swapaxes(0, 1), c[:3])
+        scores = np.concatenate([self.a + times(self.m, c[3:]), of_child])
+        return np.asarray(scores - scores.mean(axis=1, keepdims=True))
+
+
+def _side(poses: SegmentPoses, frames: Bools, size: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """G Rᵀ (3, 3, n) of a segment, its centroid in its axes and in the world, and the noise's mean shift (3, n)."""
+    rotation, origin = poses.rotation[:, :, frames], poses.origin[:, frames]
+    expansion, centroid, shift = (
+        poses.noise.in_patterns_of(values, frames)
+        for values in (poses.noise.expansion(size), poses.noise.centroid, poses.noise.mean_shift(size))
+    )
+    back = np.einsum("ijt,kjt->ikt", np.broadcast_to(expansion, rotation.shape), rotation)
+    return back, centroid, times(rotation, centroid) + origin, shift
 
 
 @dataclass(frozen=True)
@@ -317,56 +442,56 @@ _AXIS_ERROR = np.radians(10.0)
 
 @dataclass(frozen=True)
 class PlaceDifference:
-    """Difference between two places of one joint.
+    """Difference of another place of a joint from the chosen one, in the chosen one's axes.
 
     Attributes:
         vector: from one to the other (3,), metres; across the axis of a hinge.
         chi_square: squared distance in units of the standard errors.
         directions: number of directions in which it is known.
+        side: of the other estimate; "ways" if the two are from frames in which the joint rotates one way and the other.
+        angle: between their axes, radians; 0 if not both have one.
     """
 
     vector: Floats
     chi_square: float
     directions: int
+    side: Side | Literal["ways"]
+    angle: float
+
+    @classmethod
+    def of(
+        cls, off: Floats, errors: Floats, axis: Floats | None, side: Side | Literal["ways"], angle: float = 0.0
+    ) -> "PlaceDifference":
+        """The difference ``off`` (3,), of covariance ``errors`` (3, 3), across an axis (3,) if there is one."""
+        basis = across(axis)
+        part = basis.T @ off
+        chi_square = float(part @ np.linalg.pinv(basis.T @ errors @ basis, hermitian=True) @ part)
+        return cls(basis @ part, chi_square, len(part), side, angle)
 
     @property
     def distance(self) -> float:
         """Length of the difference, metres."""
         return float(np.linalg.norm(self.vector))
 
-    def is_beyond(self, level: float) -> bool:
-        """True if it is more than a centimetre, and errors would make it as large with less than this probability."""
-        return bool(self.distance > CENTIMETRE and special.chdtrc(self.directions, self.chi_square) < level)
-
-
-@dataclass(frozen=True)
-class SideDifference(PlaceDifference):
-    """Difference of another side's estimate from the chosen one, in the chosen one's axes.
-
-    Attributes:
-        side: of the other estimate.
-        angle: between their axes, radians; 0 if not both have one.
-    """
-
-    side: Side
-    angle: float
-
     @property
     def contradicts(self) -> bool:
-        """True if not both estimates can be as accurate as their errors say."""
-        return self.is_beyond(_SIDES_LEVEL) or self.angle > _AXES
+        """True if not both can be as accurate as their errors say: they are too far apart, or their axes too unlike."""
+        level = _WAYS_LEVEL if self.side == "ways" else _SIDES_LEVEL
+        by_chance = special.chdtrc(self.directions, self.chi_square)
+        return bool(self.distance > CENTIMETRE and by_chance < level) or self.angle > _AXES
 
     @property
     def text(self) -> str:
         """Description of the contradiction, for a user."""
-        place = f"puts it {1000 * self.distance:.0f} mm away"
-        axis = f"turns its axis by {np.degrees(self.angle):.0f}°"
-        both = f"{axis} and {place}" if self.angle > _AXES else place
+        far, beyond = f"{1000 * self.distance:.0f} mm", "beyond what the errors explain"
+        if self.side == "ways":
+            return f"bending and straightening put it {far} apart, {beyond}: skin moves with it"
+        axis = f"turns its axis by {np.degrees(self.angle):.0f}° and " if self.angle > _AXES else ""
         source = {"parent": "in its parent's axes", "child": "in its child's axes", "both": "from both segments"}
-        return f"its estimate {source[self.side]} {both}, beyond what the errors explain"
+        return f"its estimate {source[self.side]} {axis}puts it {far} away, {beyond}"
 
 
-def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[SideDifference]:
+def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[PlaceDifference]:
     """Differences of the other estimates from the chosen one; those that cannot be compared are left out."""
     comparable = [e for e in others if e.status in COMPARABLE and e.frames >= FEWEST_FRAMES]
     found = [_difference(chosen, other) for other in comparable]
@@ -393,35 +518,7 @@ def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[E
     return replace(chosen, covariance=covariance, status=JointStatus.DISAGREE), worst.text
 
 
-@dataclass(frozen=True)
-class WayDifference(PlaceDifference):
-    """Difference between the centres from frames in which a joint rotates one way and the other about an axis."""
-
-    @property
-    def contradicts(self) -> bool:
-        """True if not both centres can be as accurate as their errors say."""
-        return self.is_beyond(_WAYS_LEVEL)
-
-    @property
-    def text(self) -> str:
-        """Description of the contradiction, for a user."""
-        return (
-            f"bending and straightening put it {1000 * self.distance:.0f} mm apart, beyond what the errors explain: "
-            "skin moves with it"
-        )
-
-
-def way_difference(first: tuple[Floats, Floats], second: tuple[Floats, Floats], axis: Floats | None) -> WayDifference:
-    """Difference of two centres (3,), each with its covariance (3, 3), across an axis (3,) if there is one."""
-    (one, covariance), (two, other) = first, second
-    basis = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:].T
-    across = basis.T @ (two - one)
-    errors = basis.T @ (covariance + other) @ basis
-    chi_square = float(across @ np.linalg.pinv(errors, hermitian=True) @ across)
-    return WayDifference(basis @ across, chi_square, len(across))
-
-
-def check_both_ways(chosen: Estimate, ways: Sequence[WayDifference]) -> tuple[Estimate, str]:
+def check_both_ways(chosen: Estimate, ways: Sequence[PlaceDifference]) -> tuple[Estimate, str]:
     """Flag an estimate of which bending and straightening contradict each other, and widen its covariance likewise.
 
     Args:
@@ -455,7 +552,7 @@ def mean_difference(chosen: Estimate, x: Floats) -> Floats:
     return off if chosen.axis is None else np.asarray(off - (off @ chosen.axis) * chosen.axis)
 
 
-def _difference(chosen: Estimate, other: Estimate) -> SideDifference | None:
+def _difference(chosen: Estimate, other: Estimate) -> PlaceDifference | None:
     """Difference of two estimates; None if no frame has both, or they are too far apart along an axis."""
     one, two = chosen.poses, other.poses
     both = one.known & two.known
@@ -465,7 +562,7 @@ def _difference(chosen: Estimate, other: Estimate) -> SideDifference | None:
     mean = rotation.mean(axis=2)
     off = other.center if one is two else one.to_local(two.to_world(other.center))[:, both].mean(axis=1)
     off = off - chosen.center
-    basis, angle = np.eye(3), 0.0
+    angle = 0.0
     errors = chosen.covariance + mean_rotated_covariance(rotation, other.covariance)
     other_axis = None if other.axis is None else mean @ other.axis / np.linalg.norm(mean @ other.axis)
     if chosen.axis is not None and other_axis is not None:
@@ -475,8 +572,5 @@ def _difference(chosen: Estimate, other: Estimate) -> SideDifference | None:
         along = float(off @ axis)
         if abs(along) > _ALONG:
             return None
-        basis = np.linalg.svd(axis[None])[2][1:].T
         errors = errors + (_AXIS_ERROR * along) ** 2 * np.eye(3)
-    across = basis.T @ off
-    chi_square = float(across @ np.linalg.pinv(basis.T @ errors @ basis, hermitian=True) @ across)
-    return SideDifference(basis @ across, chi_square, len(across), other.side, angle)
+    return PlaceDifference.of(off, errors, axis, other.side, angle)

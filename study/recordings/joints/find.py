@@ -30,6 +30,7 @@ from study.recordings.joints.estimate import (
     estimate_from_poses,
     estimate_from_spheres,
     local_marker,
+    symmetric_fit,
 )
 from study.recordings.joints.poses import (
     PosePoint,
@@ -40,7 +41,6 @@ from study.recordings.joints.poses import (
     reference_frame,
 )
 from study.recordings.joints.skin import SkinErrors
-from study.recordings.joints.symmetric import symmetric_fit
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording
 from study.recordings.rigid import exchanged_labels, mean_rotated_covariance, nearest_rotation, relative_rotation

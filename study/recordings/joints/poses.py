@@ -3,18 +3,247 @@
 Three markers fix a pose. A segment with two gets its third point from a joint that is known already, as a thigh does
 from its hip: the joint is fixed in both of its segments. The distances of markers from the rigid template show the
 markers' noise, soft-tissue artefact included. A displacement that all markers of a segment share does not show.
+
+A pose fitted to noisy markers is displaced by ε̄ and rotated by a small angle δ. A point at v from the centroid of the
+pose's markers, whose own noise is ε, then has in the segment's axes the error ε - ε̄ + v × δ, of covariance
+
+    F(v) = s² I + Cov ε̄ + [v] Cov δ [v]ᵀ - [v] Cov(δ, ε̄) - (…)ᵀ,                                               (*)
+
+and to second order it appears at (I - B) v, nearer to the centroid, with B = ½ (Tr Cov δ - Cov δ). Both follow from
+the shape of the template alone, up to the size of the noise. The noise is neither isotropic nor the same for all
+samples. Four markers on a pelvis rotate a marker of the thigh by a tenth of a degree per tenth of a millimetre, and
+three in a thin triangle rotate it far more about the long side. A sphere fit that takes this noise for isotropic is
+biased by centimetres at the knee. The moments of a marker are corrected for it sample by sample.
+
+Frames of a recording follow each other within milliseconds, and soft tissue that is displaced in one still is in the
+next. So the covariance of a fit must count effectively independent frames. The score of a frame, which is its part of
+the estimating equations, carries what is needed: errors common to markers, unequal noise, correlation in time. The
+variance of the sum of scores is their spectrum at frequency zero. It is estimated by the mean over the lowest
+frequencies, up to a fraction of 1/τ, with τ = 1 + 2 Σ ρ(k) summed up to the first lag of at least 5τ.
+
+Source: Sokal 1997 (τ); Lazarus, Lewis, Stock & Watson 2018 (equal weights on the lowest frequencies).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import fft
 
 from study.arrays import Bools, Floats, Ints
 from study.recordings.markersets import MarkerSet, Segment
-from study.recordings.pose_noise import PoseNoise, rigid_residual_operator
 from study.recordings.recording import Recording
-from study.recordings.rigid import fit_rigid_motion, fit_template, to_local, to_world
+from study.recordings.rigid import fit_rigid_motion, fit_template, skew, to_local, to_world
+
+_WINDOW = 5.0
+"""Autocorrelations are summed up to a lag of this many τ."""
+_WIDTH = 10.0
+"""The spectrum is averaged up to the frequency 1/(10 τ)..."""
+_FEWEST = 8
+"""...but over no fewer frequencies than these."""
+
+
+def autocorrelation_time(series: Floats) -> Floats:
+    """Integrated autocorrelation times of series of mean 0.
+
+    Args:
+        series: (k, frames). A frame without a value is 0 in it and adds nothing to the sum.
+
+    Returns:
+        Times (k,), in frames; at least 1, and 1 for a series of zeros.
+    """
+    n = series.shape[1]
+    if n < 2:
+        return np.ones(len(series))
+    size = fft.next_fast_len(2 * n, real=True)
+    spectrum = fft.rfft(series, size, axis=1)
+    covariance = fft.irfft(spectrum.real**2 + spectrum.imag**2, size, axis=1)
+    correlation = covariance[:, 1:n] / np.where(covariance[:, :1] > 0.0, covariance[:, :1], np.inf)
+    sums = 1.0 + 2.0 * np.cumsum(correlation, axis=1)  # up to each lag
+    wide = np.arange(1, n) >= _WINDOW * sums
+    last = np.where(wide.any(axis=1), wide.argmax(axis=1), n - 2)
+    return np.asarray(np.maximum(sums[np.arange(len(series)), last], 1.0))
+
+
+def long_run_covariance(scores: Floats) -> tuple[Floats, Floats]:
+    """Estimate the covariance of a sum over correlated frames.
+
+    Args:
+        scores: contribution of each frame to the sums (k, frames), of mean 0.
+
+    Returns:
+        Covariance of the sums (k, k), in no direction less than for independent frames; and the covariance for
+        independent frames (k, k).
+    """
+    n = scores.shape[1]
+    independent = scores @ scores.T
+    scale = np.sqrt(np.maximum(np.diag(independent), 1e-300))
+    scaled = scores / scale[:, None]
+    tau = float(autocorrelation_time(scaled).max())
+    count = int(min(max(n / (_WIDTH * tau), _FEWEST), (n - 1) // 2))
+    if count < 1:
+        return independent, independent
+    lowest = fft.rfft(scaled, axis=1)[:, 1 : count + 1]
+    spectrum = (lowest @ lowest.conj().T).real / count
+    # ratio to the covariance for independent frames, direction by direction
+    values, vectors = np.linalg.eigh(independent / np.outer(scale, scale))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    inverse = np.linalg.pinv(root)
+    ratios, axes = np.linalg.eigh(inverse @ spectrum @ inverse.T)
+    inflated = root @ (axes * np.maximum(ratios, 1.0)) @ axes.T @ root.T
+    return inflated * np.outer(scale, scale), independent
+
+
+@dataclass(frozen=True)
+class PoseNoise:
+    """Noise of points fixed in the world, or in another segment, when they are expressed in a segment's axes.
+
+    It differs between the frames of a recording only by the set of points that the pose was fitted to: by the
+    frame's pattern.
+
+    Attributes:
+        pattern: number of each frame's pattern (frames,); -1 where the pose is unknown.
+        centroid: of the points in each pattern (patterns, 3), metres, in the segment's axes.
+        shift: covariance of ε̄ (patterns, 3, 3), m².
+        tilt: covariance of δ (patterns, 3, 3), rad².
+        cross: covariance of δ with ε̄ (patterns, 3, 3), rad m.
+    """
+
+    pattern: Ints
+    centroid: Floats
+    shift: Floats
+    tilt: Floats
+    cross: Floats
+
+    @classmethod
+    def of(cls, template: Floats, noise: Floats, used: Bools, known: Bools) -> "PoseNoise":
+        """Propagate the noise of a template's points to its fitted pose.
+
+        Args:
+            template: points (m, 3), metres.
+            noise: covariance of each point's own noise (m, 3, 3), m², in the segment's axes.
+            used: samples that the pose was fitted to (m, frames).
+            known: frames in which the pose is known (frames,).
+        """
+        bits = (np.where(used, 1, 0) << np.arange(len(template))[:, None]).sum(axis=0)
+        distinct, where = np.unique(bits[known], return_inverse=True)
+        pattern = np.full(used.shape[1], -1)
+        pattern[known] = where
+        masks = (distinct[:, None] >> np.arange(len(template))) & 1
+        parts = [_first_order(template[mask == 1], noise[mask == 1]) for mask in masks]
+        centroid, shift, tilt, cross = (
+            np.array([part[i] for part in parts]).reshape(-1, *shape)
+            for i, shape in enumerate([(3,), (3, 3), (3, 3), (3, 3)])
+        )
+        return cls(pattern, centroid, shift, tilt, cross)
+
+    def covariance_at(self, point: Floats) -> Floats:
+        """Mean over frames of the covariance (3, 3), m², that the pose gives to a point fixed in the segment (3,)."""
+        weights = np.bincount(self.pattern[self.pattern >= 0], minlength=len(self.centroid))
+        return np.asarray(np.einsum("k,kij->ij", weights / max(weights.sum(), 1), self.covariances_at(point)))
+
+    def covariances_at(self, point: Floats) -> Floats:
+        """Covariance (patterns, 3, 3), m², that the pose of each pattern gives to a point fixed in the segment (3,)."""
+        k = skew(np.asarray(point) - self.centroid)
+        mixed = k @ self.cross
+        return np.asarray(self.shift + k @ self.tilt @ k.swapaxes(1, 2) - mixed - mixed.swapaxes(1, 2))
+
+    def expansion(self, size: float = 1.0) -> Floats:
+        """I + B (patterns, 3, 3) for noise of variance ``size``: undoes the mean contraction towards the centroid."""
+        trace = np.trace(self.tilt, axis1=1, axis2=2)[:, None, None]
+        return np.asarray(np.eye(3) + 0.5 * size * (trace * np.eye(3) - self.tilt))
+
+    def mean_shift(self, size: float = 1.0) -> Floats:
+        """Mean of δ × ε̄ (patterns, 3), metres: the mean displacement of points for noise of variance ``size``."""
+        c = self.cross
+        parts = [c[:, 1, 2] - c[:, 2, 1], c[:, 2, 0] - c[:, 0, 2], c[:, 0, 1] - c[:, 1, 0]]
+        return size * np.stack(parts, axis=1)
+
+    def corrected(self, y: Floats, frames: Bools, size: float) -> Floats:
+        """Undo the mean effects of noise of variance ``size`` on a marker.
+
+        Args:
+            y: its places in the segment's axes (3, n), metres.
+            frames: its frames (frames,), n of them, in which the pose is known.
+            size: variance of the noise, in units of what this says.
+        """
+        centroid = self.in_patterns_of(self.centroid, frames)
+        shift = self.in_patterns_of(self.mean_shift(size), frames)
+        return np.asarray(centroid - shift + times(self.in_patterns_of(self.expansion(size), frames), y - centroid))
+
+    def covariances(self, y: Floats, frames: Bools, own: float) -> Floats:
+        """Covariance F (3, 3, n), m², of a marker by (*), for each of n samples.
+
+        Args:
+            y: its places in the segment's axes (3, n), metres.
+            frames: its frames (frames,), n of them, in which the pose is known.
+            own: variance s² of its own noise, m².
+        """
+        shift = self.in_patterns_of(self.shift + own * np.eye(3), frames)
+        if not self.tilt.any():  # an exact pose
+            return np.broadcast_to(shift, (3, 3, y.shape[1]))
+        v, cross = y - self.in_patterns_of(self.centroid, frames), self.in_patterns_of(self.cross, frames)
+        tilted = _crossed(v, self.in_patterns_of(self.tilt, frames))
+        half = _crossed(v, 0.5 * tilted.swapaxes(0, 1) - cross)  # ½ [v] Cov δ [v]ᵀ - [v] Cov(δ, ε̄)
+        return np.asarray(shift + half + half.swapaxes(0, 1))
+
+    def in_patterns_of(self, values: Floats, frames: Bools) -> Floats:
+        """Values of the patterns (patterns, …) in frames (frames,), as (…, n); (…, 1) if there is one pattern."""
+        values = values.T if values.ndim < 3 else values.transpose(1, 2, 0)
+        return values if values.shape[-1] == 1 else np.take(values, self.pattern[frames], axis=-1)
+
+    def patterns_beyond(self, angle: float) -> Bools:
+        """Patterns (patterns,) whose rotation about some axis has a standard deviation above an angle, radians."""
+        return np.asarray(np.linalg.eigvalsh(self.tilt)[:, -1] > angle**2)
+
+    def in_frames(self, frames: Ints | slice) -> "PoseNoise":
+        """The same noise in some of the frames."""
+        return replace(self, pattern=self.pattern[frames])
+
+    def without(self, frames: Bools) -> "PoseNoise":
+        """The same noise with the pose unknown in these frames (frames,)."""
+        return replace(self, pattern=np.where(frames, -1, self.pattern))
+
+    @property
+    def removed(self) -> "PoseNoise":
+        """The noise of an exact pose: only the isotropic noise of the markers themselves is left."""
+        none = np.zeros_like(self.tilt)
+        return replace(self, shift=none, tilt=none, cross=none)
+
+    @property
+    def worst_angle(self) -> float:
+        """Standard deviation of the pose's rotation about its worst axis in its worst pattern, radians."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.tilt)[:, -1].max(initial=0.0)))
+
+
+def times(matrix: Floats, v: Floats) -> Floats:
+    """Matrices (3, 3, n or 1) times vectors (3, n)."""
+    return np.asarray(matrix[:, 0] * v[0] + matrix[:, 1] * v[1] + matrix[:, 2] * v[2])
+
+
+def _crossed(v: Floats, m: Floats) -> Floats:
+    """[v] m for vectors v (3, n) and matrices m (3, 3, n or 1)."""
+    return np.array([v[1] * m[2] - v[2] * m[1], v[2] * m[0] - v[0] * m[2], v[0] * m[1] - v[1] * m[0]])
+
+
+def _first_order(points: Floats, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Centroid, Cov ε̄, Cov δ and Cov(δ, ε̄) of Kabsch's fit to points (k, 3), to first order: δ = I⁻¹ Σ a × ε."""
+    centroid = points.mean(axis=0)
+    k = skew(points - centroid)
+    inverse = np.linalg.pinv(np.einsum("mij,mkj->ik", k, k))
+    rotated = np.einsum("ij,mjk->mik", inverse, k)
+    shift = noise.sum(axis=0) / len(points) ** 2
+    tilt = np.einsum("mij,mjk,mlk->il", rotated, noise, rotated)
+    cross = np.einsum("mij,mjk->ik", rotated, noise) / len(points)
+    return centroid, shift, tilt, cross
+
+
+def rigid_residual_operator(points: Floats) -> Floats:
+    """Projection I - A A⁺ (3m, 3m) of stacked noise (m, 3) on what a rigid fit to points (m, 3) leaves of it."""
+    k = skew(points - points.mean(axis=0))
+    design = np.concatenate([np.broadcast_to(np.eye(3), k.shape), -k], axis=2).reshape(-1, 6)
+    return np.asarray(np.eye(len(design)) - design @ np.linalg.pinv(design))
+
 
 _LEAST_SIGMA = 1e-9
 """Metres: least noise, so that the shape of its covariance is defined where there is none."""

@@ -13,7 +13,7 @@ frames in which the joint bends differ from that of frames in which it straighte
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,17 +21,17 @@ import numpy as np
 
 from study.arrays import Bools, Floats, Ints
 from study.recordings.joints.center import CONDITION_LIMIT, LocalMarker, fit_center
-from study.recordings.joints.estimate import SIGNIFICANT, Estimate, WayDifference, way_difference
+from study.recordings.joints.estimate import SIGNIFICANT, Estimate, PlaceDifference, symmetric_fit
 from study.recordings.joints.poses import SegmentPoses
-from study.recordings.joints.symmetric import symmetric_fit
 from study.recordings.markersets import Joint
-from study.recordings.pose_noise import skew
 from study.recordings.recording import Recording
 from study.recordings.rigid import (
+    across,
     angles_about_center,
     mean_rotated_covariance,
     relative_rotation,
     rotation_vectors,
+    skew,
     turning_ways,
 )
 
@@ -215,13 +215,6 @@ _FLOOR = 0.005
 """m/rad: slope of skin that is common to the markers of a segment, half of it on the segment of the axes."""
 
 
-class _Slopes(NamedTuple):
-    """Mean square slopes β² of the skin on the segment of an estimate's axes, and on the other, (m/rad)²."""
-
-    own: float
-    other: float
-
-
 class SkinErrors:
     """Skin of the segments of one recording, measured joint by joint.
 
@@ -252,12 +245,10 @@ class SkinErrors:
         other = joint.parent if frame == joint.child else joint.child
         if estimate.sphere is not None and estimate.axis is None:  # a hinge's radii change with its axis' own error
             self.by_radius[joint.name, other] = self._radius_slope(estimate, angles)
-        own, others = (
+        slopes = [
             max(self._slope(name, angles), self.by_radius.get((joint.name, name), 0.0)) for name in (frame, other)
-        )
-        slopes = _Slopes(own, others)
-        limit = _Slopes((0.5 * _FLOOR) ** 2, _FLOOR**2)
-        skin, floor = self._covariances(estimate, child, angles, (slopes, limit))
+        ]
+        skin, floor = self._covariances(estimate, child, angles, (slopes, ((0.5 * _FLOOR) ** 2, _FLOOR**2)))
         return replace(
             estimate,
             covariance=estimate.covariance + skin,
@@ -265,7 +256,7 @@ class SkinErrors:
             floor=float(np.sqrt(max(np.linalg.eigvalsh(floor)[-1], 0.0))),
         )
 
-    def ways(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> list[WayDifference]:
+    def ways(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> list[PlaceDifference]:
         """Compare an estimate's centres from the frames in which the joint rotates one way and the other.
 
         Args:
@@ -281,7 +272,7 @@ class SkinErrors:
         for ways in both:
             one, two = (self._refit(estimate, child, self.part[frames]) for frames in ways)
             if one is not None and two is not None:
-                found.append(way_difference(one, two, estimate.axis))
+                found.append(PlaceDifference.of(two[0] - one[0], one[1] + two[1], estimate.axis, "ways"))
         return found
 
     def _refit(self, estimate: Estimate, child: SegmentPoses | None, part: Ints) -> tuple[Floats, Floats] | None:
@@ -338,13 +329,16 @@ class SkinErrors:
         return np.where(poses.good[:, self.part].all(axis=0), y, np.nan)
 
     def _covariances(
-        self, estimate: Estimate, child: SegmentPoses | None, angles: Floats, several: tuple[_Slopes, ...]
+        self, estimate: Estimate, child: SegmentPoses | None, angles: Floats, several: Sequence[Sequence[float]]
     ) -> list[Floats]:
-        """Covariance of an estimate's centre from skin (3, 3), m², for each of several slopes."""
+        """Covariance of an estimate's centre from skin (3, 3), m², for each of several pairs of slopes.
+
+        They are the mean square slopes β² on the segment of the estimate's axes, and on the other, (m/rad)².
+        """
         frame = self._cluster(estimate.poses)
         if estimate.pair is None or child is None:
             response = self._response(estimate, angles)
-            return [sphere_skin(response, frame, slopes.other, slopes.own) for slopes in several]
+            return [sphere_skin(response, frame, other, own) for own, other in several]
         x = angles[:, ~np.isnan(angles[0])]
         x = x - x.mean(axis=1, keepdims=True)
         one, two = estimate.poses.in_frames(self.part), child.in_frames(self.part)
@@ -352,15 +346,15 @@ class SkinErrors:
         rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
         images = image_skin(frame, estimate.center, 1.0)
         others = mean_rotated_covariance(rotation, image_skin(self._cluster(two), estimate.pair.in_child, 0.5))
-        basis = _across(estimate.axis)
-        moved = [slopes.own * images + slopes.other * others for slopes in several]
-        return [pair_skin(x @ x.T / max(x.shape[1], 1), basis, each) for each in moved]
+        basis = across(estimate.axis)
+        second = x @ x.T / max(x.shape[1], 1)
+        return [pair_skin(second, basis, own * images + other * others) for own, other in several]
 
     def _response(self, estimate: Estimate, angles: Floats) -> MarkerResponse:
         """Response of a sphere fit to skin."""
         fit, poses = estimate.sphere, estimate.poses.in_frames(self.part)
         assert fit is not None
-        basis = _across(fit.axis)
+        basis = across(fit.axis)
         within = basis @ basis.T
         inverse = basis @ np.linalg.pinv(basis.T @ fit.normal @ basis, hermitian=True) @ basis.T
         rows = []
@@ -380,8 +374,3 @@ class SkinErrors:
     def _cluster(self, poses: SegmentPoses) -> Cluster:
         """Points of a segment's pose: markers on skin, and joints."""
         return Cluster(poses.template, np.array([name in self.recording.markers for name in poses.points]))
-
-
-def _across(axis: Floats | None) -> Floats:
-    """Directions across an axis as columns (3, 2); all three, if there is none."""
-    return np.eye(3) if axis is None else np.asarray(np.linalg.svd(axis[None])[2][1:].T)

@@ -93,6 +93,24 @@ def opposite(one: str, other: str) -> bool:
     return None not in (first, second) and first != second
 
 
+def side(name: str) -> str:
+    """Side of the body that a point's name shows: "left", "right", or "" if it shows none."""
+    words = name.lower().replace("-", "_").replace(" ", "_").split("_")
+    return next((word for word in ("left", "right") if word in words), "")
+
+
+def mirrored(name: str) -> str:
+    """A joint's name on the other side of the body, with its capitals; the same if it tells no side."""
+    own = side(name)
+    return re.sub(rf"(?<![^_ -])({own})(?![^_ -])", _other_side, name, flags=re.IGNORECASE) if own else name
+
+
+def _other_side(word: re.Match[str]) -> str:
+    found = word[0]
+    other = "right" if found.lower() == "left" else "left"
+    return other.upper() if found.isupper() else other.capitalize() if found[0].isupper() else other
+
+
 def side_of(labels: Iterable[str]) -> str:
     """The side, left or right, on which all labels begin; "" if they do not agree, or there are none."""
     sides = {_SIDES.get(plain(label)[:1], "") for label in labels}

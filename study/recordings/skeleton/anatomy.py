@@ -31,11 +31,10 @@ from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace
 from study.recordings.joints.estimate import SHORT_TEXTS, JointStatus
 from study.recordings.markersets import MarkerSet
-from study.recordings.markersets.match import landmarks, side_of
+from study.recordings.markersets.match import landmarks, side, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import to_local, to_world
-from study.recordings.skeleton.draw import Skeleton
-from study.recordings.skeleton.scene import Flag, side
+from study.recordings.skeleton.draw import Flag, Skeleton
 
 Hips = Literal["motion", "regression"]
 """Centres of hips: by motion alone, or for those that motion leaves in doubt by regression."""

@@ -24,11 +24,11 @@ from study.recordings.joints.calibration import Calibration, JointPlace, Segment
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import MarkerSet
+from study.recordings.markersets.match import mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import fit_template, nearest_rotation
 from study.recordings.skeleton.anatomy import Hips, with_anatomy
 from study.recordings.skeleton.draw import Skeleton, draw_skeleton
-from study.recordings.skeleton.scene import mirrored, side
 
 _THICKNESS = 0.05
 """Metres: thickness of a limb, beyond which a joint is doubted."""
@@ -55,12 +55,8 @@ class HullDistance:
     @property
     def doubt(self) -> str:
         """Reason to doubt the joint; "" if there is none."""
-        if not self.distance > _THICKNESS:
-            return ""
-        return (
-            f"outside the markers' hull in {self.share_outside:.0%} of the frames, by up to "
-            f"{1000 * self.distance:.0f} mm"
-        )
+        where = f"outside the markers' hull in {self.share_outside:.0%} of the frames"
+        return f"{where}, by up to {1000 * self.distance:.0f} mm" if self.distance > _THICKNESS else ""
 
 
 def hull_distances(markers: Floats, joints: Floats) -> list[HullDistance]:
@@ -81,7 +77,13 @@ def hull_distances(markers: Floats, joints: Floats) -> list[HullDistance]:
     whole = np.flatnonzero(seen[present].all(axis=0)) if present.any() else np.zeros(0, dtype=int)
     part = whole[np.unique(np.linspace(0, len(whole) - 1, min(len(whole), _FRAMES)).astype(int))]
     distances = np.array([_plane_distances(markers[present, :, t], joints[:, :, t]) for t in part])
-    return [_summary(row[~np.isnan(row)]) for row in distances.reshape(-1, len(joints)).T]
+    known = [row[~np.isnan(row)] for row in distances.reshape(-1, len(joints)).T]
+    return [
+        HullDistance(float((row > 0.0).mean()), float(np.quantile(row, _QUANTILE)))
+        if len(row) >= _FEWEST
+        else HullDistance(float("nan"), float("nan"))
+        for row in known
+    ]
 
 
 def _plane_distances(markers: Floats, joints: Floats) -> Floats:
@@ -91,13 +93,6 @@ def _plane_distances(markers: Floats, joints: Floats) -> Floats:
     except QhullError:  # fewer than four markers, or all in one plane
         return np.full(len(joints), np.nan)
     return np.asarray((joints @ planes[:, :3].T + planes[:, 3]).max(axis=1))
-
-
-def _summary(distances: Floats) -> HullDistance:
-    """Summarise the distances of one joint (frames,)."""
-    if len(distances) < _FEWEST:
-        return HullDistance(float("nan"), float("nan"))
-    return HullDistance(float((distances > 0.0).mean()), float(np.quantile(distances, _QUANTILE)))
 
 
 _HIPS = 0.65, 1.2

@@ -20,14 +20,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Bytes, Floats, Ints
+from study.fits.samples import Worded
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import DOUBTED, USABLE, JointStatus
+from study.recordings.joints.poses import PoseNoise
 from study.recordings.markersets import Segment
-from study.recordings.pose_noise import PoseNoise, skew
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import relative_rotation, to_world
+from study.recordings.rigid import relative_rotation, skew, to_world
 from study.recordings.skeleton.poses import complete_poses, fit_full_poses
-from study.recordings.skeleton.scene import Flag
 
 _FAR = 6.0
 """Scatters from its place beyond which a marker is rejected..."""
@@ -43,6 +43,14 @@ _POSE = 0.005
 """Metres: what the pose of the segment that shows a joint adds to its standard error."""
 _FEWEST, _ENOUGH = 20, 300
 """Fewest and most gaps of one length from which an interpolation's error is known."""
+
+
+class Flag(Worded):
+    """Source of a joint's place in one frame."""
+
+    SEEN = 0, "from markers"
+    BRIDGED = 1, "bridged: too few markers seen"
+    UNKNOWN = 2, "unknown"
 
 
 class InterpolatedRotation:
@@ -227,20 +235,8 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
         builder.place_by_neighbours(segment)
     for segment in segments:
         builder.bridge(segment, round(bridge * recording.rate))
-    centers, flags, bridging = builder.joints()
-    return Skeleton(
-        name=recording.name,
-        rate=recording.rate,
-        calibration=calibration,
-        rotations=builder.rotations,
-        origins=builder.origins,
-        segment_flags=builder.flags,
-        misfits=builder.misfits,
-        left_out=builder.left_out,
-        centers=centers,
-        flags=flags,
-        bridging=bridging,
-    )
+    segments_in_time = builder.rotations, builder.origins, builder.flags, builder.misfits, builder.left_out
+    return Skeleton(recording.name, recording.rate, calibration, *segments_in_time, *builder.joints())
 
 
 class _SkeletonBuilder:

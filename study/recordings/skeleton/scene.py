@@ -1,20 +1,29 @@
 """The scene: a moving skeleton as every picture shows it - figure, video and viewer.
 
-It holds plain arrays in metres, z up, and nothing of the fits. `make_scene` makes it.
+It holds plain arrays in metres, z up, and nothing of the fits: `make_scene` makes it of joints over time, with the
+principal directions of their errors. It is also laid out as tables - joints in every frame, lengths of bones -, as
+lines, and as data for other programs.
 
 Bones are the lines between joints and ends of limbs that are fixed in one segment. Files do not say which way is up,
 but a body's parts are above one another: the rotation that makes z point up follows from that.
 """
 
-import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
 
 from study.arrays import Bytes, Floats
-from study.fits.samples import Worded
+from study.recordings.joints.calibration import JointPlace
+from study.recordings.joints.estimate import USABLE
+from study.recordings.markersets import Joint, MarkerSet
+from study.recordings.markersets.match import mirrored, side
 from study.recordings.recording import Recording, RecordingError
+from study.recordings.skeleton.calibrate import UNEVEN, hull_distances
+from study.recordings.skeleton.draw import Flag, Skeleton
+from study.text import columns, number
 
 
 def bones(fixed: Sequence[Sequence[int]], points: Floats, sides: Sequence[str]) -> tuple[tuple[int, int], ...]:
@@ -47,32 +56,6 @@ def _distances(points: Floats) -> list[float]:
     distance = np.linalg.norm(points[:, None] - points[None], axis=2)
     distance[np.isnan(distance).all(axis=2)] = 1e3
     return [float(total) for total in np.nanmedian(distance, axis=2).sum(axis=1)]
-
-
-def side(name: str) -> str:
-    """Side of the body that a point's name shows: "left", "right", or "" if it shows none."""
-    words = name.lower().replace("-", "_").replace(" ", "_").split("_")
-    return next((word for word in ("left", "right") if word in words), "")
-
-
-def mirrored(name: str) -> str:
-    """A joint's name on the other side of the body, with its capitals; the same if it tells no side."""
-    own = side(name)
-    return re.sub(rf"(?<![^_ -])({own})(?![^_ -])", _other_side, name, flags=re.IGNORECASE) if own else name
-
-
-def _other_side(word: re.Match[str]) -> str:
-    found = word[0]
-    other = "right" if found.lower() == "left" else "left"
-    return other.upper() if found.isupper() else other.capitalize() if found[0].isupper() else other
-
-
-class Flag(Worded):
-    """Source of a joint's place in one frame."""
-
-    SEEN = 0, "from markers"
-    BRIDGED = 1, "bridged: too few markers seen"
-    UNKNOWN = 2, "unknown"
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,3 +190,269 @@ def _mean(x: Floats, axis: int) -> Floats:
     known = ~np.isnan(x)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where(known, x, 0.0).sum(axis=axis) / known.sum(axis=axis))
+
+
+_TIP = 0.7
+"""A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
+
+
+def make_scene(
+    skeleton: Skeleton, recording: Recording, doubts: Sequence[str], source: str, notes: Sequence[str] = ()
+) -> Scene:
+    """Make a scene.
+
+    Args:
+        skeleton: joints over time; one that is known in no frame is left out, with a note.
+        recording: markers over time; those of the skeleton's marker set are looked up in it.
+        doubts: reason to doubt each joint, or "".
+        source: origin of the joints, in words.
+        notes: remarks for the viewer.
+
+    Raises:
+        RecordingError: if no joint is known in any frame.
+    """
+    joints, markerset = skeleton.calibration.joints, skeleton.calibration.markerset
+    known = [i for i, center in enumerate(skeleton.centers) if not np.isnan(center).all()]
+    lost = [(joints[i].joint.name, doubts[i]) for i in range(len(joints)) if i not in known]
+    notes = [*notes, *(f"{name} is not shown: {doubt or 'known in no frame'}" for name, doubt in lost)]
+    if not known:
+        raise RecordingError(f"{recording.name}: none of its joints is known in any frame; there is nothing to show")
+    centers, shown = skeleton.centers[known], [joints[i] for i in known]
+    ends = _ends(recording, markerset, [place.joint for place in shown], centers)
+    points = np.concatenate([centers, *(end[None] for end in ends.values())])
+    fixed = [
+        [i for i, place in enumerate(shown) if segment.name in (place.joint.parent, place.joint.child)]
+        + [len(known) + i for i, name in enumerate(ends) if name == segment.name]
+        for segment in markerset.segments
+    ]
+    flags = np.where(np.isnan(centers[:, 0]), np.uint8(Flag.UNKNOWN), skeleton.flags[known])
+    names = tuple(place.joint.name for place in shown)
+    principal = [_principal_directions(place) for place in shown]
+    upright = upright_rotation(recording)
+    remarks = ["the recording's y is shown as up"] if upright[2, 1] else []
+    orientations = [
+        _orientations(upright, skeleton.rotation(place.joint.parent), axes)
+        for place, (_, axes) in zip(shown, principal, strict=True)
+    ]
+    children = [place.joint.child for place in shown]
+    axes = [skeleton.calibration.shape(name).anatomy for name in children]
+    anatomy = [_orientations(upright, skeleton.rotation(name), x) for name, x in zip(children, axes, strict=True)]
+    return Scene(
+        name=recording.name,
+        source=source,
+        rate=recording.rate,
+        markers=recording.markers,
+        places=upright @ recording.positions,
+        joints=names,
+        centers=upright @ centers,
+        tips=tuple(ends),
+        ends=upright @ points[len(known) :],
+        bones=bones(fixed, points, [*map(side, (*names, *ends))]),
+        flags=flags,
+        doubts=tuple(doubts[i] for i in known),
+        errors=np.stack([errors for errors, _ in principal]),
+        bridging=upright**2 @ skeleton.bridging[known],
+        orientations=np.stack(orientations),
+        notes=(*notes, *remarks),
+        anatomy=np.stack(anatomy),
+    )
+
+
+def _ends(recording: Recording, markerset: MarkerSet, joints: Sequence[Joint], centers: Floats) -> dict[str, Floats]:
+    """Ends of limbs (3, frames), by segment: of segments that rotate about a joint and carry none."""
+    inner = {joint.parent for joint in joints}
+    ends = {}
+    for joint, center in zip(joints, centers, strict=True):
+        names = [marker for marker in markerset.segment(joint.child).markers if marker in recording.markers]
+        if joint.child in inner or not names:
+            continue
+        places = np.stack([recording.of(name) for name in names])
+        away = np.linalg.norm(places - center, axis=1)
+        far = np.array([np.nanmedian(row) if not np.isnan(row).all() else 0.0 for row in away])
+        ends[joint.child] = np.asarray(places[far >= _TIP * far.max()].mean(axis=0))
+    return ends
+
+
+def _principal_directions(joint: JointPlace) -> tuple[Floats, Floats]:
+    """Standard errors (3,) along principal directions, and these as columns (3, 3), right-handed; the axis last."""
+    if np.isnan(joint.covariance).any():
+        return np.full(3, np.nan), np.eye(3)
+    axis = np.empty((0, 3)) if joint.axis is None else joint.axis[None] / np.linalg.norm(joint.axis)
+    across = np.linalg.svd(axis)[2][len(axis) :] if len(axis) else np.eye(3)  # directions as rows
+    values, vectors = np.linalg.eigh(across @ joint.covariance @ across.T)
+    errors = np.concatenate([np.sqrt(np.maximum(values, 0.0))[::-1], np.full(len(axis), np.nan)])
+    directions = np.concatenate([vectors.T[::-1] @ across, axis]).T
+    directions[:, 1] *= np.sign(np.linalg.det(directions))
+    return errors, directions
+
+
+def _orientations(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
+    """Quaternions x, y, z, w (frames, 4) of axes fixed in a segment, in the upright world, without jumps of sign."""
+    frames = rotation.shape[2]
+    result = np.full((frames, 4), np.nan)
+    known = ~np.isnan(rotation[0, 0])
+    if known.any() and not np.isnan(axes).any():
+        matrices = np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes)
+        turns = Rotation.from_matrix(matrices).as_quat()
+        flips = np.cumprod(np.concatenate([[1.0], np.sign((turns[1:] * turns[:-1]).sum(axis=1) + 1e-300)]))
+        result[known] = turns * flips[:, None]
+    return result
+
+
+def skeleton_table(scene: Scene) -> pd.DataFrame:
+    """Tabulate joints, a row per frame and joint.
+
+    Returns:
+        Columns: frame, from 1; time, seconds; joint; x, y, z, metres, z up; known: "seen", "bridged" or "unknown";
+        error_x, error_y, error_z, standard errors of the place along x, y and z in this frame, metres (see
+        `frame_errors`).
+    """
+    errors = frame_errors(scene)
+    count, frames = len(scene.joints), scene.frames
+    words = np.array([flag.name.lower() for flag in Flag])
+    return pd.DataFrame(
+        {
+            "frame": np.repeat(np.arange(1, frames + 1), count),
+            "time": np.repeat(np.arange(frames) / scene.rate, count),
+            "joint": np.tile(np.array(scene.joints), frames),
+            **{axis: scene.centers[:, i].T.ravel() for i, axis in enumerate("xyz")},
+            "known": words[scene.flags.T.ravel()],
+            **{f"error_{axis}": errors[:, i].T.ravel() for i, axis in enumerate("xyz")},
+        }
+    )
+
+
+def frame_errors(scene: Scene) -> Floats:
+    """Standard errors of the joints along the world's axes in each frame (joints, 3, frames), metres.
+
+    They are those of the joint's place in its parent, rotated with the parent; of a hinge, of the part across its axis.
+    A bridged joint also has the error of the interpolation. NaN where the joint is unknown, or its error is.
+    """
+    errors = np.full(scene.centers.shape, np.nan)
+    squares = np.nan_to_num(scene.errors) ** 2
+    for joint, (turns, flags) in enumerate(zip(scene.orientations, scene.flags, strict=True)):
+        if np.isnan(scene.errors[joint]).all():
+            continue
+        known, turned = flags != Flag.UNKNOWN, ~np.isnan(turns[:, 0])
+        variance = np.full((3, len(flags)), squares[joint].max())  # of a joint that its child alone shows, the largest
+        if (known & turned).any():
+            axes = Rotation.from_quat(turns[known & turned]).as_matrix()
+            variance[:, known & turned] = (axes**2 @ squares[joint]).T
+        errors[joint][:, known] = np.sqrt(variance + scene.bridging[joint])[:, known]
+    return errors
+
+
+def bone_table(scene: Scene) -> pd.DataFrame:
+    """Tabulate bones, a row per bone between two joints.
+
+    Returns:
+        Columns: start, end; length, its median over time, and spread, its standard deviation (metres); error, upper
+        bound of the length's standard error from those of its joints (metres); uneven, difference from the other
+        side's length, relative to their mean; NaN where there is no other side.
+    """
+    worst = np.array([np.nanmax(row) if not np.isnan(row).all() else np.nan for row in scene.errors])
+    rows = []
+    for i, j in scene.bones:
+        if max(i, j) >= len(scene.joints):
+            continue
+        length = np.linalg.norm(scene.centers[i] - scene.centers[j], axis=0)
+        length = length[~np.isnan(length)]
+        if len(length):
+            names = {"start": scene.joints[i], "end": scene.joints[j]}
+            error = float(np.hypot(worst[i], worst[j]))
+            rows.append({**names, "length": np.median(length), "spread": length.std(), "error": error})
+    table = pd.DataFrame(rows, columns=["start", "end", "length", "spread", "error"])
+    pairs = [frozenset(pair) for pair in zip(table["start"], table["end"], strict=True)]
+    lengths = dict(zip(pairs, table["length"], strict=True))
+    across = [frozenset(map(mirrored, pair)) for pair in pairs]
+    other = [lengths.get(b, np.nan) if a != b else np.nan for a, b in zip(pairs, across, strict=True)]
+    table["uneven"] = (table["length"] - other) / (0.5 * (table["length"] + other))
+    return table
+
+
+def skeleton_lines(scene: Scene) -> Iterator[str]:
+    """Lay out bones, distances of joints from the markers' hull, shares of bridged frames, and reasons to doubt."""
+    bones = [
+        [
+            f"{row['start']} - {row['end']}",
+            f"{row['length']:.3f} m",
+            _millimetres(row["error"]),
+            _millimetres(row["spread"]),
+            "" if np.isnan(row["uneven"]) else f"{round(100 * row['uneven'], 1) + 0.0:+.1f} %",  # no minus before zero
+            "uneven" if abs(row["uneven"]) > UNEVEN else "",
+        ]
+        for row in bone_table(scene).to_dict("records")
+    ]
+    yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
+    hulls = [
+        [name, number(hull.share_outside, ".0%"), _millimetres(hull.distance) if hull.distance > 0.0 else "-"]
+        for name, hull in zip(scene.joints, hull_distances(scene.places, scene.centers), strict=True)
+    ]
+    yield from columns(hulls, ["joint", "outside", "by"], "<>")
+    yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
+    for name, flags in zip(scene.joints, scene.flags, strict=True):
+        shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]
+        lacking = [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]
+        if lacking:
+            yield f"{name}: {', '.join(lacking)}"
+    for name, doubt in zip(scene.joints, scene.doubts, strict=True):
+        if doubt:
+            yield f"{name}: not reliable: {doubt}"
+    yield from (f"note: {note}" for note in scene.notes)
+
+
+def _millimetres(metres: float) -> str:
+    return "-" if np.isnan(metres) else f"{1000 * metres:.1f} mm"
+
+
+def skeleton_data(scene: Scene) -> dict[str, object]:
+    """Describe a skeleton.
+
+    Returns:
+        ``recording``, ``rate``, ``frames``, ``source`` of the joints; ``joints``, each with ``joint``, ``doubt`` (a
+        reason, or null), ``error`` (its largest standard error, metres), the shares of the frames in which it is
+        ``seen``, ``bridged``, ``unknown`` and ``outside`` of the markers' hull, and ``distance`` outside it, metres;
+        ``bones``, as in `bone_table`; ``notes``.
+    """
+    hulls = hull_distances(scene.places, scene.centers)
+    joints = []
+    for name, doubt, errors, flags, hull in zip(
+        scene.joints, scene.doubts, scene.errors, scene.flags, hulls, strict=True
+    ):
+        known = errors[~np.isnan(errors)]
+        row = {"joint": name, "doubt": doubt or None, "error": float(known.max()) if len(known) else None}
+        row |= {flag.name.lower(): float((flags == flag).mean()) for flag in Flag}
+        joints.append(row | {"outside": hull.share_outside, "distance": hull.distance})
+    return {
+        "recording": scene.name,
+        "rate": scene.rate,
+        "frames": scene.frames,
+        "source": scene.source,
+        "joints": joints,
+        "bones": bone_table(scene).to_dict("records"),
+        "notes": list(scene.notes),
+    }
+
+
+def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str] = ()) -> Scene:
+    """Make the scene of a skeleton.
+
+    Joints that are not reliable carry the reason, those far outside the markers' hull among them.
+
+    Args:
+        skeleton: of phase 2.
+        recording: that it was drawn from.
+        notes: further remarks for the viewer, such as what is overruled (see `overruled`).
+
+    Raises:
+        RecordingError: if none of its joints is known in any frame.
+    """
+    calibration = skeleton.calibration
+    own = calibration.source == skeleton.name
+    source = "joints found in this recording" if own else f"joints found in {calibration.source}"
+    hulls = hull_distances(recording.positions, skeleton.centers)
+    doubts = []
+    for place, hull in zip(calibration.joints, hulls, strict=True):
+        reasons = ("" if place.status in USABLE else place.reason, hull.doubt)
+        doubts.append("; ".join(filter(None, reasons)))
+    return make_scene(skeleton, recording, doubts, source, (*recording.notes, *notes))

@@ -31,7 +31,8 @@ from scipy.stats import chi2
 from study import style
 from study.arrays import Bools, Bytes, Floats, Ints
 from study.recordings.recording import RecordingError
-from study.recordings.skeleton.scene import Flag, Scene
+from study.recordings.skeleton.draw import Flag
+from study.recordings.skeleton.scene import Scene
 
 
 @dataclass(frozen=True)

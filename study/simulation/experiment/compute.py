@@ -260,12 +260,10 @@ class Result:
         """Columns of the timing table: the seconds of equal steps and sizes added up."""
         if not self._seconds:
             return {}
-        return {
-            "step": np.array([step for step, _ in self._seconds], dtype=object),
-            "samples": np.array([samples for _, samples in self._seconds], dtype=np.int64),
-            "fits": np.array([int(fits) for fits, _ in self._seconds.values()], dtype=np.int64),
-            "seconds": np.array([seconds for _, seconds in self._seconds.values()]),
-        }
+        steps, samples = zip(*self._seconds, strict=True)
+        fits, seconds = np.array(list(self._seconds.values())).T
+        words = {"step": np.array(steps, dtype=object), "samples": np.array(samples, dtype=np.int64)}
+        return words | {"fits": fits.astype(np.int64), "seconds": seconds}
 
     @property
     def points(self) -> Columns:

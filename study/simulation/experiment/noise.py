@@ -117,7 +117,6 @@ def _bound(directions: Floats, weights: Floats) -> Floats:
     return bound_from_scatter(sums, mean, scatter)
 
 
-@dataclass(frozen=True)
 class LaplaceNoise:
     """Independent coordinates of density e^{-√2 |x|}/√2: variance 1, excess kurtosis 3.
 
@@ -182,7 +181,6 @@ class StudentNoise:
         return noise / np.sqrt(square)[:, None]
 
 
-@dataclass(frozen=True)
 class UniformNoise:
     """Independent coordinates uniform on [-√3, √3]: variance 1, excess kurtosis -6/5.
 
@@ -196,7 +194,6 @@ class UniformNoise:
         return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * noise))
 
 
-@dataclass(frozen=True)
 class RadialNoise:
     """Noise along the radius alone: a sample is at c + (r + σ ε) u, ε a standard normal number.
 

@@ -86,13 +86,8 @@ class Header(BaseModel):
     packets: list[PacketHeader] = []
 
 
-class _Rows(NamedTuple):
-    """Place of a table of a packet: its file, first byte and size, and the first row of each key."""
-
-    path: Path
-    begin: int
-    size: int
-    starts: list[int]
+_Rows = tuple[Path, int, int, list[int]]
+"""Place of a table of a packet: its file, first byte and size, and the first row of each key."""
 
 
 @lru_cache(maxsize=2)
@@ -262,9 +257,9 @@ class Parts:
             if software != self.software and software not in self.made_by:
                 self.made_by.append(software)
         for packet in header.packets:
-            stored = {}
+            stored: dict[str, _Rows] = {}
             for name, size in packet.sizes.items():
-                stored[name] = _Rows(path, begin, size, [0, *accumulate(packet.rows[name])])
+                stored[name] = path, begin, size, [0, *accumulate(packet.rows[name])]
                 begin += size
             self._names.update(stored)
             for place, (key, outputs) in enumerate(packet.keys):

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
+from functools import partial
 from itertools import chain, islice
 from operator import attrgetter
 from pathlib import Path
@@ -159,6 +160,7 @@ def run(
     """
     if study.precision is None and budget is not None:
         raise ValueError(f"{study.run_name()}: a budget is for a config with [precision]")
+    warn = warn or partial(print, file=sys.stderr)
     budget = budget or TimeBudget(study.precision.seconds if study.precision else None)
     workers = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
     if workers.backend != "threads" and (names := only_here(study.estimators)):
@@ -171,22 +173,18 @@ def run(
         stack.enter_context(writing(folder))
         parts = Parts(folder, "units", provenance.software())
         started = datetime.now(UTC)
-        store.set_damaged_aside(warn or _print)
+        store.set_damaged_aside(warn)
         store.begin(config)
         if store.finished() and store.up_to_date():
             parts.remove()  # of a run that was killed just before this, its last step
             return store
-        computation = _Computation(store, parts, budget, progress or (lambda share: None), warn or _print)
+        computation = _Computation(store, parts, budget, progress or (lambda share: None), warn)
         computation.prepare()
         computation.compute(backend)
         while computation.layout.advance(parts) or not computation.whole():
             computation.compute(backend)
         finish(store, parts, computation.layout, started, workers, budget)
         return store
-
-
-def _print(line: str) -> None:
-    print(line, file=sys.stderr)
 
 
 class _Computation:

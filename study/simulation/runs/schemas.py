@@ -78,9 +78,12 @@ def errors(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Co
     ]
 
 
-FAILURES = [
+_DATA_SET = [
     Column("cell", _WORD, "", "name of the condition"),
     Column("trial", pa.int64(), "", "number of the data set"),
+]
+FAILURES = [
+    *_DATA_SET,
     Column("estimator", _WORD, "", "name of the estimator"),
     Column("name", pa.string(), "", "the data set, as `study replay RUN NAME` draws it again"),
     Column("cause", _WORD, "", "exception, raised by the estimator; or worker, which died twice of the whole unit"),
@@ -98,8 +101,7 @@ TIMINGS = [
 def points(dimension: int) -> list[Column]:
     """The points table: a row per sample of the trials whose points are kept."""
     return [
-        Column("cell", _WORD, "", "name of the condition"),
-        Column("trial", pa.int64(), "", "number of the data set"),
+        *_DATA_SET,
         Column("sample", pa.int64(), "", "number of the sample"),
         *_per_axis("x", dimension, "length", "coordinate {} as the estimators saw it"),
         *_per_axis("center", dimension, "length", "coordinate {} of the true centre"),
@@ -143,8 +145,7 @@ def _per_parameter(name: str, dimension: int, unit: str, meaning: str, noise: bo
 
 
 _CHAIN = [
-    Column("cell", _WORD, "", "name of the condition"),
-    Column("trial", pa.int64(), "", "number of the data set"),
+    *_DATA_SET,
     Column("likelihood", _WORD, "", "geometric or whole_sphere"),
     Column("noise_is", _WORD, "", "known, or unknown: one more parameter of the chain"),
 ]

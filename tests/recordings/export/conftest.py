@@ -9,7 +9,7 @@ import pytest
 from study.recordings.export.tree import ExportedMotion
 from study.recordings.recording import Recording
 from study.recordings.skeleton.draw import draw_skeleton
-from study.recordings.skeleton.make_scene import skeleton_scene
+from study.recordings.skeleton.scene import skeleton_scene
 
 
 def export(recording, calibration, **options):

@@ -7,13 +7,11 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import study
-from study.recordings.joints.center import LocalMarker, fit_center
+from study.recordings.joints.center import SHAPE_ERROR, LocalMarker, PooledMoments, fit_center, marker_moments
+from study.recordings.joints.estimate import symmetric_fit
 from study.recordings.joints.find import find_joints
-from study.recordings.joints.moments import SHAPE_ERROR, PooledMoments, marker_moments
-from study.recordings.joints.poses import PosePoint, fit_poses
-from study.recordings.joints.symmetric import symmetric_fit
+from study.recordings.joints.poses import PoseNoise, PosePoint, fit_poses
 from study.recordings.markersets import load_markerset
-from study.recordings.pose_noise import PoseNoise
 from study.recordings.rigid import fit_rigid_motion, to_local
 from study.recordings.synthetic.make import Recipe, synthesize
 

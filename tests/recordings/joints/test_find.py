@@ -11,10 +11,10 @@ from study.recordings.joints.estimate import (
     CENTIMETRE,
     USABLE,
     JointStatus,
+    PlaceDifference,
     check_against_sides,
     check_both_ways,
     side_differences,
-    way_difference,
 )
 from study.recordings.joints.find import find_joints, in_both_segments
 from study.recordings.joints.report import METHODS, agreement_table, joint_lines, joint_table
@@ -23,7 +23,7 @@ from study.recordings.recording import Recording
 from study.recordings.rigid import rotation_range
 from study.recordings.skeleton.calibrate import with_checks
 from study.recordings.skeleton.draw import draw_skeleton
-from study.recordings.skeleton.make_scene import skeleton_lines, skeleton_scene
+from study.recordings.skeleton.scene import skeleton_lines, skeleton_scene
 from study.recordings.synthetic.make import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")
@@ -316,7 +316,7 @@ def test_estimates_in_different_axes(exact):
 def way(vector, error, axis=None):
     """The difference of two centres with equal, isotropic errors."""
     covariance = error**2 * np.eye(3)
-    return way_difference((np.zeros(3), covariance), (np.array(vector, dtype=float), covariance), axis)
+    return PlaceDifference.of(np.array(vector, dtype=float), 2 * covariance, axis, "ways")
 
 
 @pytest.mark.parametrize(

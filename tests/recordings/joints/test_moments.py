@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from study.fits.moments import Moments
-from study.recordings.joints.moments import PooledMoments, marker_moments
+from study.recordings.joints.center import PooledMoments, marker_moments
 from study.recordings.joints.poses import (
+    PoseNoise,
     PosePoint,
     SegmentPoses,
     fit_poses,
@@ -14,7 +15,6 @@ from study.recordings.joints.poses import (
     reference_frame,
 )
 from study.recordings.markersets import load_markerset
-from study.recordings.pose_noise import PoseNoise
 from study.recordings.synthetic.make import Recipe, synthesize
 
 

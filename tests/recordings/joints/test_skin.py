@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from study import mgdk
 from study.recordings.joints.estimate import USABLE
 from study.recordings.joints.find import find_joints
+from study.recordings.joints.poses import rigid_residual_operator
 from study.recordings.joints.skin import (
     Cluster,
     MarkerResponse,
@@ -17,7 +18,6 @@ from study.recordings.joints.skin import (
     sphere_skin,
 )
 from study.recordings.markersets import load_markerset
-from study.recordings.pose_noise import rigid_residual_operator
 from study.recordings.synthetic.make import Recipe, synthesize
 
 ARMS = np.array([[0.0, 0.05, -0.2], [0.06, 0.0, -0.3], [-0.05, -0.04, -0.25]])

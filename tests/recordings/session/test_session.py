@@ -292,6 +292,20 @@ def test_a_leg_that_stands_has_no_vote_in_a_real_trial(side, shared_file):
     assert other.rank > place.rank
 
 
+def test_hips_of_a_session_are_judged_by_their_distance(trial, markerset):
+    """Each trial moves one hip; what is merged is doubted where the pelvis is too narrow for the hips' distance."""
+    narrow = []
+    for name, ranges in (("left", {"left": 0.4}), ("right", {"right": 0.4})):
+        recording = trial(name, **ranges, seed=len(narrow))
+        positions, rows = np.array(recording.positions), [recording.row("LASI"), recording.row("RASI")]
+        positions[rows] += 0.44 * (positions[rows].mean(axis=0) - positions[rows])
+        narrow.append(replace(recording, positions=positions))
+    merged = calibrate_session(markerset, narrow).calibration
+    for hip in ("left_hip", "right_hip"):
+        assert merged[hip].status == JointStatus.IMPLAUSIBLE
+        assert "of LASI to RASI: 0.65 to 1.2 is plausible" in merged[hip].reason
+
+
 def allowed(part, errors):
     """A trial's place with the allowance of these standard deviations."""
     return replace(part, allowance=np.diag(np.square(errors)))

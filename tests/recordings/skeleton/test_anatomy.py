@@ -26,7 +26,7 @@ from study.recordings.skeleton.anatomy import (
     weighted,
 )
 from study.recordings.skeleton.draw import draw_skeleton
-from study.recordings.skeleton.make_scene import skeleton_scene
+from study.recordings.skeleton.scene import skeleton_scene
 from study.recordings.synthetic.make import Recipe, body, synthesize, unit
 
 

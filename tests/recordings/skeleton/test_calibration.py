@@ -24,7 +24,7 @@ from study.recordings.skeleton.calibrate import (
     with_doubts,
 )
 from study.recordings.skeleton.draw import draw_skeleton
-from study.recordings.skeleton.make_scene import skeleton_scene
+from study.recordings.skeleton.scene import skeleton_scene
 from study.recordings.synthetic.make import Recipe, synthesize
 
 

@@ -10,10 +10,9 @@ from study.recordings.joints.estimate import USABLE
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.calibrate import calibrate, check_subject, hull_distances, with_checks
-from study.recordings.skeleton.draw import InterpolatedRotation, draw_skeleton
-from study.recordings.skeleton.make_scene import frame_errors, skeleton_scene, skeleton_table
+from study.recordings.skeleton.draw import Flag, InterpolatedRotation, draw_skeleton
 from study.recordings.skeleton.poses import complete_poses
-from study.recordings.skeleton.scene import Flag
+from study.recordings.skeleton.scene import frame_errors, skeleton_scene, skeleton_table
 from study.recordings.synthetic.make import Recipe, synthesize
 
 CMU41 = load_markerset("cmu41")

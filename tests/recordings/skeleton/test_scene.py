@@ -13,9 +13,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.recordings.joints.report import agreement_lines, joint_lines
+from study.recordings.markersets.match import mirrored, side
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.skeleton.make_scene import bone_table, make_scene, skeleton_lines, skeleton_table
-from study.recordings.skeleton.scene import Flag, bones, mirrored, side
+from study.recordings.skeleton.draw import Flag
+from study.recordings.skeleton.scene import bone_table, bones, make_scene, skeleton_lines, skeleton_table
 from study.recordings.synthetic.make import Recipe, synthesize
 
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from study.recordings.recording import RecordingError
-from study.recordings.skeleton.scene import Flag
+from study.recordings.skeleton.draw import Flag
 from study.recordings.view.figure import (
     Camera,
     draw,

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from study.files import RunError
 from study.recordings import library
 from study.recordings.skeleton.draw import draw_skeleton
-from study.recordings.skeleton.make_scene import skeleton_scene
+from study.recordings.skeleton.scene import skeleton_scene
 from study.recordings.synthetic.make import Recipe, synthesize
 from study.recordings.view.figure import half_axes
 from study.recordings.view.webpage import (

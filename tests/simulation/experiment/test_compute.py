@@ -197,39 +197,6 @@ def test_no_estimators_leave_no_rows(make_study, route):
 
 
 @pytest.fixture
-def hesitant(monkeypatch):
-    """An estimator that is gdke from moments alone, but raises where the points' mean is beyond .85 of the axis."""
-
-    def estimator(samples):
-        if samples.regression.origin[:, 0].max() > 0.85:
-            raise ZeroDivisionError("my own mistake")
-        return study.ESTIMATORS["gdke"](samples)
-
-    monkeypatch.setitem(study.ESTIMATORS, "hesitant", Estimator(estimator, "a test", moments_suffice=True))
-
-
-@pytest.mark.usefixtures("hesitant")
-def test_an_exception_among_levels_is_a_status_of_its_trial(make_study):
-    """An exception is noted with its level and trial, also if levels are fitted side by side."""
-    made = make_study({"estimators": ["gdke", "hesitant"]}, trials=40, noise=[0.1, 0.4], angle=60)
-    unit = next(units(made))
-    result = compute(made, unit)
-    cells, draws = next(unit.parts(0)).cells, draw(made, unit)
-    expected = set()
-    for cell in cells:
-        mean = draws.place(cell.level).x.mean(axis=2)[:, 0]
-        expected |= {(cell.name, trial) for trial in np.flatnonzero(mean > 0.85)}
-    assert 5 < len(expected) < 75
-    assert {cell for cell, _ in expected} == {cell.name for cell in cells}
-    found, mine = result.errors, result.errors["estimator"] == "hesitant"
-    failed = found["status"][mine] == study.Status.FAILED
-    pairs = list(zip(found["cell"][mine], found["trial"][mine], strict=True))
-    assert {pair for pair, bad in zip(pairs, failed, strict=True) if bad} == expected
-    assert set(zip(result.failures["cell"], result.failures["trial"], strict=True)) == expected
-    np.testing.assert_array_equal(found["error"][mine][~failed], found["error"][~mine][~failed])
-
-
-@pytest.fixture
 def sometimes(monkeypatch):
     """An estimator that is lls, but raises on batches with points of a first coordinate above 1.2."""
 
@@ -362,31 +329,6 @@ def test_directions_are_unit_vectors_within_the_cap(make_study, d, angle):
     assert near * limit < height.max() <= limit * (1 + 4 * EPS)
 
 
-def stored_points(study):
-    """Points (cell, trial, n, d) as a run stores them, and their cells."""
-    batch = first_batch(study)
-    cells = [cell for unit in units(study) for batch in unit.parts(0) for cell in batch.cells]
-    columns = [compute(study, unit).points for unit in units(study)]
-    d = study.dimension
-    x = np.concatenate([np.stack([part[f"x_{i + 1}"] for i in range(d)], axis=-1) for part in columns])
-    return x.reshape(len(cells), study.design.trials, batch.group.samples, d), cells
-
-
-@pytest.mark.parametrize("d", [2, 3, 5])
-def test_levels_of_a_group_share_their_draws(make_study, d):
-    """From the points of three cells follow u and z, and with them the points of all others."""
-    study = make_study({"dimension": d, "keep_points": 9}, trials=3, **LEVELS)
-    x, cells = stored_points(study)
-    at = {(c.noise, c.radius, round(c.distance)): (x[i], c) for i, c in enumerate(cells)}
-    (p, low), (q, high), (wide, _) = at[0.5, 1, 0], at[8.0, 1, 0], at[0.5, 3, 0]
-    z = (q - p) / (high.noise - low.noise)
-    u = (wide - p) / 2.0
-    np.testing.assert_allclose(np.linalg.norm(u, axis=-1), 1.0, rtol=1e-13)
-    for points, cell in at.values():
-        expected = np.array(cell.center) + cell.radius * u + cell.noise * z
-        np.testing.assert_allclose(points, expected, rtol=0, atol=1e-13)
-
-
 def test_cells_with_independent_draws_share_nothing(make_study):
     """With independent draws, no two cells have a common direction or normal."""
     study = make_study({"keep_points": 9}, trials=3, draws="independent", **LEVELS)
@@ -406,15 +348,6 @@ def test_groups_share_nothing(make_study, change):
     one, other = make_study(), make_study(**change)
     left, right = draw(one, first_batch(one)), draw(other, first_batch(other))
     assert not np.intersect1d(left.unit_noise, right.unit_noise).size
-
-
-def test_first_trials_do_not_depend_on_how_many_follow(make_study):
-    """A longer study begins with the draws of a shorter one, bit for bit, also with a noise shape."""
-    shape = [[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]]
-    short, long = (make_study({"noise_shape": shape}, trials=trials) for trials in (1, 500))
-    left, right = draw(short, first_batch(short)), draw(long, first_batch(long))
-    np.testing.assert_array_equal(left.unit_noise, right.unit_noise[:1])
-    np.testing.assert_array_equal(left.directions, right.directions[:1])
 
 
 SHAPES = {

@@ -17,7 +17,7 @@ from scipy import stats
 import study
 from study.simulation.experiment import designs
 from study.simulation.experiment.config import load
-from study.simulation.experiment.designs import Cell, block_trials, diagonal_center
+from study.simulation.experiment.designs import Cell, block_trials
 from study.simulation.experiment.sampling import groups, units
 
 AXES = {"samples": [4, 50], "noise": [0.1, 0.2, 0.3], "angle": [20, 90], "radius": [1, 2], "center": [0, 1, 5]}
@@ -86,6 +86,7 @@ def test_order_of_a_grid(make_study):
     """Cells come by samples, then angle, then noise, radius and centre, each in the order of the config."""
     work = units(make_study(samples=[50, 4], noise=[0.2, 0.1], angle=[90, 20], radius=[2, 1], center=[1, 0]))
     cells = [cell for unit in work for batch in unit.parts(0) for cell in batch.cells]
+    assert {cell.center for cell in cells} == {(0.0,) * 3, (1.0 / math.sqrt(3.0),) * 3}  # on the main diagonal
     keys = [(-c.samples, -c.angle, -c.noise, -c.radius, -c.distance) for c in cells]
     assert keys == sorted(keys)
     assert len(set(keys)) == 32
@@ -100,15 +101,6 @@ def test_relative_noise_is_times_the_radius(make_study):
             for cell in next(unit.parts(0)).cells:
                 levels = [v * cell.radius for v in made.design.noise_over_radius] if relative else made.design.noise
                 assert cell.noise in levels
-
-
-@pytest.mark.parametrize("d", [2, 3, 5])
-def test_centres_of_a_grid(d):
-    """A grid's centres lie at their distance along the main diagonal."""
-    center = diagonal_center(2.0, d)
-    assert len(center) == d
-    assert len(set(center)) == 1
-    assert Cell(10, 0.1, 90.0, 1.0, center).distance == pytest.approx(2.0, rel=1e-15)
 
 
 CELL = Cell(10, 0.1, 90.0, 1.0, (0.0, 0.0, 0.0))

@@ -13,12 +13,12 @@ import study
 from study.fits import cap, fit
 from study.fits.random import lanes
 from study.simulation.experiment.compute import compute
-from study.simulation.experiment.conditions import DEPARTURES
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.experiment.noise import (
     LAWS,
     GaussianNoise,
     departures,
+    excess_kurtosis,
     freedom,
     gaussian,
     has_equal_covariance,
@@ -71,6 +71,7 @@ def test_a_coordinate_has_the_law(law):
     tested instead.
     """
     assert MARGINALS[law].var() == pytest.approx(1.0, rel=1e-12)
+    assert law == "student(3)" or excess_kurtosis(law) == pytest.approx(MARGINALS[law].stats("k"))
     noise = np.concatenate(list(drawn({"law": law})[1]), axis=1)
     for axis in range(3):
         assert stats.kstest(noise[axis], MARGINALS[law].cdf).pvalue > 1e-6
@@ -84,13 +85,6 @@ def assert_second_moments(vectors, expected):
     products = vectors[:, None] * vectors[None]
     error = products.std(axis=2) / np.sqrt(vectors.shape[1])
     assert np.all(np.abs(products.mean(axis=2) - expected) < 5 * error)
-
-
-def test_kurtosis():
-    """Fourth moments 3 + excess: 3 + 6/(ν - 4), 6 and 1.8, within 5 standard errors from the eighth moments."""
-    for law, excess in (("student(12.5)", 6 / 8.5), ("laplace", 3.0), ("uniform", -1.2)):
-        fourth = drawn({"law": law})[1].ravel() ** 4
-        assert abs(fourth.mean() - 3.0 - excess) < 5 * fourth.std() / np.sqrt(fourth.size)
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
@@ -218,17 +212,6 @@ def test_outliers_go_with_noise_of_any_covariance(make_study):
     """Fits of anisotropic noise with outliers are numbers; another law has no shape (see the faults of configs)."""
     top = {"noise_shape": [[4.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "estimators": ["gdke"]}
     assert np.all(np.isfinite(list(errors_of(make_study(top, outlier_share=0.1)).values())))
-
-
-def test_random_designs_draw_outliers(make_study):
-    """A random design draws the share from a law; its other conditions are those that it draws without."""
-    share = {"law": "uniform", "low": 0.0, "high": 0.3}
-    with_share, without = (
-        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
-        for more in ({"outlier_share": share}, {})
-    )
-    assert {c.name for c in DEPARTURES} & set(dict(with_share[0].further)) == {"outlier_share"}
-    assert [c.center for c in with_share] == [c.center for c in without]
 
 
 def placed(conditions, d=3, angle=2.0, n=30_000):
@@ -420,15 +403,27 @@ def test_estimators_get_the_stated_variance(make_study):
     np.testing.assert_allclose(np.linalg.norm(told.center - trial.cell.center), columns["error"][~first][0], rtol=1e-12)
 
 
-def test_random_designs_take_words(make_study):
-    """A word is the same for all trials of a random design; the other conditions are those drawn without it."""
-    words = {"law": "radial", "directions": "polar", "stated_variance": 0.25}
-    structured, plain = (
-        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **more))]
-        for more in (words, {})
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"law": "radial", "directions": "polar", "stated_variance": 0.25},
+        {"outlier_share": {"law": "uniform", "low": 0.0, "high": 0.3}},
+    ],
+    ids=["words", "outliers"],
+)
+def test_random_designs(make_study, more):
+    """A word is the same for all trials of a random design, a number is drawn from its law.
+
+    The other conditions are those that are drawn without them; a default in words is as if it were left out.
+    """
+    with_more, plain = (
+        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **given))]
+        for given in (more, {})
     )
-    assert all(dict(cell.further) == words for cell in structured)
-    assert [(c.center, c.noise) for c in structured] == [(c.center, c.noise) for c in plain]
+    assert all(set(dict(cell.further)) == set(more) for cell in with_more)
+    for name in set(more) - {"outlier_share"}:
+        assert {dict(cell.further)[name] for cell in with_more} == {more[name]}
+    assert [(c.center, c.noise) for c in with_more] == [(c.center, c.noise) for c in plain]
     assert make_study(kind="random", law="normal", directions="area").digest() == make_study(kind="random").digest()
 
 

@@ -174,16 +174,6 @@ def test_the_trials_of_a_cell_that_a_random_design_drew_several_times(make_study
         assert f"has trial {min(numbers)} to {max(numbers)}" not in str(caught.value)
 
 
-def test_more_trials_or_cells_leave_a_trial_as_it_is(make_study):
-    """A trial's points do not depend on how much is run beside it."""
-    small = make_study(trials=1, noise=0.5, samples=40, angle=60, radius=2.0, center=3.0)
-    large = make_study(**GRID | {"trials": 1001})
-    (trial,) = all_trials(small)
-    one, other = (find(s, trial.cell.name, 0) for s in (small, large))
-    np.testing.assert_array_equal(one.samples.x, other.samples.x)
-    np.testing.assert_array_equal(one.unit_bound, other.unit_bound)
-
-
 @pytest.mark.parametrize("d", [2, 3])
 def test_what_is_printed(make_study, d):
     """A line of the trial, three of its truth, and a table of a line per estimator with the answers' digits."""
@@ -218,8 +208,3 @@ def test_robust_is_settled_without_its_outliers(make_study):
             own = study.fit(trial.samples.points[0], name)
             assert found.status == own.status, name
             np.testing.assert_array_equal(found.interval("radius"), own.interval("radius"))
-
-
-def shape_of(d):
-    """A covariance with correlations in d dimensions."""
-    return [[(i + 1.0) if i == j else 0.3 for j in range(d)] for i in range(d)]

@@ -63,15 +63,6 @@ def test_share_errors_match_the_scatter(p):
     assert error.mean() == pytest.approx(value.std(), rel=0.15 if p < 0.1 else 0.1)
 
 
-def test_share_at_the_ends():
-    """None or all of n has an error of the order 1/n, not 0; none of none is unknown."""
-    for count in (0, 100):
-        found = share(count, 100)
-        assert found.value == count / 100
-        assert 0.005 < found.error < 0.03
-    assert all(math.isnan(v) for v in share(0, 0))
-
-
 @pytest.mark.parametrize("measure", [mean, root_mean_square])
 def test_moment_errors_match_the_scatter(measure):
     """Errors of mean and root mean square match their scatter within 10 %, where moments exist."""
@@ -82,8 +73,16 @@ def test_moment_errors_match_the_scatter(measure):
     assert value.mean() == pytest.approx(truth, abs=4.5 * value.std() / math.sqrt(REPEATS) + 1e-3)
 
 
-def test_moments_of_nothing():
-    """Samples without a spread to estimate have no mean and no root mean square."""
+def test_shares_and_moments_of_nothing():
+    """None or all of n has an error of the order 1/n, not 0; none of none is unknown.
+
+    Samples without a spread to estimate have no mean and no root mean square.
+    """
+    for count in (0, 100):
+        found = share(count, 100)
+        assert found.value == count / 100
+        assert 0.005 < found.error < 0.03
+    assert all(math.isnan(v) for v in share(0, 0))
     for values in (np.array([]), np.array([1.0])):
         assert all(math.isnan(v) for measure in (mean, root_mean_square) for v in measure(values))
     assert math.isnan(root_mean_square(np.zeros(5)).value) == math.isnan(UNKNOWN.value)
@@ -174,14 +173,6 @@ def test_intervals_are_clopper_and_pearsons(rng, inside, count):
         assert row["p"] == pytest.approx(min(chances[chances <= chances[inside] * (1 + 1e-7)].sum(), 1.0), rel=1e-9)
 
 
-def test_levels_between(rng):
-    """A set of level p holds the truth if the truth's own level is below p."""
-    posterior = chains(rng, 100)
-    posterior["level"] = (np.arange(100) + 0.5) / 100.0
-    table = coverage(trials(posterior, beside(rng, posterior))).query("method == 'posterior'")
-    assert dict(zip(table["level"], table["share"], strict=True)) == pytest.approx({0.68: 0.68, 0.95: 0.95})
-
-
 def test_those_that_failed_are_outside(rng):
     """A chain or a fit that is not ok, or has no level, does not hold the truth, whatever its level is."""
     posterior = chains(rng, 50, level=0.1)
@@ -209,6 +200,9 @@ def test_coverage_of_what_is_calibrated(rng):
             row = table.loc[(method, level)]
             assert row["p"] > 1e-4
             assert abs(row["share"] - level) < 4.0 * np.sqrt(level * (1.0 - level) / 1000)
+    exact = posterior.assign(level=(np.arange(1000) + 0.5) / 1000.0)  # a set holds the truth if its level is below
+    whole = coverage(trials(exact, answers)).query("method == 'posterior'")
+    assert dict(zip(whole["level"], whole["share"], strict=True)) == pytest.approx({0.68: 0.68, 0.95: 0.95})
     assert table.loc[("gdke", 0.68), "p"] < 1e-9
     assert table.loc[("gdke", 0.68), "high"] < 0.68
 

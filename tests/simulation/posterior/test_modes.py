@@ -61,16 +61,15 @@ def test_where_they_are_possible(on_cap, d, angle, noise, wanted):
 
 
 def test_there_and_back(rays):
-    """Each is the other's inverse, with the same volume, near and far (to roundings times e⁶)."""
+    """Each is the other's inverse, with the same volume, near and far (to roundings times e⁶).
+
+    Volumes are the Jacobian's determinants, by central differences, up to one constant.
+    """
     walkers = np.random.default_rng(4).standard_normal((50, len(rays.origin))) * np.geomspace(0.1, 100.0, 50)[:, None]
     places, volume = rays.coordinates(walkers)
     back, same = rays.walkers(places)
     np.testing.assert_allclose(back, walkers, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(same, volume, atol=1e-9)
-
-
-def test_volumes(rays):
-    """They are the Jacobian's determinants, by central differences, up to one constant."""
     places = np.random.default_rng(5).standard_normal((20, len(rays.origin)))
     _, volume = rays.walkers(places)
     step = 1e-5 * np.eye(len(rays.origin))
@@ -79,10 +78,7 @@ def test_volumes(rays):
     np.testing.assert_allclose(excess, excess[0], atol=1e-5)
 
 
-DIMENSIONS = [2, 3, 5]
-
-
-@pytest.fixture(params=DIMENSIONS)
+@pytest.fixture(params=[2, 3, 5])
 def d(request):
     """Two, three and five dimensions; in three the code has a formula of its own."""
     return request.param
@@ -109,54 +105,20 @@ def log_density(distance, radius, noise, d):
     return math.log(above / below) - peak / (2.0 * noise**2) - 0.5 * d * math.log(2.0 * math.pi * noise**2)
 
 
-def test_geometric(rng, d):
-    """It is -N log σ - Σ(|x - c| - r)²/2σ², with c and r the reference's plus the offset."""
+def test_likelihoods(rng, d):
+    """The geometric one is -N log σ - Σ(|x - c| - r)²/2σ², with c and r the reference's plus the offset.
+
+    That of the whole sphere is the sum of the points' log-densities, but for (d/2) log 2π each; k is from .1 to 200.
+    """
     points, center, radius, offsets, log_noise = scene(rng, d)
-    found = geometric(Reference.of(points, center, radius), offsets, log_noise)
-    for value, offset, log_sigma in zip(found, offsets, log_noise, strict=True):
-        distance = np.linalg.norm(points - (center + offset[:d])[:, None], axis=0)
-        excess = distance - radius - offset[d]
-        noise = math.exp(log_sigma)
-        assert value == pytest.approx(-len(distance) * log_sigma - np.sum(excess**2) / (2.0 * noise**2), rel=1e-12)
-
-
-def test_whole_sphere(rng, d):
-    """It is the sum of the points' log-densities, but for (d/2) log 2π each; k is between .1 and 200."""
-    points, center, radius, offsets, log_noise = scene(rng, d)
-    found = whole_sphere(Reference.of(points, center, radius), offsets, log_noise)
-    for value, offset, log_sigma in zip(found, offsets, log_noise, strict=True):
-        distance = np.linalg.norm(points - (center + offset[:d])[:, None], axis=0)
-        logs = [log_density(x, radius + offset[d], math.exp(log_sigma), d) for x in distance]
-        constant = 0.5 * d * points.shape[1] * math.log(2.0 * math.pi)
-        assert value == pytest.approx(sum(logs) + constant, rel=1e-9)
-
-
-@pytest.mark.parametrize("noise", [0.05, 0.5, 2.0])
-def test_whole_sphere_integrates_to_one(d, noise):
-    """∫ p(R) |Sᵈ⁻¹| Rᵈ⁻¹ dR = 1, by Gauss-Legendre in pieces (density: theory §6)."""
-    radius, top = 1.0, 1.0 + 14.0 * noise
-    node, weight = np.polynomial.legendre.leggauss(40)
-    edge = np.linspace(0.0, top, 31)
-    half, middle = 0.5 * np.diff(edge)[:, None], 0.5 * (edge[1:] + edge[:-1])[:, None]
-    distance, weights = (middle + half * node).ravel(), (half * weight).ravel()
-    # one point, and spheres with centres at these distances from it
-    reference = Reference.of(np.eye(d)[:, :1], np.zeros(d), radius)
-    offsets = np.zeros((len(distance), d + 1))
-    offsets[:, 0] = 1.0 - distance
-    logs = whole_sphere(reference, offsets, np.full(len(distance), math.log(noise)))
-    surface = 2.0 * math.pi ** (0.5 * d) / math.gamma(0.5 * d)
-    density = np.exp(logs) * (2.0 * math.pi) ** (-0.5 * d)
-    assert np.sum(weights * density * surface * distance ** (d - 1)) == pytest.approx(1.0, abs=1e-8)
-
-
-def test_geometric_integrates_to_one_over_distances(d):
-    """exp(geometric) of one point is √2π times a normal density in R, whatever the dimension: N, not N d, in σ."""
-    noise, distance = 0.03, np.linspace(0.7, 1.3, 2001)
-    offsets = np.zeros((len(distance), d + 1))
-    offsets[:, 0] = 1.0 - distance
-    logs = geometric(Reference.of(np.eye(d)[:, :1], np.zeros(d), 1.0), offsets, np.full(2001, math.log(noise)))
-    area = np.trapezoid(np.exp(logs), distance) / math.sqrt(2.0 * math.pi)
-    assert area == pytest.approx(1.0, abs=1e-10)
+    reference = Reference.of(points, center, radius)
+    found = zip(geometric(reference, offsets, log_noise), whole_sphere(reference, offsets, log_noise), strict=True)
+    for (plain, whole), offset, log_sigma in zip(found, offsets, log_noise, strict=True):
+        distance, noise = np.linalg.norm(points - (center + offset[:d])[:, None], axis=0), math.exp(log_sigma)
+        squares = np.sum((distance - radius - offset[d]) ** 2)
+        assert plain == pytest.approx(-len(distance) * log_sigma - squares / (2.0 * noise**2), rel=1e-12)
+        logs = [log_density(x, radius + offset[d], noise, d) for x in distance]
+        assert whole == pytest.approx(sum(logs) + 0.5 * d * points.shape[1] * math.log(2.0 * math.pi), rel=1e-9)
 
 
 @pytest.mark.parametrize("radius", [1e-5, 1e-100])

@@ -214,8 +214,8 @@ def test_no_such_backend(start, tmp_path, wrong):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_units_are_computed_outside_the_main_thread(start, monkeypatch, jobs):
-    """No worker is the main thread, which is the one that Ctrl-C interrupts, whatever the number of workers.
+def test_units_are_computed_outside_the_main_thread(start, make_text, monkeypatch, jobs):
+    """No worker is the main thread, which is the one that Ctrl-C interrupts, nor is a plan calibrated there.
 
     Numba 0.68 ends the process with a segmentation fault if an exception rises while it unboxes a Generator.
     """
@@ -226,24 +226,11 @@ def test_units_are_computed_outside_the_main_thread(start, monkeypatch, jobs):
         return good(samples)
 
     monkeypatch.setitem(study.ESTIMATORS, "watched", Estimator(watched))
-    start({"estimators": ["watched"]}, jobs=jobs)
-    assert threads
-    assert threading.main_thread() not in threads
-    assert len(threads) <= jobs
-
-
-def test_a_plan_is_calibrated_outside_the_main_thread(make_text, monkeypatch):
-    """For the same reason, the calibration of a plan is not computed in the main thread."""
-    good, threads = study.ESTIMATORS["lls"], set()
-
-    def watched(samples):
-        threads.add(threading.current_thread())
-        return good(samples)
-
-    monkeypatch.setitem(study.ESTIMATORS, "watched", Estimator(watched))
-    plan(parse(make_text({"estimators": ["watched"]})), 2)
-    assert threads
-    assert threading.main_thread() not in threads
+    for compute in (lambda top: start(top, jobs=jobs), lambda top: plan(parse(make_text(top)), jobs)):
+        threads.clear()
+        compute({"estimators": ["watched"]})
+        assert 1 <= len(threads) <= jobs
+        assert threading.main_thread() not in threads
 
 
 @pytest.mark.usefixtures("small_parts")
@@ -318,14 +305,13 @@ def weigh(item):
     return item
 
 
-def test_the_heaviest_goes_first():
-    """Each task has one item where one is heavy enough; of equal weights the first goes first."""
+def test_small_items_go_together():
+    """Each task has one item where one is heavy enough; of equal weights the first goes first, of others the heaviest.
+
+    Items are added until the task weighs enough; the last task may weigh less.
+    """
     assert list(cut([3, 9, 5, 7], weigh, 1)) == [(9,), (7,), (5,), (3,)]
     assert list(cut([(1, "a"), (1, "b")], lambda item: item[0], 0)) == [((1, "a"),), ((1, "b"),)]
-
-
-def test_small_items_go_together():
-    """Items are added until the task weighs enough; the last task may weigh less."""
     assert list(cut([1] * 7, weigh, 3)) == [(1, 1, 1), (1, 1, 1), (1,)]
     assert [sum(items) for items in cut([5, 1, 1, 1, 2], weigh, 3)] == [5, 3, 2]
 

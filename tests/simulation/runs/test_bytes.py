@@ -79,21 +79,6 @@ def test_bytes_do_not_depend_on_spelling(start, make_text, tmp_path):
     assert [(run.folder / "config.toml").read_text() for run in runs] == [text, other]
 
 
-def test_running_again_gives_the_same_bytes(start, entries, files_of):
-    """A second run into the same folder leaves the same tables, and no other files."""
-    run = start(**entries)
-    before = files_of(run.folder)
-    start(folder=run.folder, **entries)
-    after = files_of(run.folder)
-    assert set(before) == set(after)
-    assert {name for name in before if before[name] != after[name]} <= {"manifest.json", "timings.parquet"}
-
-
-def test_another_seed_gives_other_bytes(start):
-    """The comparison above can fail."""
-    assert tables(start({"keep_points": 1})) != tables(start({"keep_points": 1, "seed": 2}))
-
-
 GRID = {"trials": 10, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60]}
 
 RANDOM_REUSE = {

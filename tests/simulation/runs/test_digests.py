@@ -28,6 +28,9 @@ from study.simulation.runs.workers import Workers
 pytestmark = pytest.mark.usefixtures("same_software")
 
 
+BOUND = "column 'bound' is of type string, not double"
+
+
 @pytest.fixture
 def run(start):
     """A finished run of two cells with its summary."""
@@ -95,35 +98,29 @@ def test_a_changed_table_is_refused(run, name):
         Run.open(run.folder).table(name)
 
 
-def test_a_scaled_summary_is_made_again(run):
-    """Medians that were multiplied are not believed; the table is set aside, and is what it was."""
-    before = run.path("summary").read_bytes()
+def test_a_damaged_summary_is_made_again(run):
+    """Medians that were multiplied are not believed: the table is set aside, and is what it was, once made again.
+
+    One that is gone is said to be missing, by a repair and by the status, and nothing is set aside. The status counts
+    the parts that were set aside, and not the tables beside them.
+    """
+    before, damaged, lines = run.path("summary").read_bytes(), run.folder / "parts" / DAMAGED, []
+    run.path("summary").unlink()
+    assert any(line.endswith("timings, summary (missing)") for line in printed(status(run.folder)))
+    run.set_damaged_aside(lines.append)
+    assert lines == [f"{run.path('summary')}: missing, and made again"]
+    assert not (run.folder / "parts").exists()
+    summarise(run)
     alter(run, "summary", scaled)
     assert not run.valid("summary")
-    told = []
-    run.set_damaged_aside(told.append)
-    assert "summary.parquet: damaged; set aside in parts/damaged, and made again" in told[0]
-    assert (run.folder / "parts" / DAMAGED / "summary.parquet").exists()
+    run.set_damaged_aside(lines.append)
+    assert "summary.parquet: damaged; set aside in parts/damaged, and made again" in lines[1]
+    assert (damaged / "summary.parquet").exists()
     summarise(run)
     assert run.path("summary").read_bytes() == before
     assert run.valid("summary")
-
-
-def test_a_missing_table_is_made_again(run):
-    """A table that is gone is said to be missing, by a repair and by the status; nothing is set aside."""
-    run.path("summary").unlink()
-    assert any(line.endswith("timings, summary (missing)") for line in printed(status(run.folder)))
-    told = []
-    run.set_damaged_aside(told.append)
-    assert told == [f"{run.path('summary')}: missing, and made again"]
-    assert not (run.folder / "parts").exists()
-
-
-def test_a_table_that_was_set_aside_is_no_part(run):
-    """The status counts the parts that were set aside, and not the tables beside them."""
-    run.set_aside("summary")
     assert status(run.folder).parts["set_aside"] == 0
-    (run.folder / "parts" / DAMAGED / "units-0.part").touch()
+    (damaged / "units-0.part").touch()
     assert status(run.folder).parts["set_aside"] == 1
 
 
@@ -131,12 +128,7 @@ def test_a_table_that_was_set_aside_is_no_part(run):
     ("change", "words"),
     [
         (lambda t: t.rename_columns([{"error": "errors"}.get(n, n) for n in t.schema.names]), "no column 'error'"),
-        (
-            lambda t: t.set_column(
-                t.schema.get_field_index("bound"), "bound", pa.array(map(str, t["bound"].to_pylist()))
-            ),
-            "column 'bound' is of type string, not double",
-        ),
+        (lambda t: t.set_column(t.schema.names.index("bound"), "bound", [["0.1"] * len(t)]), BOUND),
     ],
     ids=["renamed", "strings"],
 )
@@ -144,6 +136,8 @@ def test_columns_are_those_declared(run, change, words):
     """A table with the digest of the manifest, but other columns, is refused with one line."""
     alter(run, "errors", change)
     run.record("errors")
+    assert run.damaged() == ["errors"]
+    assert not run.finished()
     with pytest.raises(RunError, match=f"not a table of this version: {words}; `study run"):
         run.table("errors")
 

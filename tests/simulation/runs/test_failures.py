@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import pytest
 
 from study.fits import Status
-from study.simulation.runs import jobs as module
 from study.simulation.runs import runner, workers
 from study.simulation.runs.runner import failure_message
 from study.simulation.runs.workers import Workers
@@ -109,19 +108,3 @@ def test_lost_units_are_tried_again_by_the_next_run(start, deadly, computed):
     assert {cell for cell, *_ in computed} == {deadly.cell}
     assert not run.has("failures")
     assert run.path("errors").read_bytes() == start(LLS, draws="independent").path("errors").read_bytes()
-
-
-def test_out_of_memory_is_a_death(start, monkeypatch, computed):
-    """A unit that needs more memory than there is is tried alone, and then recorded as lost."""
-    real = module.compute
-
-    def greedy(made, unit):
-        if unit.group.samples == 40:
-            raise MemoryError("cannot allocate")
-        return real(made, unit)
-
-    monkeypatch.setattr(module, "compute", greedy)
-    run = start(LLS)
-    (message,) = set(run.table("failures")["message"])
-    assert message.startswith("the worker died, twice: out of memory (cannot allocate): fewer workers (--jobs) or")
-    assert run.manifest()["lost"] == 4 * 3 * 2

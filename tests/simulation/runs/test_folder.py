@@ -14,8 +14,7 @@ import pytest
 from study.files import RunError, holder, writing
 from study.simulation.experiment.config import parse
 from study.simulation.experiment.sampling import units
-from study.simulation.runs.jobs import Layout, execute
-from study.simulation.runs.parts import Parts
+from study.simulation.runs.jobs import Layout
 from study.simulation.runs.run_folder import Run
 
 pytestmark = pytest.mark.usefixtures("same_software")
@@ -104,21 +103,6 @@ def test_what_is_not_there(start, tmp_path):
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(RunError, match=r"errors\.parquet: damaged"):
         run.table("errors")
-
-
-def test_an_interrupted_run_is_finished_by_running_again(start, make_text, tmp_path, files_of):
-    """Parts and tables of a run that stopped half-way do not change the tables of the finished one."""
-    study = parse(make_text())
-    folder = tmp_path / "stopped"
-    store = Run.create(folder, study).begin(make_text())
-    parts = Parts(store.folder, "units")
-    parts.add(execute(study, (Layout(study).task(next(units(study))),)))
-    parts.commit()
-    assert len(list((folder / "parts").iterdir())) == 1
-    start(folder=folder, warn=str)
-    expected = start()
-    assert set(files_of(folder)) == set(files_of(expected.folder))
-    assert (folder / "errors.parquet").read_bytes() == (expected.folder / "errors.parquet").read_bytes()
 
 
 def test_a_unit_is_named_by_its_content(make_text):

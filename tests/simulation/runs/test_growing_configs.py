@@ -100,22 +100,15 @@ class Sequence:
         self.folder = new_folder()
         self.warned = []
 
-    def study(self, config):
-        """The text of a config and its study; None if its entries do not go together."""
-        top = {key: config[key] for key in TOP}
-        text = self.make_text(top, **{key: config[key] for key in self.design})
-        try:
-            return text, parse(text)
-        except ConfigError:
-            return None
-
     def step(self, changes, stopped=False):
         """Edit the config and run it beside the earlier runs, unless its entries do not go together; compare."""
         config = edited(self.config, changes)
-        found = self.study(config)
-        if found is None:
+        text = self.make_text({key: config[key] for key in TOP}, **{key: config[key] for key in self.design})
+        try:
+            made = parse(text)
+        except ConfigError:
             return False
-        self.config, (text, made) = config, found
+        self.config = config
         if stopped:  # as soon as the first fits are done
             with contextlib.suppress(ZeroDivisionError):
                 runner.run(made, text, self.folder / made.run_name(), 1, progress=lambda share: 1 / 0, warn=str)

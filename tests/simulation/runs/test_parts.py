@@ -60,22 +60,20 @@ def test_what_is_written_is_read(tmp_path):
     assert parts.outputs("m") == set()
 
 
-def test_outputs_come_one_by_one(tmp_path):
-    """Outputs that were computed later under the same key stand beside the first ones; a repetition counts once."""
-    stored(tmp_path, packet("k", value=1.0))
-    stored(tmp_path, packet("k", ("b@1",), value=2.0), packet("k", value=3.0))
-    parts = opened(tmp_path)
-    assert parts.outputs("k") == {"a@1", "b@1"}
-    assert sorted(outputs for outputs, _ in found(parts, "k")) == [("a@1",), ("b@1",)]
-
-
 def test_packets_of_several_keys(tmp_path):
-    """Each key has its own rows of a packet's tables, and none of a table that it has no rows of."""
+    """Each key has its own rows of a packet's tables, and none of a table that it has no rows of.
+
+    Outputs that were computed later under the same key stand beside the first ones; a repetition counts once.
+    """
     one, two = pa.table({"x": [1.0]}), pa.table({"x": [2.0, 3.0]})
     many = Packet.of([("k", ["a@1"]), ("l", ["a@1"]), ("m", ["a@1"])], [{"errors": one}, {}, {"errors": two}])
     parts = stored(tmp_path, many)
     assert [found(parts, key) for key in "klm"] == [[(("a@1",), [1.0])], [], [(("a@1",), [2.0, 3.0])]]
     assert parts.outputs("l") == {"a@1"}
+    stored(tmp_path, packet("k", ("b@1",), value=2.0), packet("k", value=3.0))
+    parts = opened(tmp_path)
+    assert parts.outputs("k") == {"a@1", "b@1"}
+    assert sorted(outputs for outputs, _ in found(parts, "k")) == [("a@1",), ("b@1",)]
 
 
 @pytest.mark.parametrize("harm", ["torn", "flipped", "empty", "longer", "header"])
@@ -132,29 +130,23 @@ def test_damage_while_a_run_goes_on(tmp_path):
     assert parts.load() == []
 
 
-def test_a_newer_format(tmp_path, monkeypatch):
-    """Files of a newer program are refused; those of an older one are not used."""
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "FORMAT", FORMAT + 1)
-        stored(tmp_path, packet("k"))
-    with pytest.raises(RunError, match="made by a newer version of this program"):
-        opened(tmp_path)
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "FORMAT", FORMAT + 2)
-        assert opened(tmp_path).outputs("k") == set()
+def test_other_formats(tmp_path, monkeypatch, clock):
+    """Files of a newer program are refused; those of an older one are not used, and removed with the others.
 
-
-def test_files_of_an_older_format_do_not_count(tmp_path, monkeypatch, clock):
-    """Their rows are computed again, so their seconds, software and note are not those of the run; they are removed."""
+    Their rows are computed again, so their seconds, software and note are not those of the run.
+    """
     parts = Parts(tmp_path, "units", {"study": "0"})
     parts.note = "an earlier run"
     clock[0] = 1000.0
     parts.add(packet("k"))
     parts.commit()
+    monkeypatch.setattr(module, "FORMAT", FORMAT - 1)
+    with pytest.raises(RunError, match="made by a newer version of this program"):
+        opened(tmp_path)
     monkeypatch.setattr(module, "FORMAT", FORMAT + 1)
-    found = opened(tmp_path)
-    assert (found.count, found.seconds, found.made_by, found.note) == (0, 0.0, [], "")
-    found.remove()
+    later = opened(tmp_path)
+    assert (later.count, later.seconds, later.made_by, later.note, later.outputs("k")) == (0, 0.0, [], "", set())
+    later.remove()
     assert not (tmp_path / "parts").exists()
 
 

@@ -32,11 +32,21 @@ PLANS = {
 
 @pytest.mark.parametrize("name", list(PLANS))
 def test_counts_are_those_of_the_run(start, make_text, name):
-    """Cells, trials, fits, samples, draws and units are those of the run."""
+    """Cells, trials, fits, samples, draws and units are those of the run; the study is left as it was.
+
+    Seconds and bytes are finite and above 0, and every line has a label and a value.
+    """
     entries = {**PLANS[name]}
     entries["top"] = {"estimators": ["lls", "ugdk"], "keep_points": 1} | entries.get("top", {})
     study = parse(make_text(**entries))
+    before = study.model_dump_json()
     made = plan(study, 2)
+    assert study.model_dump_json() == before
+    assert 0.0 < made.seconds < math.inf
+    assert 0.0 < made.bytes < math.inf
+    lines = dict(made.lines())
+    assert (lines["cells"], lines["fits"]) == (f"{made.cells:,}", f"{made.fits:,}")
+    assert all(lines.values())
     run = start(**entries)
     errors, timings = run.table("errors"), run.table("timings")
     one = errors[errors["estimator"] == "lls"]
@@ -75,18 +85,6 @@ def test_shared_draws_are_drawn_once(make_text):
     assert shared.samples == apart.samples == apart.draws == 4 * shared.draws
 
 
-@pytest.mark.parametrize("name", list(PLANS))
-def test_predictions_are_positive_and_printed(make_text, name):
-    """Seconds and bytes are finite and above 0, and every line has a label and a value."""
-    made = plan(parse(make_text(**PLANS[name])), 2)
-    assert 0.0 < made.seconds < math.inf
-    assert 0.0 < made.bytes < math.inf
-    lines = dict(made.lines())
-    assert lines["cells"] == f"{made.cells:,}"
-    assert lines["fits"] == f"{made.fits:,}"
-    assert all(lines.values())
-
-
 def test_bytes_are_of_the_right_size(start, make_text):
     """The predicted storage is that of the stored tables within a factor of two, for 10⁵ rows and points."""
     entries = {"top": {"estimators": ["lls", "ugdk"], "keep_points": 50}, "trials": 5000, "draws": "independent"}
@@ -94,14 +92,6 @@ def test_bytes_are_of_the_right_size(start, make_text):
     run = start(**entries)
     stored = sum((run.folder / f"{name}.parquet").stat().st_size for name in ("errors", "points"))
     assert 0.5 < predicted / stored < 2.0
-
-
-def test_a_plan_leaves_the_study_alone(make_text):
-    """Planning a study does not change what is planned."""
-    study = parse(make_text({"keep_points": 1}))
-    before = study.model_dump_json()
-    plan(study, 2)
-    assert study.model_dump_json() == before
 
 
 def test_designs_of_millions_of_cells(make_text, monkeypatch):

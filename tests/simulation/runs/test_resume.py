@@ -1,6 +1,7 @@
 """Resumed runs: finished units are not computed again, and the tables are those of an unbroken run."""
 
 import itertools
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -193,9 +194,13 @@ def test_software_that_changed_is_told(start, stopped, monkeypatch):
     assert run.manifest()["also_computed_by"] == [real]
 
 
-def test_another_configs_parts_are_not_mixed_in(start, stopped):
+def test_another_configs_parts_are_not_mixed_in(start, stopped, let_pass, tmp_path):
     """Parts of another seed, dropped into the folder, are not used."""
-    other = start({"keep_points": 2, "seed": 2}, trials=40)
-    whole = start(**ENTRIES)
-    assert (other.folder / "errors.parquet").read_bytes() != (whole.folder / "errors.parquet").read_bytes()
-    assert tables(start(folder=stopped, **ENTRIES)) == tables(whole)
+    stop = Mock(side_effect=[None] * 3 + [Stop])
+    with let_pass(4, "study.simulation.runs.runner.execute"), pytest.raises(Stop):
+        start({"keep_points": 2, "seed": 2}, folder=tmp_path / "other", progress=stop, trials=40)
+    others = list((tmp_path / "other" / "parts").iterdir())
+    assert len(others) >= 4
+    for path in others:
+        shutil.copy(path, stopped / "parts")
+    assert tables(start(folder=stopped, **ENTRIES)) == tables(start(**ENTRIES))

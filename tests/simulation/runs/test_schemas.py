@@ -105,17 +105,6 @@ def test_error_table_is_whole(stored, d):
     assert (frame[["bound", "radius_bound"]] > 0).all(axis=None)
 
 
-def test_points_lie_about_their_spheres(stored):
-    """Stored points are those of the first two trials of each cell, about the sphere beside them."""
-    frame = stored[2].table("points")
-    assert set(frame["trial"]) == {0, 1}
-    errors = stored[2].table("errors").drop_duplicates("cell").set_index("cell")
-    for cell, part in frame.groupby("cell", observed=True):
-        assert len(part) == 2 * errors.loc[cell, "samples"]
-        distance = np.hypot(part["x_1"] - part["center_1"], part["x_2"] - part["center_2"])
-        assert np.all(np.abs(distance - part["radius"]) < 7 * errors.loc[cell, "noise"])
-
-
 def test_a_table_is_what_was_declared():
     """A column too many or too few is an error, not a file that surprises later."""
     data = {"step": ["draw"], "samples": [3], "fits": [1], "seconds": [0.1]}
