@@ -169,11 +169,6 @@ def write_csv(motion: ExportedMotion, path: Path) -> None:
     inert_frame(skeleton_table(motion.scene)).to_csv(path, index=False, float_format="%.6f", lineterminator="\n")
 
 
-def _write_c3d(motion: ExportedMotion, path: Path) -> None:
-
-    write_c3d(motion, path)
-
-
 def _write_gltf(motion: ExportedMotion, path: Path) -> None:
     from study.recordings.export.gltf import write_gltf  # its library comes with the extra mocap
 
