@@ -20,8 +20,8 @@ from study.simulation.analysis.summary_text import RowChoice, as_data, printed
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Evidence, evaluate
 from study.simulation.figures import FIGURES, Tables
-from study.simulation.report.explorer import packed
 from study.simulation.report.material import Record
+from study.simulation.report.page import packed
 from study.simulation.report.runs import efficiency
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run

@@ -9,13 +9,13 @@ from pathlib import Path
 import pandas as pd
 
 from study.files import writing
-from study.simulation.claims import bias, bound, costs, error_by_noise, outliers, recordings, several_markers, ugdk
+from study.simulation.claims import bound, costs, error_by_noise, outliers, recordings, ugdk
 from study.simulation.claims.claim import Claim, Evidence, Verdict, evaluate, frame
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.text import columns
 
-_CHAPTERS = (error_by_noise, outliers, bias, bound, ugdk, several_markers, costs, recordings)
+_CHAPTERS = (error_by_noise, outliers, bound, ugdk, costs, recordings)
 _LAST = ("efficient-below-distance", "troubles-beyond-radius", "two-answers", "speed-abstract", "noise-ranges")
 """Claims that come after those of the text: of the abstract and of asides."""
 CLAIMS: tuple[Claim, ...] = tuple(

@@ -13,9 +13,8 @@ import pytest
 
 from study.fits import Status
 from study.simulation.figures import Tables
-from study.simulation.report.explorer import packed
 from study.simulation.report.material import Record
-from study.simulation.report.page import render
+from study.simulation.report.page import packed, render
 from study.simulation.statistics import MEASURES
 
 POINTS = """document.querySelector('#explorer-chart [aria-label="dot"]').querySelectorAll('path, circle').length"""
