@@ -417,8 +417,8 @@ _MOST_ALIKE = 100
 """Points along a line among which copies that are not exact are searched."""
 _TOGETHER = 1 << 15
 """Points whose copies are searched at a time, which stay in a processor's cache."""
-_BINS = 1 << 22
-"""Bins along that line, of which those with close points are looked at."""
+_BINS = 4
+"""Bins along that line for each point, of which those with close points are looked at."""
 
 
 def repeated(x: Floats) -> Bools:
@@ -449,13 +449,14 @@ def _near_another(along: Floats, in_order: Floats, close: Bools, first: float, e
 
     Sorting the points with their positions takes longer than a fit of a million points does.
     """
+    count = _BINS * len(along)
 
     def bins(positions: Floats) -> Ints:
         with np.errstate(all="ignore"):
-            places = (positions - (first - 1.5 * extent)) * (_BINS / (4.0 * extent))
-        return np.asarray(np.fmin(np.fmax(places, 0.0), _BINS - 1.0).astype(np.intp))
+            places = (positions - (first - 1.5 * extent)) * (count / (4.0 * extent))
+        return np.asarray(np.fmin(np.fmax(places, 0.0), count - 1.0).astype(np.intp))
 
-    taken = np.zeros(_BINS, dtype=np.bool_)
+    taken = np.zeros(count, dtype=np.bool_)
     taken[bins(in_order[:-1][close])] = taken[bins(in_order[1:][close])] = True
     return np.flatnonzero(taken[bins(along)])
 
