@@ -16,7 +16,7 @@ from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.circle import Circle, fit_circles, lowest_radius
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
-from study.fits.goodness import Goodness, goodness
+from study.fits.goodness import Goodness, evenly_thinned, goodness
 from study.fits.intervals import Intervals, intervals
 from study.fits.robust import outliers
 from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, repeated, semi_axes, unless_missing
@@ -110,13 +110,13 @@ class FittedPoints:
         seen, result = self.structure, status.copy()
         result[seen.hinge & ~np.isin(status, _NO_SPHERE)] = Status.HINGE
         result[(result == Status.OK) & seen.doubted] = Status.MISFIT
-        fine = np.isin(result, (Status.OK, Status.MISFIT))
-        searched = np.flatnonzero(seen.extreme & fine & np.logical_not(self._without_outliers))
+        fine = np.isin(result, (Status.OK, Status.MISFIT)) & np.logical_not(self._without_outliers)
+        searched = np.flatnonzero((seen.extreme | seen.spread) & fine)
         if not len(searched):
             return result
-        part = self.different.take(searched)
+        part = evenly_thinned(self.different.take(searched))
         named = outliers(part, from_all=True)
-        hidden = np.flatnonzero(~named.any(axis=1) & (result[searched] == Status.MISFIT))
+        hidden = np.flatnonzero(~named.any(axis=1) & (seen.spread[searched] | (result[searched] == Status.MISFIT)))
         if len(hidden):
             named[hidden] = outliers(part.take(hidden))
         result[searched[named.any(axis=1) & (result[searched] == Status.OK)]] = Status.OUTLIERS

@@ -53,6 +53,9 @@ for caps of 12 to 180 degrees it missed none of 27,000 clean sets, of which some
 _GRUBBS = 0.012
 """Share of clean data sets that are searched for outliers because of their largest residual, a little above the 1 % in
 which that search finds one."""
+_PEAKED, _PEAKED_BY_CHANCE = 1.55, 5.0
+"""Σ|x - x̄|⁴ N/(Σ|x - x̄|²)² is 1 to 4/3 on caps, and 5/3 at most where the noise is large; above the first of these and
+the second over N, points far from the rest may have drawn the fit to themselves, and left no residual."""
 _WELL_ABOVE = 3.0
 """Factor on an interval from which the fit is doubted."""
 _EFFECT = 0.005
@@ -161,19 +164,26 @@ def _coefficients(Y: Floats, L: Floats, values: Floats, count: int, result: Floa
 
 
 @compiled
-def _standardise(Y: Floats, L: Floats, variance: float, rho: Floats, lever: Floats) -> float:
-    """Divide the residuals, freed from the first d + 1 columns, by their standard errors; return the largest size."""
-    d1, n = lever.size, rho.size
-    largest = 0.0
+def _standardise(Y: Floats, L: Floats, variance: float, rho: Floats, V: Floats, leverage: Floats) -> float:
+    """Divide the residuals, freed from the first d + 1 columns, by their standard errors; return the largest size.
+
+    V (d + 1, n) receives these columns made orthonormal, and ``leverage`` (n,) their squares' sums.
+    """
+    n, largest = rho.size, 0.0
     for i in range(n):
-        h = 0.0
-        for j in range(d1):
-            value = Y[j, i]
-            for m in range(j):
-                value -= L[j, m] * lever[m]
-            lever[j] = value / L[j, j]
-            h += lever[j] * lever[j]
-        rho[i] /= math.sqrt(variance * max(1.0 - h, 1e-9))
+        leverage[i] = 0.0
+    for j in range(len(V)):
+        for i in range(n):
+            V[j, i] = Y[j, i]
+        for m in range(j):
+            for i in range(n):
+                V[j, i] -= L[j, m] * V[m, i]
+        over = 1.0 / L[j, j]
+        for i in range(n):
+            V[j, i] *= over
+            leverage[i] += V[j, i] * V[j, i]
+    for i in range(n):
+        rho[i] /= math.sqrt(variance * max(1.0 - leverage[i], 1e-9))
         largest = max(largest, abs(rho[i]))
     return largest
 
@@ -202,7 +212,7 @@ def _look(x: Floats, centers: Floats, radii: Floats, products: Ints, ends: Ints,
     b, d, n = x.shape
     k, d1 = products.shape[0], d + 1
     Y, rho, w = np.empty((k, n)), np.empty(n), np.empty(n)
-    L, v, lever = np.empty((k, k)), np.empty(k), np.empty(d1)
+    L, v, slopes, V = np.empty((k, k)), np.empty(k), np.empty(d1), np.empty((d1, n))
     two = ends[2]
     for t in range(b):
         _columns(x[t], centers[t], 1.0 / radii[t], products, Y, rho)
@@ -227,16 +237,16 @@ def _look(x: Floats, centers: Floats, radii: Floats, products: Ints, ends: Ints,
         for j in range(d1 - 1, -1, -1):
             value = v[j]
             for m in range(j + 1, d1):
-                value -= L[m, j] * lever[m]
-            lever[j] = value / L[j, j]
+                value -= L[m, j] * slopes[m]
+            slopes[j] = value / L[j, j]
         for j in range(d1):
             for i in range(n):
-                rho[i] -= lever[j] * Y[j, i]
+                rho[i] -= slopes[j] * Y[j, i]
         products_of_rows = 0.0
         for i in range(n - 1):
             products_of_rows += rho[i] * rho[i + 1]
         out[t, 2] = products_of_rows / total
-        out[t, 3] = _standardise(Y, L, total / (n - d1), rho, lever)
+        out[t, 3] = _standardise(Y, L, total / (n - d1), rho, V, w)
         odd = even = mean = 0.0
         for i in range(n):
             h = min(max(0.5 * rho[i], -_FURTHEST), _FURTHEST)
@@ -302,6 +312,7 @@ class Structure(NamedTuple):
         speaks: True for each block of the test of fit that speaks (4, b).
         doubted: sets in which the model fails by enough to matter (b,).
         extreme: sets whose largest residual may be an outlier's (b,).
+        spread: sets in which a few points lie so far from the rest that they may be outliers without a residual (b,).
         hinge: sets in space that lie on a circle (b,).
         ratio: factors of at least 1 on the standard errors of white noise, of the centre and the radius (b, d + 1).
         freedom: degrees of freedom of Student's t that goes with them (b, d + 1); infinite for white noise.
@@ -310,6 +321,7 @@ class Structure(NamedTuple):
     speaks: Bools
     doubted: Bools
     extreme: Bools
+    spread: Bools
     hinge: Bools
     ratio: Floats
     freedom: Floats
@@ -340,8 +352,8 @@ def structure(samples: Samples, ordered: bool = False, known: Estimates | None =
     Source: theory §13.
     """
     b, d, _ = samples.shape
-    no = np.zeros((7, b), dtype=np.bool_)
-    result = Structure(no[:4], no[4], no[5], no[6], np.ones((b, d + 1)), np.full((b, d + 1), np.inf))
+    no = np.zeros((8, b), dtype=np.bool_)
+    result = Structure(no[:4], no[4], no[5], no[6], no[7], np.ones((b, d + 1)), np.full((b, d + 1), np.inf))
     for sets, present in samples.by_count():
         n = present.shape[2]
         finite = np.isfinite(present.moments.fourth)
@@ -357,6 +369,8 @@ def structure(samples: Samples, ordered: bool = False, known: Estimates | None =
             look = quick_look(tested, fit)
             result.hinge[sets] = on_circles(present, fit)
         result.extreme[sets] = look.extreme
+        square = np.einsum("bii->b", present.moments.second)
+        result.spread[sets] = n * present.moments.fourth > (_PEAKED + _PEAKED_BY_CHANCE / n) * square**2
         seen = np.flatnonzero(look.seen)
         part = max(_MOST_NUMBERS // (10 * n), 1)
         for some in (seen[i : i + part] for i in range(0, len(seen), part)):

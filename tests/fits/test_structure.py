@@ -112,6 +112,18 @@ def test_outliers_are_a_status():
     assert not (fit.ok & fit.outliers.any(axis=1)).any()
 
 
+@pytest.mark.parametrize(("n", "moved"), [(10, 1), (30, 1), (30, 6)])
+def test_far_points_that_draw_the_fit_to_themselves_are_not_ok(n, moved):
+    """Points at 2 r beyond a cap of 60° leave no residual; their sets are searched from trimmed squares, too."""
+    rng = np.random.default_rng(11)
+    points = noisy(rng, on_cap(rng, 200, n, 60.0), 0.02)
+    points[:, :moved] *= 3.0
+    fit = study.fit(points)
+    assert not fit.ok.any()
+    assert (fit.status == Status.OUTLIERS).mean() > (0.0 if n == 10 else 0.3)
+    assert np.abs(fit.radius - 1.0).max() > 0.5
+
+
 @pytest.mark.parametrize("name", ["cylinder", "two spheres", "ellipsoid"])
 def test_other_shapes_are_not_ok(name):
     """Of 100 sets of 200 points on other shapes none is ok."""
