@@ -368,16 +368,19 @@ class GivenFit(Fit):
     def radius_test(self) -> RadiusTest:
         """The fit with a free radius, as a test of a known one: its r̂ and error, and the p value of the given r (…).
 
-        The p value is that of the radius's score (theory 10.6). It is small where the radius is wrong, and where the
-        points are no sphere. NaN where no radius was given.
+        The p value is that of the radius's score (theory 10.6), or of r̂ over its error if the points have no centre for
+        the given radius. It is small where the radius is wrong, and where the points are no sphere. NaN where no radius
+        was given.
         """
         known = self._sets
         free = known._replace(radius=np.full(len(known.radius), np.nan))
         with np.errstate(all="ignore"):
             start = self._spheres
-            sphere = solve(free, solve(free, start, corrected=False), corrected=True, fuller=_FULLER)
+            sphere = solve(free, _closed(free, "gdke"), corrected=False)
+            sphere = solve(free, sphere, corrected=True, fuller=_FULLER)
             score = profile(known, known.radius, start).score
             error = np.sqrt(covariance(free, sphere)[:, -1, -1])
+            score = np.where(np.isnan(score), (known.radius - sphere.radius) / error, score)
             spare = np.maximum(known.size - start.center.shape[1] - 1, 1.0)
             exact = np.isfinite(known.scale)
             tail = np.where(exact, scipy.special.ndtr(-np.abs(score)), scipy.special.stdtr(spare, -np.abs(score)))

@@ -266,6 +266,15 @@ def test_a_wrong_radius_is_noticed(rng, on_cap):
         assert np.mean(study.fit(points, radius=wrong).radius_test.p < 0.01) > 0.99
 
 
+def test_a_radius_without_a_centre_is_noticed(rng, on_cap):
+    """Of a radius 6 errors too small some sets have no centre at all; r̂ over its error tells then, in 99 % of 300."""
+    points = on_cap(rng, 20, 60.0, noise=0.05, sets=300)[0]
+    wrong = 1.0 - 6.0 * study.fit(points, radius=1.0).radius_test.error
+    fit = study.fit(points[wrong > 0.0], radius=wrong[wrong > 0.0])
+    assert np.isnan(fit.radius).mean() > 0.05
+    assert np.mean(fit.radius_test.p < 0.05) > 0.97
+
+
 def test_small_caps_lose_their_weak_direction(rng, on_cap):
     """On a cap of 15° the error along the axis falls by the factor of the bounds, here 30, and is what is stated.
 
