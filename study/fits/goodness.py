@@ -473,7 +473,8 @@ def _residual_blocks(R: Floats, Y: Floats, s: Floats, d: int) -> Floats:
         sizes[noisy] = np.fmax(sizes[noisy], _unequal(scores, Y[noisy], s[noisy], d))
         if n >= _MANY:
             t[noisy] = scores
-    return np.stack([sizes, _tails(t, spare), _memory(rho, Q, total)])
+    tails = tail_statistic(np.sin(t).mean(axis=1), np.cos(1.5 * t).mean(axis=1), n, spare)
+    return np.stack([sizes, np.exp(-0.5 * tails), _memory(rho, Q, total)])
 
 
 def _unequal(t: Floats, Y: Floats, s: Floats, d: int) -> Floats:
@@ -494,14 +495,12 @@ def _unequal(t: Floats, Y: Floats, s: Floats, d: int) -> Floats:
     return f_tail(form / count / (((w * w).mean(axis=1) - form) / rest), count, rest)
 
 
-def _tails(t: Floats, spare: int) -> Floats:
-    """Test of the means of sin t and cos(3t/2), which are bounded."""
-    odd, even = tail_statistics(np.sin(t).mean(axis=1), np.cos(1.5 * t).mean(axis=1), t.shape[1], spare)
-    return np.asarray(np.exp(-0.5 * (odd**2 + even**2)))
+def tail_statistic(odd: Floats, even: Floats, n: int, spare: int) -> Floats:
+    """Statistic (b,) of the means of sin t and cos(3t/2), which are bounded, of n residuals; χ² with two freedoms.
 
-
-def tail_statistics(odd: Floats, even: Floats, n: int, spare: int) -> tuple[Floats, Floats]:
-    """Means (b,) of sin t and of cos(3t/2) of n residuals, made standard normal, the latter by its skewness too."""
+    Each mean is made standard normal, the latter by its skewness too. Both are large together more often than if they
+    were independent, so the sum of their squares is made smaller from its .95 quantile on.
+    """
     even_at = 2.25
     with np.errstate(all="ignore"):
         few, many = hyp0f1(0.5 * spare, -0.25 * even_at * spare), 1.0 - 0.25 * even_at**2 / (spare + 2.0)
@@ -509,7 +508,9 @@ def tail_statistics(odd: Floats, even: Floats, n: int, spare: int) -> tuple[Floa
     odd = odd * np.sqrt(n / (_ODD * (1.0 - 2.1 / n)))
     even = (even - expected) * np.sqrt(n / (_EVEN * (1.0 - 4.0 / n)))
     skew = 3.4 / np.sqrt(n)
-    return odd, (np.cbrt(np.maximum(1.0 + 0.5 * skew * even, 0.0)) - 1.0 + skew**2 / 36.0) * 6.0 / skew
+    even = (np.cbrt(np.maximum(1.0 + 0.5 * skew * even, 0.0)) - 1.0 + skew**2 / 36.0) * 6.0 / skew
+    square = odd**2 + even**2
+    return np.asarray(square - np.maximum(square - 6.0, 0.0) / (3.0 + 0.1 * spare))
 
 
 def _memory(rho: Floats, Q: Floats, total: Floats) -> Floats:

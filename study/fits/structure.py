@@ -31,7 +31,7 @@ from study.fits.goodness import (
     number_of,
     on_the_fit,
     scores_of_residuals,
-    tail_statistics,
+    tail_statistic,
 )
 from study.fits.intervals import Intervals, intervals
 from study.fits.jit import compiled, dot
@@ -297,8 +297,7 @@ def quick_look(samples: Samples, fit: Estimates) -> Look:
         seen = ~(out[:, 0] < fdtri(two, n - len(products), 1.0 - 0.6 * levels)[noisy])
         seen |= ~(out[:, 1] < fdtri(max(more, 1), n - len(products), 1.0 - 0.6 * levels)[noisy]) & bool(more)
         seen |= ~(out[:, 6] < fdtri(ends[2] - 1, n - ends[2], 1.0 - 1.5 * levels)[noisy])
-        odd, even = tail_statistics(out[:, 4], out[:, 5], n, n - d - 1)
-        seen |= odd**2 + even**2 > -2.0 * np.log(levels)[noisy]
+        seen |= tail_statistic(out[:, 4], out[:, 5], n, n - d - 1) > -2.0 * np.log(levels)[noisy]
         spare = n - d - 1.0
         along = np.maximum(np.abs(out[:, 2] * n), np.abs(out[:, 2] * n + d + 1.0))  # its mean lies between 0 and d + 1
         seen |= along**2 / spare > fdtri(1, spare, 1.0 - levels)[noisy]
