@@ -181,19 +181,6 @@ def test_the_noise_is_passed_on(rng):
     np.testing.assert_array_equal(points, before)
 
 
-def test_a_batched_function(rng):
-    """The full form takes all sets at once, and is asked to fill in the answer."""
-
-    def mean(samples):
-        result = blank(samples.shape[0], samples.shape[1])
-        result.center[:], result.radius[:] = samples.points.mean(axis=1), 2.0
-        return result
-
-    study.register("mean", mean, batched=True)
-    points = rng.standard_normal((4, 9, 2))
-    np.testing.assert_allclose(study.fit(points, "mean").center, points.mean(axis=1), rtol=0, atol=1e-15)
-
-
 def test_a_notebook_may_register_again():
     """A cell that is executed twice replaces its estimator; it has no place in worker processes."""
     for radius in (1.0, 2.0):

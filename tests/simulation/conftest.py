@@ -1,5 +1,7 @@
-"""A writer of small configs, for tests of designs and of runs."""
+"""A writer of small configs, for tests of designs and of runs; tables of errors and of points."""
 
+import numpy as np
+import pandas as pd
 import pytest
 
 
@@ -30,3 +32,35 @@ def config_writer():
         return make
 
     return writer
+
+
+@pytest.fixture(scope="session")
+def error_rows():
+    """Rows of an error table: ``error`` is (trials, d), or (trials,) along the first axis of space."""
+
+    def make(estimator, error, **columns):
+        vectors = np.asarray(error, dtype=float)
+        vectors = vectors if vectors.ndim > 1 else vectors[:, None] * [1.0, 0.0, 0.0]
+        cell = {"cell": "a", "trial": np.arange(len(vectors)), "samples": 100, "noise": 0.05, "angle": 60.0}
+        answer = {f"error_{i + 1}": column for i, column in enumerate(vectors.T)}
+        answer["error"] = np.linalg.norm(vectors, axis=1) if np.ndim(error) > 1 else vectors[:, 0]
+        rest = {"bound": 0.1, "radius_bound": 0.1, "noise_variance": 0.0025, "status": 0, "iterations": 0}
+        fit = {"radius": 1.0, "center": 0.0, "estimator": estimator, "radius_error": 0.0, "condition": 0.5}
+        return pd.DataFrame(cell | fit | answer | rest | columns)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def kept_points():
+    """A table of points (trials, n, d) about a centre."""
+
+    def make(cell, x, radius, center=0.0):
+        trials, n, d = x.shape
+        centers = np.broadcast_to(center, d)
+        axes = {f"x_{i + 1}": x[:, :, i].ravel() for i in range(d)}
+        axes |= {f"center_{i + 1}": centers[i] for i in range(d)}
+        index = {"cell": cell, "trial": np.repeat(np.arange(trials), n), "sample": np.tile(np.arange(n), trials)}
+        return pd.DataFrame(index | axes | {"radius": radius})
+
+    return make

@@ -222,24 +222,6 @@ def test_files_are_equal_to_the_byte(elsewhere, drawn):
         assert digests[0] == digests[1], path.name
 
 
-def test_a_broken_figure_does_not_cost_the_others(circles, tmp_path, monkeypatch):
-    """Its failure is told, and the rest is drawn."""
-
-    class Broken:
-        def prepare(self, tables):
-            raise ZeroDivisionError("no such luck")
-
-        def draw(self, frame):
-            raise AssertionError
-
-    monkeypatch.setattr(figures, "FIGURES", {"broken": Broken(), "fig5_methods": FIGURES["fig5_methods"]})
-    paths, reasons = figures.draw_all([circles], tmp_path)
-    assert [path.name for path in paths] == ["fig5_methods.png", "fig5_methods.svg"]
-    assert list(reasons) == ["broken"]
-    place = "test_draw_all.py, line "
-    assert reasons["broken"].startswith(f"failed: ZeroDivisionError('no such luck') at {place}")
-
-
 @pytest.mark.parametrize("name", FIGURES)
 def test_drawing_reads_no_files(frames, name, monkeypatch):
     """All that is drawn is in the frame."""
