@@ -1,8 +1,14 @@
 """A writer of small configs, for tests of designs and of runs; tables of errors and of points."""
 
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
+
+from study.fits import Status
+from study.simulation.experiment.config import ChainStatus
+from study.simulation.posterior.run import KEYS
 
 
 def _toml(value):
@@ -64,3 +70,40 @@ def kept_points():
         return pd.DataFrame(index | axes | {"radius": radius})
 
     return make
+
+
+@pytest.fixture(scope="session")
+def chains():
+    """A posterior table of so many trials in each kind; ranks and levels are uniform, all is ok."""
+
+    def make(rng, count, likelihoods=("geometric",), noises=("known",), ranks=("1", "2", "radius"), **columns):
+        parts = []
+        for likelihood, noise_is in itertools.product(likelihoods, noises):
+            part = {"cell": "c", "trial": np.arange(count), "likelihood": likelihood, "noise_is": noise_is}
+            part |= {name: rng.random(count) for name in (*(f"rank_{ending}" for ending in ranks), "level")}
+            part["rank_noise"] = rng.random(count) if noise_is == "unknown" else np.nan
+            parts.append(pd.DataFrame(part | {"flatness": 0.001, "status": int(ChainStatus.OK)} | columns))
+        return pd.concat(parts, ignore_index=True)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def beside():
+    """Answers to a posterior table, whose ranks and levels are uniform."""
+
+    def make(rng, posterior, names=("mle", "gdke"), **columns):
+        parts, uniform = [], [c for c in posterior if (c.startswith("rank_") and c != "rank_noise") or c == "level"]
+        for name in names:
+            part = posterior[KEYS].assign(estimator=name, status=int(Status.OK))
+            parts.append(part.assign(**{c: rng.random(len(part)) for c in uniform}).assign(**columns))
+        return pd.concat(parts, ignore_index=True)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def as_stored():
+    """A table as it comes back from a file: words are categories."""
+    words = ("cell", "likelihood", "noise_is", "estimator")
+    return lambda frame: frame.astype({word: "category" for word in words if word in frame})

@@ -1,6 +1,5 @@
 """Small tables with known contents, for the figures to draw."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,13 +8,13 @@ import pytest
 
 from study.simulation.analysis.summary import summary
 from study.simulation.experiment.noise import GaussianNoise
-from study.simulation.figures import FigureModule, NotApplicable, Tables
+from study.simulation.figures import NotApplicable, Tables
 
 ESTIMATORS = ["mle", "lls", "gdke", "ugdk"]
 
 
 @pytest.fixture
-def make_rows(error_rows: Callable[..., pd.DataFrame]) -> Callable[..., pd.DataFrame]:
+def make_rows(error_rows):
     """Rows of an error table of a cell; error is (trials, d)."""
     usual = {"condition": np.nan}
     return lambda cell, estimator, error, **columns: error_rows(estimator, error, cell=cell, **usual | columns)
@@ -46,10 +45,10 @@ class MadeTables(Tables):
 
 
 @pytest.fixture
-def make_tables() -> Callable[..., MadeTables]:
+def make_tables():
     """Tables of a run with the given error table."""
 
-    def make(errors: pd.DataFrame, design: str, points: pd.DataFrame | None = None) -> MadeTables:
+    def make(errors, design, points=None):
         d = 3 if "error_3" in errors else 2
         law, short = GaussianNoise(d), summary(errors, design == "random")
         return MadeTables("test-0123456789", d, design, law, rows=errors, summary=short, points=points)
@@ -58,7 +57,7 @@ def make_tables() -> Callable[..., MadeTables]:
 
 
 @pytest.fixture
-def random_tables(make_rows: Callable[..., pd.DataFrame], make_tables: Callable[..., MadeTables]) -> MadeTables:
+def random_tables(make_rows, make_tables):
     """400 trials of a random design over 20 decades: errors are an eighth of the noise, the bound is half of it."""
     rng = np.random.default_rng(1)
     noise = 10.0 ** rng.uniform(-10, 10, 400)
@@ -70,10 +69,10 @@ def random_tables(make_rows: Callable[..., pd.DataFrame], make_tables: Callable[
 
 @pytest.fixture
 def circle_tables(
-    make_rows: Callable[..., pd.DataFrame],
-    make_tables: Callable[..., MadeTables],
-    kept_points: Callable[..., pd.DataFrame],
-) -> MadeTables:
+    make_rows,
+    make_tables,
+    kept_points,
+):
     """Circles of radius 2 about (3, 4): GDKE's errors are Gaussian about (1, 0), the others' about (0, 0)."""
     rng = np.random.default_rng(2)
     trials, kept, n = 3000, 5, 100
@@ -91,7 +90,7 @@ def circle_tables(
 
 
 @pytest.fixture
-def power_tables(make_rows: Callable[..., pd.DataFrame], make_tables: Callable[..., MadeTables]) -> MadeTables:
+def power_tables(make_rows, make_tables):
     """Six numbers of samples: the errors of MLE and UGDK fall as N^-1/2, those of LLS and GDKE stop at 0.05."""
     rng = np.random.default_rng(3)
     parts = []
@@ -105,10 +104,10 @@ def power_tables(make_rows: Callable[..., pd.DataFrame], make_tables: Callable[.
 
 
 @pytest.fixture(scope="session")
-def refused() -> Callable[..., None]:
+def refused():
     """Hold that a figure cannot be fed by tables, or by these with changes, for a reason with these words."""
 
-    def hold(figure: FigureModule, tables: Tables, words: str, **changes: object) -> None:
+    def hold(figure, tables, words, **changes):
         with pytest.raises(NotApplicable, match=words):
             figure.prepare(replace(tables, **changes))
 

@@ -8,42 +8,26 @@ import pytest
 from scipy import stats
 
 from study import style
-from study.fits import Status
 from study.simulation.experiment.config import ChainStatus
 from study.simulation.figures import NotApplicable, fig_calibration
 
-KEYS = ["cell", "trial", "likelihood", "noise_is"]
-RANKS = ["rank_1", "rank_2", "rank_3", "rank_radius"]
 BOTH = ("known", "unknown")
 
 
 @pytest.fixture
-def small(make_rows, make_tables):
+def small(make_rows, make_tables, chains, beside, as_stored):
     """Tables of so many trials of two cells, the second of which may be too flat; ranks and levels are uniform."""
 
     def make(count=30, likelihoods=("geometric",), noises=("known",), flat=0.001, change=lambda p: p, **columns):
         rng = np.random.default_rng(3)
-        chains = []
-        for cell, flatness in (("a", 0.001), ("b", flat)):
-            for likelihood in likelihoods:
-                for noise_is in noises:
-                    part = {"cell": cell, "trial": np.arange(count), "likelihood": likelihood, "noise_is": noise_is}
-                    part |= {name: rng.random(count) for name in (*RANKS, "level")}
-                    part["rank_noise"] = rng.random(count) if noise_is == "unknown" else np.nan
-                    chains.append(pd.DataFrame(part | {"flatness": flatness, "status": int(ChainStatus.OK)} | columns))
-        posterior = pd.concat(chains, ignore_index=True)
-        answers = []
-        for name in ("mle", "gdke"):
-            part = posterior[KEYS].assign(estimator=name, status=int(Status.OK))
-            answers.append(part.assign(**{c: rng.random(len(part)) for c in (*RANKS, "level")}))
+        words = {"likelihoods": likelihoods, "noises": noises, "ranks": ("1", "2", "3", "radius")}
+        parts = [
+            chains(rng, count, **words, **{"cell": c, "flatness": f} | columns) for c, f in (("a", 0.001), ("b", flat))
+        ]
+        posterior = pd.concat(parts, ignore_index=True)
         base = make_tables(make_rows("a", "mle", rng.normal(size=(4, 3))), "grid")
-        made = dataclasses.replace(base, posterior=change(posterior), answers=pd.concat(answers, ignore_index=True))
-        words = [*KEYS[:1], *KEYS[2:]]  # as they come back from a file
-        return dataclasses.replace(
-            made,
-            posterior=made.posterior.astype(dict.fromkeys(words, "category")),
-            answers=made.answers.astype(dict.fromkeys([*words, "estimator"], "category")),
-        )
+        tables = {"posterior": as_stored(change(posterior)), "answers": as_stored(beside(rng, posterior))}
+        return dataclasses.replace(base, **tables)
 
     return make
 

@@ -11,6 +11,8 @@ from scipy import stats
 
 import study
 from study import style
+from study.fits.cap import cap_moments
+from study.simulation.analysis.regret import gdke_leaves, noise_at_kappa, ugdk_leaves
 from study.simulation.experiment.noise import gaussian
 from study.simulation.figures import fig2_error, fig_efficiency, fig_map, fig_robustness
 
@@ -112,17 +114,12 @@ def test_statuses_do_not_matter(small):
 
 @pytest.mark.parametrize("samples", [100, 10_000])
 def test_marks(small, samples):
-    """GDKE leaves at s* = r√(Kₐ/N)/m₁, UGDK at σ² = v/2, and fails at κ = (v/σ²)√(N/2) = 3, with v = r²Kₐ."""
+    """GDKE leaves at s* = r√(Kₐ/N)/m₁, never on the whole sphere; UGDK at σ² = v/2, and fails at κ = 3."""
     marks = fig_efficiency.prepare(small(angles=[20.0, 60.0, 90.0, 180.0], samples=samples)).marks
     for _, row in marks.iterrows():
-        c = math.cos(math.radians(row["angle"]))
-        m1, along = 0.5 * (1.0 + c), (1.0 - c) ** 2 / 12.0
-        if row["angle"] < 180.0:
-            assert row["gdke"] == pytest.approx(math.sqrt(along / samples) / m1, rel=1e-9)
-        else:
-            assert row["gdke"] == math.inf  # without bias it does not leave
-        assert row["ugdk"] ** 2 == pytest.approx(along / 2.0, rel=1e-9)
-        assert along / row["fails"] ** 2 * math.sqrt(samples / 2.0) == pytest.approx(3.0, rel=1e-9)
+        moments = cap_moments(math.radians(row["angle"]), 3)
+        places = [gdke_leaves(samples, moments), ugdk_leaves(moments), noise_at_kappa(3.0, samples, moments)]
+        assert list(row[["gdke", "ugdk", "fails"]]) == places
     if samples == 100:  # s* of theory §3, rounded
         np.testing.assert_allclose(marks["gdke"][:3], [1.8e-3, 1.9e-2, 5.8e-2], rtol=0.03)
 

@@ -86,30 +86,10 @@ def test_shares(tables):
             return np.exp(-0.5 * np.einsum("ni,ij,nj->n", away, inverse, away)).sum()
 
         at_draws = np.array([density(draw) for draw in cloud])
+        assert view.share.max() == 1.0
         for i, j in rng.integers(0, len(view.x), (40, 2)):
             share = np.mean(at_draws > density([view.x[i], view.y[j]]))
             assert view.share[j, i] == pytest.approx(share, abs=1.5 / DRAWS)
-
-
-def test_shares_of_a_gaussian(tables):
-    """Of Gaussian draws the share within Mahalanobis' distance m is 1 - exp(-m²/2), and areas are π m² √|S|.
-
-    Shares of 1500 draws have an error of 0.013 at most, and an area at 95 % then one of 4 %; 0.02 in the mean and 15 %
-    leave as much again to the smoothing, and are passed by chance in fewer than 1 of 100 seeds.
-    """
-    for view, (_, other) in zip(fig_posterior.prepare(tables([chain("c", 1)], count=1500)).views, PLANES, strict=True):
-        x, y = np.meshgrid(view.x, view.y)
-        away = np.stack([x, y], axis=-1) - MEAN[[0, other]] / RADIUS
-        part = covariance()[np.ix_([0, other], [0, other])] / RADIUS**2
-        square = np.einsum("...i,ij,...j->...", away, np.linalg.inv(part), away)
-        inside = square < 9.0
-        assert np.abs(view.share - (1.0 - np.exp(-0.5 * square)))[inside].mean() < 0.02
-        step = (view.x[1] - view.x[0]) * (view.y[1] - view.y[0])
-        for level in (0.68, 0.95):
-            area = np.pi * -2.0 * math.log(1.0 - level) * math.sqrt(np.linalg.det(part))
-            assert np.sum(view.share < level) * step == pytest.approx(area, rel=0.15)
-        assert view.share.min() < 0.02
-        assert view.share.max() == 1.0
 
 
 def test_views(tables):

@@ -21,12 +21,6 @@ from study.simulation.statistics import quantile
 GDKE, UGDK, METHODS = FIGURES = [*arc.FIGURES.values()]
 
 
-def test_reach_is_the_chi_square_quantile():
-    """The ellipse's reach is √χ²₂."""
-    for level in (0.5, 0.68, 0.95):
-        np.testing.assert_allclose(arc.reach(level) ** 2, stats.chi2.ppf(level, 2))
-
-
 def test_spread_of_gaussian_errors(circle_tables):
     """Median and robust standard deviation are those of the Gaussian that the errors were drawn from, in radii."""
     data = arc.choose(circle_tables, ["gdke"])

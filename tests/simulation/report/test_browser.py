@@ -51,31 +51,18 @@ def tab(new_tab):
 
 
 @pytest.fixture
-def show(tab, tmp_path):
+def show(tab, heard, tmp_path):
     """Show a page at a width, on a screen or as on paper; what the browser says of it, if anything, comes back."""
-    said = []
     file = tmp_path / "page.html"
-    listeners = {
-        "console": lambda message: said.append(f"{message.type}: {message.text}"),
-        "pageerror": lambda error: said.append(f"error: {error}"),
-        "requestfailed": lambda request: said.append(f"failed: {request.url[:80]}"),
-        "request": lambda request: (
-            None if request.url.startswith((file.as_uri(), "data:")) else said.append(f"request: {request.url}")
-        ),
-    }
-    for event, listener in listeners.items():
-        tab.on(event, listener)
 
     def shown(text, width, media="screen", scheme="light"):
         file.write_text(text, encoding="utf-8")
         tab.set_viewport_size({"width": width, "height": 800})
         tab.emulate_media(media=media, color_scheme=scheme)
         tab.goto(file.as_uri())
-        return said
+        return heard
 
-    yield shown
-    for event, listener in listeners.items():
-        tab.remove_listener(event, listener)
+    return shown
 
 
 @pytest.fixture

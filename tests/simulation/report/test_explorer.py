@@ -97,16 +97,8 @@ def tab(new_tab):
 
 
 @pytest.fixture
-def opened(tab, file, until):
+def opened(tab, heard, file, until):
     """Open the explorer at an address; at the end nothing was asked of a network and nothing complained."""
-    said = []
-    listeners = {
-        "console": lambda message: said.append(f"{message.type}: {message.text}"),
-        "pageerror": lambda error: said.append(f"error: {error}"),
-        "request": lambda request: said.append(request.url) if request.url.startswith(("http", "ws")) else None,
-    }
-    for event, listener in listeners.items():
-        tab.on(event, listener)
 
     def open_at(address="", width=1280):
         tab.set_viewport_size({"width": width, "height": 900})
@@ -117,9 +109,7 @@ def opened(tab, file, until):
         return tab
 
     yield open_at
-    for event, listener in listeners.items():
-        tab.remove_listener(event, listener)
-    assert said == []
+    assert heard == []
 
 
 def hash_of(tab):
