@@ -107,9 +107,8 @@ def test_entry_point():
 def test_configs(well, tmp_path):
     """`study configs` lists every shipped config with its first line, from any folder."""
     said = well(tmp_path, "configs")
-    assert dict(re.split(r" {2,}", line, maxsplit=1) for line in said.splitlines()) == {
-        name: summary_line(path) for name, path in shipped_configs().items()
-    }
+    told = dict(re.split(r" {2,}", line, maxsplit=1) for line in said.splitlines())
+    assert told == {name: summary_line(path) for name, path in shipped_configs().items()}
 
 
 def test_a_shipped_config_by_name(well, tmp_path):

@@ -116,11 +116,12 @@ def test_whole_sphere(d, noise):
         return special.ive(0.5 * d, r / noise**2) / special.ive(0.5 * d - 1, r / noise**2)
 
     lost = mean(lambda r: (r - projection(r) / square) ** 2) if (square := mean(lambda r: projection(r) ** 2)) else 0
-    scores = [
-        lambda r: (r * projection(r) - 1) / noise**2,
-        lambda r: (r * r + 1 - 2 * r * projection(r)) / (2 * noise**4) - d / (2 * noise**2),
-    ]
-    information = np.array([[mean(lambda r, f=f, g=g: f(r) * g(r)) for f in scores] for g in scores])
+
+    def scores(r):
+        projected = r * projection(r)
+        return [(projected - 1) / noise**2, (r * r + 1 - 2 * projected) / (2 * noise**4) - d / (2 * noise**2)]
+
+    information = np.array([[mean(lambda r, i=i, j=j: scores(r)[i] * scores(r)[j]) for i in (0, 1)] for j in (0, 1)])
     bound = study.attainable_bound(180, noise, d)
     np.testing.assert_allclose(np.diag(bound)[:d], d * noise**4 / lost, rtol=1e-5)
     assert bound[d, d] == pytest.approx(np.linalg.inv(information)[0, 0], rel=1e-5)

@@ -174,12 +174,10 @@ def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, d, sampl
         rows(make_study({"estimators": names, "dimension": d, "keep_points": 1}, **design)),
         rows(make_study({"estimators": names, "dimension": d}, **design | {"noise": [0.02]})),
     ]
-    order = {
-        key: i for i, key in enumerate(zip(together["cell"], together["estimator"], together["trial"], strict=True))
-    }
+    keys = lambda found: zip(found["cell"], found["estimator"], found["trial"], strict=True)  # noqa: E731
+    order = {key: i for i, key in enumerate(keys(together))}
     for other in others:
-        keys = zip(other["cell"], other["estimator"], other["trial"], strict=True)
-        place = np.array([order.get(key, -1) for key in keys])
+        place = np.array([order.get(key, -1) for key in keys(other)])
         shared = place >= 0
         assert shared.sum() >= 12
         for name, values in together.items():

@@ -239,9 +239,8 @@ def test_cell_by_cell(rng, cells):
     posterior, answers = cells
     posterior.loc[[0, 7, 8], "status"] = int(ChainStatus.NOT_CONVERGED)
     found = by_cell(posterior, answers.sample(frac=1.0, random_state=1))
-    assert [tuple(key) for key in found[["cell", "noise_is"]].to_numpy()] == [
-        (cell, noise) for cell in "ba" for noise in ("known", "unknown")
-    ]
+    keys = [[cell, noise] for cell in "ba" for noise in ("known", "unknown")]
+    assert found[["cell", "noise_is"]].to_numpy().tolist() == keys
     for row in found.itertuples():
         mine = posterior[(posterior["cell"] == row.cell) & (posterior["noise_is"] == row.noise_is)]
         ok = mine[mine["status"] == 0]
