@@ -198,9 +198,7 @@ def test_within(value, error, inside):
 
 def test_every_fit_counts():
     """A status leaves no fit out; without a number, or a finite bound, an error is infinite."""
-    part = pd.DataFrame(
-        {"status": [0, 1, 3, 0], "error": [1.0, 2.0, math.nan, 1.0], "bound": [2.0, 2.0, 2.0, math.inf]}
-    )
+    part = pd.DataFrame({"status": [0, 1, 3, 0], "error": [1, 2, math.nan, 1], "bound": [2, 2, 2, math.inf]})
     assert list(error_over(part, "bound")) == [0.5, 1.0, math.inf, math.inf]
 
 

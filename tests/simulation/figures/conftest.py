@@ -68,11 +68,7 @@ def random_tables(make_rows, make_tables):
 
 
 @pytest.fixture
-def circle_tables(
-    make_rows,
-    make_tables,
-    kept_points,
-):
+def circle_tables(make_rows, make_tables, kept_points):
     """Circles of radius 2 about (3, 4): GDKE's errors are Gaussian about (1, 0), the others' about (0, 0)."""
     rng = np.random.default_rng(2)
     trials, kept, n = 3000, 5, 100

@@ -196,10 +196,8 @@ def test_several_runs_feed_a_figure_each(circles, random, drawn, tmp_path):
     assert [path.stem for path in paths[::2]] == names[:2]
     assert all(path.read_bytes() == alone[path.name] for path in paths)
     assert list(reasons) == names[2:]
-    apart = [
-        f"{drawn[kind][1]['fig6_mgdk']} ({Tables.of(run).name})"
-        for kind, run in (("random", random), ("circles", circles))
-    ]
+    both = (("random", random), ("circles", circles))
+    apart = [f"{drawn[kind][1]['fig6_mgdk']} ({Tables.of(run).name})" for kind, run in both]
     assert reasons["fig6_mgdk"] in ("; ".join(apart), drawn["random"][1]["fig6_mgdk"])
     assert reasons["fig_posterior"] == drawn["random"][1]["fig_posterior"] == drawn["circles"][1]["fig_posterior"]
 

@@ -68,10 +68,8 @@ def test_medians(small):
 def test_an_efficient_estimator_is_at_one(make_rows, make_tables):
     """Gaussian errors at the bound have ratio 1 within 4.5 Monte-Carlo errors (5 levels: 3 in 10⁵)."""
     rng = np.random.default_rng(3)
-    parts = [
-        make_rows(f"c{level}", "mle", rng.normal(size=(4000, 3)), noise=level, angle=180.0, bound=math.sqrt(3.0))
-        for level in LEVELS
-    ]
+    sphere = {"angle": 180.0, "bound": math.sqrt(3.0)}
+    parts = [make_rows(f"c{level}", "mle", rng.normal(size=(4000, 3)), noise=level, **sphere) for level in LEVELS]
     curves = fig_efficiency.prepare(make_tables(pd.concat(parts, ignore_index=True), "grid")).curves
     assert np.all(np.abs(curves["ratio"] - 1.0) < 4.5 * curves["error"])
     assert np.all(curves["error"] < 0.02)
@@ -158,16 +156,12 @@ def test_drawn(small):
             np.testing.assert_allclose(line.get_xydata(), curve[["level", "ratio"]])
             assert low < curve["ratio"].min()
             assert curve["ratio"].max() < high
-        assert {text.get_text() for text in ax.texts} == {"$σ^2=v/2$", "$κ=3$"} | (
-            {"$s^*$"} if angle < 180.0 else set()
-        )
+        marks = {"$σ^2=v/2$", "$κ=3$", "$s^*$"} - {"$s^*$" if angle == 180.0 else ""}
+        assert {text.get_text() for text in ax.texts} == marks
         assert f"{angle:g}°" in ax.get_title(loc="left")
     (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [
-        *(style.label(name) for name in NAMES),
-        "attainable bound",
-        "Cramér-Rao bound",
-    ]
+    words = [*map(style.label, NAMES), "attainable bound", "Cramér-Rao bound"]
+    assert [text.get_text() for text in legend.get_texts()] == words
     alone = fig_efficiency.draw(fig_efficiency.prepare(small(names=["mle"], angles=[45.0])))
     assert [text.get_text() for text in alone.axes[0].texts] == []
 

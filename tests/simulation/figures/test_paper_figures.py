@@ -271,11 +271,9 @@ def two(markers):
 
 def distances(inner, outer):
     """Errors of the outer marker alone, the inner one and both, one set after the other."""
-    fits = [
-        (study.fit(b, "als").center, study.fit(a, "als").center, mgdk([a, b]).center)
-        for a, b in zip(inner, outer, strict=True)
-    ]
-    return np.linalg.norm(np.array(fits) - CENTER, axis=2).T
+    joint = [mgdk(pair).center for pair in zip(inner, outer, strict=True)]
+    centers = np.array([study.fit(outer, "als").center, study.fit(inner, "als").center, joint])
+    return np.linalg.norm(centers - CENTER, axis=2)
 
 
 def test_medians(two):

@@ -480,11 +480,8 @@ def test_interrupted_and_resumed(alone, let_pass, tmp_path):
     assert len(rest.shares) == 8 - kept[1]
     assert sum(rest.shares) == pytest.approx(1.0)
     assert stored(run) == stored(alone)
-    assert {path.name for path in tmp_path.iterdir()} == {
-        *(f"{n}.parquet" for n in NAMES),
-        "config.toml",
-        "manifest.json",
-    }
+    stored_names = {f"{name}.parquet" for name in NAMES} | {"config.toml", "manifest.json"}
+    assert {path.name for path in tmp_path.iterdir()} == stored_names
 
 
 def test_again_computes_nothing(alone):
