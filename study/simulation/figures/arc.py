@@ -29,7 +29,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.claims.ugdk import PAPER_CONDITION
-from study.simulation.figures.figure import FigureModule, NotApplicable, Tables
+from study.simulation.figures.figure import FigureModule, Frame, NotApplicable, Tables
 from study.simulation.statistics import inside, quantile, robust_sd
 
 LEVELS = (0.68, 0.95)
@@ -378,21 +378,6 @@ def _dots_words(dots: pd.DataFrame, window: Window) -> str:
 METHODS = ["mle", "ugdk", "gdke"]
 
 
-@dataclass(frozen=True)
-class MethodsFrame:
-    """Content of figure 5.
-
-    Attributes:
-        data: the data set.
-        circles: each method's, in the order of their centres along the axis.
-        same: for each method the other estimators that give the same circle.
-    """
-
-    data: DataSet
-    circles: dict[str, FittedCircle]
-    same: dict[str, list[str]]
-
-
 class MethodsFigure:
     """Figure 5: the circles of MLE, UGDK and GDKE on the data set of figures 3 and 4.
 
@@ -402,8 +387,13 @@ class MethodsFigure:
     One data set cannot say which of those two is better; the spreads in figure 4 and the run's summary can.
     """
 
-    def prepare(self, tables: Tables) -> MethodsFrame:
+    def prepare(self, tables: Tables) -> Frame:
         """Choose the data set and collect the circles.
+
+        Returns:
+            data: the data set.
+            circles: each method's, in the order of their centres along the axis.
+            same: for each method the other estimators that give the same circle.
 
         Raises:
             NotApplicable: see `choose`.
@@ -415,10 +405,10 @@ class MethodsFigure:
             name: [other for other, fit in others.items() if np.allclose(fit, circle, atol=1e-9)]
             for name, circle in circles.items()
         }
-        return MethodsFrame(data, circles, same)
+        return Frame(data=data, circles=circles, same=same)
 
     @style.journal()
-    def draw(self, frame: MethodsFrame) -> Figure:
+    def draw(self, frame: Frame) -> Figure:
         """Draw the circles on the left, their centres enlarged on the right."""
         figure, whole, zoom = panels()
         draw_data(whole, frame.data)
@@ -438,7 +428,7 @@ class MethodsFigure:
         return figure
 
 
-def _draw_centres(ax: Axes, frame: MethodsFrame) -> None:
+def _draw_centres(ax: Axes, frame: Frame) -> None:
     """Show the centres alone, each named beside its mark, with numbers below."""
     x, y = ([getattr(circle, axis) for circle in frame.circles.values()] + [0.0] for axis in "xy")
     left, right, bottom, top = window(x, y, pad=0.25, spare=0.67, below=0.3)  # room above for the names
@@ -457,7 +447,7 @@ def _draw_centres(ax: Axes, frame: MethodsFrame) -> None:
     write_below(ax, [frame.data.caption, *_circle_words(frame)])
 
 
-def _circle_words(frame: MethodsFrame) -> list[str]:
+def _circle_words(frame: Frame) -> list[str]:
     """The circles in numbers, the best first, each with the estimators that coincide with it."""
     lines = []
     for name, circle in sorted(frame.circles.items(), key=lambda item: item[1].off):
