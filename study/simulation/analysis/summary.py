@@ -73,7 +73,8 @@ class Grouped:
         self.counts: dict[Key, int] = {}
         self._where: dict[Key, tuple[int, int]] = {}
         for index in range(self._file.num_row_groups):
-            for key, rows in self._groups(self._rows([index], [])).size().to_dict().items():
+            sizes: dict[Key, int] = dict(self._groups(self._rows([index], [])).size())
+            for key, rows in sizes.items():
                 self.counts[key] = self.counts.get(key, 0) + rows
                 self._where[key] = self._where.get(key, (index, index))[0], index
         if self.by_decade:
