@@ -1,7 +1,6 @@
 """Content of the page: its figures, its findings and answers, its tables of posteriors, ratios and numbers."""
 
 import base64
-import dataclasses
 import math
 import re
 from types import SimpleNamespace
@@ -167,7 +166,7 @@ def test_a_name_that_is_a_word_is_code(efficiency):
     """In the finding, and on the page between its own tags."""
     curves = efficiency.curves.assign(estimator=efficiency.curves["estimator"].replace("mle", "corrected"))
     claims = pd.DataFrame(columns=["number", "name", "verdict", "finding"])
-    first, reached = material.findings(claims, dataclasses.replace(efficiency, curves=curves))
+    first, reached = material.findings(claims, Frame(**vars(efficiency) | {"curves": curves}))
     assert first.head == "Use the estimator `corrected` instead."
     assert "`corrected` reaches" in reached.rest
     assert coded(first.head) == "Use the estimator <code>corrected</code> instead."
