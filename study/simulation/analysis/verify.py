@@ -133,7 +133,7 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
     """
     study, trials = run.study, run.trials()
     main: str = study.keep
-    others = [name for name in ("points", "failures") if name in names]
+    others: list[str] = [name for name in ("points", "failures") if name in names]
     if main not in names:
         return {}
     columns = schemas.of_units(study.dimension, study.conditions())
