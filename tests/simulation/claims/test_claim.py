@@ -115,15 +115,6 @@ def test_a_broken_table(small):
     assert_no_verdict(finding, "errors.parquet: damaged", "study run")
 
 
-def test_two_runs_of_one_name(small, tmp_path):
-    """Two runs of one name are refused, and the message names both."""
-    other = Run.create(tmp_path / "other", parse(CONFIG)).begin(CONFIG)
-    with pytest.raises(RunError) as caught:
-        Evidence.of([small, other])
-    for folder in (small.folder, other.folder):
-        assert str(folder) in str(caught.value)
-
-
 def test_the_cost_table(tmp_path):
     """The table is read from its file; a missing table has a reason; a file that is no cost table is an error."""
     measure = claim(lambda evidence: [Number("rows", float(len(evidence.costs())), 0.0, 0)], reads=("cost",))

@@ -24,20 +24,30 @@ ANISOTROPIC = gaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)), 3)
 
 
 @pytest.fixture
-def small(make_rows, make_tables):
-    """Tables of two angles, five levels of noise and three estimators, of seven trials each, and what they hold."""
+def made(make_rows, make_tables):
+    """Tables of a grid with so many trials in each cell, in which the first fits of some estimators have no number."""
 
-    def make(names=NAMES, angles=ANGLES, levels=LEVELS, change=lambda errors: errors, **columns):
+    def make(axes, names, trials, lost=lambda name, cell: 0, change=lambda errors: errors, **columns):
         rng, parts = np.random.default_rng(1), []
-        for angle, (place, level) in product(angles, enumerate(levels)):
-            bound = rng.uniform(0.5, 2.0, TRIALS)
-            conditions = {"samples": 100, "radius": 2.0, "noise": 2.0 * level, "angle": angle, "bound": bound} | columns
+        for values in product(*axes.values()):
+            cell = dict(zip(axes, values, strict=True)) | {"bound": rng.uniform(0.5, 2.0, trials)} | columns
+            level = {"noise": cell["radius"] * cell["level"]} if "level" in cell else {}
             for name in names:
-                error = rng.normal(size=(TRIALS, 3)) * rng.uniform(0.5, 20.0)
-                parts.append(make_rows(f"{angle}-{place}", name, error, **conditions))
-        return make_tables(change(pd.concat(parts, ignore_index=True)), "grid")
+                status = (np.arange(trials) < lost(name, cell)).astype(int)
+                error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(trials, 3)))
+                parts.append(make_rows(str(values), name, error, **{"status": status} | cell | level))
+        return make_tables(change(pd.concat(parts, ignore_index=True).drop(columns="level", errors="ignore")), "grid")
 
     return make
+
+
+@pytest.fixture
+def small(made):
+    """Tables of two angles, five levels of noise and three estimators, of seven trials each."""
+    usual = {"samples": 100, "radius": 2.0}
+    return lambda names=NAMES, angles=ANGLES, levels=LEVELS, **more: made(
+        {"angle": angles, "level": levels}, names, TRIALS, **usual | more
+    )
 
 
 def unit(angle):
@@ -191,19 +201,13 @@ TRIALS_FIG_MAP = 5
 
 
 @pytest.fixture
-def grid(make_rows, make_tables):
+def grid(made):
     """Tables of two radii, sample counts, angles and estimators and three levels, where some fits have no number."""
 
     def make(levels=LEVELS_FIG_MAP, angles=ANGLES_FIG_MAP):
-        rng, parts = np.random.default_rng(1), []
-        for radius, count, angle, level, name in product((2.0, 3.0), COUNTS, angles, levels, ("mle", "ugdk")):
-            status = np.zeros(TRIALS_FIG_MAP, dtype=int)
-            status[: 3 if name == "ugdk" and level == 10.0 else 1] = 1
-            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_MAP, 3)))
-            conditions = {"samples": count, "angle": angle, "noise": radius * level, "radius": radius}
-            cell = f"{radius}-{count}-{angle}-{level}"
-            parts.append(make_rows(cell, name, error, status=status, **conditions))
-        return make_tables(pd.concat(parts, ignore_index=True), "grid")
+        axes = {"radius": (2.0, 3.0), "samples": COUNTS, "angle": angles, "level": levels}
+        lost = lambda name, cell: 3 if name == "ugdk" and cell["level"] == 10.0 else 1  # noqa: E731
+        return made(axes, ("mle", "ugdk"), TRIALS_FIG_MAP, lost)
 
     return make
 
@@ -276,18 +280,13 @@ TRIALS_FIG_ROBUSTNESS = 9
 
 
 @pytest.fixture
-def grid_of_fig_robustness(make_rows, make_tables):
+def grid_of_fig_robustness(made):
     """Tables of two angles, two radii, five laws, three shares and two estimators; some fits have no number."""
 
     def make(laws=LAWS, shares=SHARES, **more):
-        rng, parts = np.random.default_rng(1), []
-        for angle, radius, law, share, name in product((180.0, 60.0), (1.0, 2.0), laws, shares, ("mle", "gdke")):
-            conditions = {"angle": angle, "radius": radius, "law": law, "outlier_share": share} | more
-            status = np.zeros(TRIALS_FIG_ROBUSTNESS, dtype=int)
-            status[: 6 if name == "gdke" and share == 0.3 else 0] = 1
-            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_ROBUSTNESS, 3)))
-            parts.append(make_rows(f"{angle}-{radius}-{law}-{share}", name, error, status=status, **conditions))
-        return make_tables(pd.concat(parts, ignore_index=True), "grid")
+        axes = {"angle": (180.0, 60.0), "radius": (1.0, 2.0), "law": laws, "outlier_share": shares}
+        lost = lambda name, cell: 6 if name == "gdke" and cell["outlier_share"] == 0.3 else 0  # noqa: E731
+        return made(axes, ("mle", "gdke"), TRIALS_FIG_ROBUSTNESS, lost, **more)
 
     return make
 
