@@ -15,8 +15,6 @@ from study.simulation.analysis.summary import summarise, summary
 from study.simulation.analysis.summary_text import (
     ROWS,
     RowChoice,
-    as_csv,
-    as_data,
     evenly_spread,
     once_by_scaling,
     printed,
@@ -150,23 +148,6 @@ def test_faults(grid, where, estimators, words):
     """A choice that cannot be met says which word, and what there is."""
     with pytest.raises(ValueError, match=words):
         list(printed(grid, RowChoice.of(grid, where, estimators)))
-
-
-def test_data(grid):
-    """The rows for other programs are those of the table, all of them; the bounds' medians stand beside them."""
-    choice = RowChoice.of(grid, ["samples=5"], "lls")
-    data = as_data(grid, choice)
-    assert list(data) == ["run", "bound", "conditions", "rows"]
-    assert data["run"] == grid.study.run_name()
-    summary = grid.table("summary")
-    expected = summary[(summary["samples"] == 5) & (summary["estimator"] == "lls")]
-    found = pd.DataFrame(data["rows"])
-    assert list(found["ratio_median_ok"]) == list(expected["ratio_median_ok"])
-    np.testing.assert_allclose(found["noise_over_radius"], expected["noise"] / expected["radius"])
-    assert (found["median_attainable"] >= 0.999 * found["median_cramer_rao"]).all()
-    lines = as_csv(grid, choice).splitlines()
-    assert lines[0].split(",") == list(summary.columns)
-    assert len(lines) == 1 + len(expected)
 
 
 @pytest.mark.parametrize("most", [1, 7, 8, 12, 27, 63, 64, 100])

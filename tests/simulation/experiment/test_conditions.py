@@ -62,12 +62,8 @@ def wider(tmp_path_factory, make_text):
     runs = [["run", str(folder / f"{name}.toml"), "--out", str(folder / name), "--jobs", "1"] for name in configs]
     reads = [["summary", str(folder / "both")], ["worst", str(folder / "both")], ["report", str(folder / "both")]]
     reads += [["diff", str(folder / "both"), str(folder / "summary")]]
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(SCRIPT), json.dumps(runs + reads)],
-        cwd=folder,
-        capture_output=True,
-        encoding="utf-8",
-    )
+    command = [sys.executable, "-W", "error", str(SCRIPT), json.dumps(runs + reads)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8")
     assert done.returncode == 0, done.stderr
     said = dict(zip([*configs, *(f"study {verb}" for verb, *_ in reads)], done.stdout.split("\0"), strict=False))
     return said | {"stderr": done.stderr}, folder

@@ -117,10 +117,12 @@ def test_a_table_is_what_was_declared():
 
 
 def test_a_table_older_than_a_status_is_read():
-    """A summary may lack the count of a status that is newer than it is, and no other column."""
+    """A summary may lack the count of a status that is newer than it is, and no other column; types are declared."""
     columns = schemas.summary()
     whole = schemas.schema(columns)
     without = lambda name: whole.remove(whole.get_field_index(name))  # noqa: E731
+    words = whole.set(whole.get_field_index("bias"), pa.field("bias", pa.string()))
+    assert schemas.fault(words, columns).endswith(": column 'bias' is of type string, not double")
     assert schemas.fault(whole, columns) is None
     assert schemas.fault(without("weakly_identified"), columns) is None
     assert "no column 'ok'" in schemas.fault(without("ok"), columns)
