@@ -196,6 +196,25 @@ def _outliers(table: pd.DataFrame, estimators: list[str]) -> Rows:
     yield from _by_angle(table.query("law == 'normal'"), "outlier_share", shares, estimators)
 
 
+def forms(tables: Tables) -> Rows:
+    """Errors of form: what is seen and covered, beside the most powerful test that knows the form."""
+    yield [
+        "cap",
+        "length",
+        "size",
+        "doubted",
+        "white noise covers",
+        "covers, or doubted",
+        "best test sees",
+        "unseen cover",
+    ]
+    for row in tables("misfit_errors").dropna(subset="best_seen").itertuples():
+        angle, length, size = re.findall(r"[\d.]+", row.name)
+        shares = (1.0 - row.ok, row.covers_white, row.covers_or_doubted, row.best_seen)
+        unseen = "-" if row.best_seen > 0.995 else _short(row.best_unseen_covers)
+        yield [f"{angle}°", length, f"{size} σ", *map(_short, shares), unseen]
+
+
 def laws(tables: Tables) -> Rows:
     """Error under laws of other tails."""
     yield ["law (excess kurtosis)", *TITLES["laws"].values()]
