@@ -105,13 +105,19 @@ class FittedPoints:
         different = self.different
         return structure(different, self._ordered, self._known if different is self._samples else None)
 
-    def doubts(self, status: Ints) -> Ints:
-        """The status of each fit (b,) after what its residuals show: hinges, outliers, and models that fail."""
+    def doubts(self, status: Ints, ends: Intervals) -> Ints:
+        """The status of each fit (b,) after what its residuals show: hinges, outliers, and models that fail.
+
+        Args:
+            status: by the intervals (b,).
+            ends: the intervals at 95 %.
+        """
         seen, result = self.structure, status.copy()
         result[seen.hinge & ~np.isin(status, _NO_SPHERE)] = Status.HINGE
         result[(result == Status.OK) & seen.doubted] = Status.MISFIT
-        fine = np.isin(result, (Status.OK, Status.MISFIT)) & np.logical_not(self._without_outliers)
-        searched = np.flatnonzero((seen.extreme | seen.spread) & fine)
+        fitted = np.isin(result, (Status.OK, Status.MISFIT)) & (seen.extreme | seen.spread)
+        fitted |= seen.spread & np.isin(result, (Status.HINGE, Status.WEAKLY_IDENTIFIED, Status.INSIGNIFICANT))
+        searched = np.flatnonzero(fitted & np.logical_not(self._without_outliers))
         if not len(searched):
             return result
         part = evenly_thinned(self.different.take(searched))
@@ -119,12 +125,21 @@ class FittedPoints:
         hidden = np.flatnonzero(~named.any(axis=1) & (seen.spread[searched] | (result[searched] == Status.MISFIT)))
         if len(hidden):
             named[hidden] = outliers(part.take(hidden))
-        result[searched[named.any(axis=1) & (result[searched] == Status.OK)]] = Status.OUTLIERS
+        result[searched[named.any(axis=1) & (result[searched] != Status.MISFIT)]] = Status.OUTLIERS
         failing = np.flatnonzero(named.any(axis=1) & (result[searched] == Status.MISFIT))
         if len(failing):  # is it the outliers alone that make the model fail?
             rest = np.where(named[failing][:, None], np.nan, part.x[failing])
             explained = ~structure(Samples(rest), self._ordered).doubted
             result[searched[failing[explained]]] = Status.OUTLIERS
+        alone = np.flatnonzero(seen.spread & (result == Status.OK))
+        if len(alone):  # does the farthest point alone carry the radius?
+            x = self.different.take(alone).x
+            away = np.square(x - np.nanmean(x, axis=2, keepdims=True)).sum(axis=1)
+            rest = np.where((away == np.nanmax(away, axis=1, keepdims=True))[:, None], np.nan, x)
+            without, radius = intervals(Samples(rest)), ends.radius[alone]
+            apart = (without.radius[:, 0] > radius[:, 1]) | (without.radius[:, 1] < radius[:, 0])
+            result[alone[apart]] = Status.OUTLIERS
+            result[alone[~without.identified]] = Status.WEAKLY_IDENTIFIED
         return result
 
     @cached_property
@@ -309,8 +324,8 @@ class Fit:
 
         It is the estimator's own where it failed. Else one rule holds for every estimator. Points on a circle in space
         are a hinge (theory 13.7). A fit is weakly identified unless its points bound the radius by a 95 % interval and
-        the noise is below 0.35 radii (theory 10.5). It is not ok either where it uses outliers, or where the test of
-        fit speaks and that matters (theory 13.6).
+        the noise is below 0.35 radii (theory 10.5). It is not ok either where it uses outliers, where the test of fit
+        speaks and that matters (theory 13.6), or where the points do not agree with a known radius (p < .01).
         """
         return self.own_status if self._samples is None else self._settled
 
@@ -375,8 +390,8 @@ class Fit:
     @cached_property
     def _settled(self) -> Ints:
         """The status by the rule, of a fit that holds its points."""
-        points = self._points
-        return points.doubts(ruled_status(self._estimates, self._intervals(0.95))).reshape(self.shape)
+        ends = self._intervals(0.95)
+        return self._points.doubts(ruled_status(self._estimates, ends), ends).reshape(self.shape)
 
     def _intervals(self, level: float) -> Intervals:
         """Intervals of the flat batch, computed once for each level."""

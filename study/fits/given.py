@@ -438,11 +438,16 @@ class GivenFit(Fit):
 
     @cached_property
     def _settled(self) -> Ints:
-        """The status by the rule for every estimator, without a test of fit where points have their own noise."""
+        """The status by the rule for every estimator, which a known radius must fit.
+
+        Where points have their own noise there is no test of fit.
+        """
         if self._given.noise is None:
-            return np.asarray(super()._settled)
-        status = ruled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
-        return np.where((status == Status.OK) & self.outliers.any(axis=-1), Status.OUTLIERS, status)
+            status = np.asarray(super()._settled)
+        else:
+            status = ruled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
+            status = np.where((status == Status.OK) & self.outliers.any(axis=-1), Status.OUTLIERS, status)
+        return np.where((status == Status.OK) & (self.radius_test.p < _NOTICED), Status.MISFIT, status)
 
 
 def given_intervals(sets: Weighted, level: float) -> Intervals:

@@ -263,7 +263,9 @@ def test_a_wrong_radius_is_noticed(rng, on_cap):
     assert np.mean(test.p < 0.01) < 0.024
     np.testing.assert_allclose(test.radius, study.fit(points).radius, rtol=0, atol=1e-3)
     for wrong in (2.0 + 6 * test.error, 2.0 - 6 * test.error):
-        assert np.mean(study.fit(points, radius=wrong).radius_test.p < 0.01) > 0.99
+        fit = study.fit(points, radius=wrong)
+        assert np.mean(fit.radius_test.p < 0.01) > 0.99
+        assert fit.ok.mean() < 0.01
 
 
 def test_a_radius_without_a_centre_is_noticed(rng, on_cap):
