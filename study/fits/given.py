@@ -42,7 +42,7 @@ _FLAT = 1e-14
 """Least extent of points over the largest, up to which they lie in a plane."""
 _TURNS = 100
 _NOTICED = 0.01
-"""p value of a known radius below which the points do not agree with it."""
+"""p value below which the points do not agree with a known radius, or with the noise that was given for each."""
 _SIDES = 3.0
 """Standard errors by which a known radius must fit better on one side of the points than on the other."""
 _FALSE_ALARMS = 0.01
@@ -406,6 +406,14 @@ class GivenFit(Fit):
         """True for each point (…, n) that does not belong to the sphere of the majority; see the class."""
         if self._given.noise is None:
             return np.asarray(super().outliers)
+        sets = self._sets
+        limit = _quantile(sets, np.maximum(sets.size - 4.0, 1.0), 1.0 - 0.5 * _FALSE_ALARMS / sets.size)
+        named = sets.present & (self._deviations > limit[:, None])
+        return np.asarray(named.reshape(*self.shape, named.shape[1]))
+
+    @cached_property
+    def _deviations(self) -> Floats:
+        """Distances from the sphere, in units of each point's own noise along its direction (b, n)."""
         sets, sphere = self._sets, self._spheres
         with np.errstate(all="ignore"):
             away = sets.points - sphere.center[:, None]
@@ -413,10 +421,7 @@ class GivenFit(Fit):
             if sets.covariances is not None:
                 e = away / distance[..., None]
                 weights = 1.0 / np.einsum("bni,bnij,bnj->bn", e, sets.covariances, e)
-            size = np.abs(distance - sphere.radius[:, None]) * np.sqrt(weights / sphere.scale[:, None])
-            limit = _quantile(sets, np.maximum(sets.size - 4.0, 1.0), 1.0 - 0.5 * _FALSE_ALARMS / sets.size)
-            named = sets.present & (size > limit[:, None])
-        return np.asarray(named.reshape(*self.shape, named.shape[1]))
+            return np.asarray(np.abs(distance - sphere.radius[:, None]) * np.sqrt(weights / sphere.scale[:, None]))
 
     @cached_property
     def goodness(self) -> Goodness:
@@ -440,13 +445,19 @@ class GivenFit(Fit):
     def _settled(self) -> Ints:
         """The status by the rule for every estimator, which a known radius must fit.
 
-        Where points have their own noise there is no test of fit.
+        Where points have their own noise there is no test of fit; residuals larger than such noise are a misfit, by χ².
         """
         if self._given.noise is None:
             status = np.asarray(super()._settled)
         else:
             status = ruled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
             status = np.where((status == Status.OK) & self.outliers.any(axis=-1), Status.OUTLIERS, status)
+            if not self._given.relative:
+                sets = self._sets
+                spare = np.maximum(sets.size - self.center.shape[-1] - ~np.isfinite(sets.radius), 1.0)
+                square = np.where(sets.present, self._deviations, 0.0) ** 2
+                larger = scipy.special.chdtrc(spare, square.sum(axis=1)) < _NOTICED
+                status = np.where((status == Status.OK) & larger.reshape(self.shape), Status.MISFIT, status)
         return np.where((status == Status.OK) & (self.radius_test.p < _NOTICED), Status.MISFIT, status)
 
 

@@ -277,6 +277,16 @@ def test_a_radius_without_a_centre_is_noticed(rng, on_cap):
     assert np.mean(fit.radius_test.p < 0.05) > 0.97
 
 
+def test_noise_that_was_given_too_small_is_a_misfit(rng):
+    """Of 20 points with twice the noise that is given few are ok; with the right one 1 % more than outliers are not."""
+    points, sigma = uneven(rng, 400, 20, 60.0, 0.01)
+    right, half = study.fit(points, noise=sigma), study.fit(points, noise=0.5 * sigma)
+    assert right.ok.mean() > 0.94
+    assert (right.status == Status.MISFIT).mean() < 0.03
+    assert half.ok.mean() < 0.1
+    assert study.fit(points, noise=0.5 * sigma, scale="estimated").ok.mean() > 0.95
+
+
 def test_small_caps_lose_their_weak_direction(rng, on_cap):
     """On a cap of 15° the error along the axis falls by the factor of the bounds, here 30, and is what is stated.
 
