@@ -8,19 +8,19 @@ then returns as many random rows as it would return. So there may be more worker
 
 import asyncio
 import heapq
-import json
 import os
 import pickle
 import re
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from importlib import import_module
 from itertools import islice
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ _packets: dict[tuple[int, ...], Packet] = {}
 """What tasks of some sizes return, made once, because many workers share a core here."""
 THREADS = 10
 """Threads of a Dask worker, like the cores of a machine; all Dask workers share a process."""
-_SECONDS, _TASKS, _EACH = 20.0, 3000, 2
+SECONDS, MOST_TASKS, LEAST_TASKS = 20.0, 3000, 2
 """Work of each worker in seconds; but no more tasks than so many, and no fewer than so many for each worker."""
 
 
@@ -71,12 +71,12 @@ async def asleep(pace: float, _: Parent, call: bytes) -> Packet:
     A coroutine, so that a thousand of them need no thousand threads.
     """
     began = time.monotonic()
-    study, some = pickle.loads(call)[1]
-    shape = tuple(task.batch.rows for task in some)
+    study, tasks = pickle.loads(call)[1]
+    shape = tuple(task.batch.rows for task in tasks)
     if shape not in _packets:
-        _packets[shape] = jobs._packed(study, some, _random)
-    await asyncio.sleep(began + pace * sum(task.weight for task in some) - time.monotonic())
-    return _packets[shape]._replace(keys=[(task.key, task.outputs) for task in some])
+        _packets[shape] = jobs._packed(study, tasks, _random)
+    await asyncio.sleep(began + pace * sum(task.weight for task in tasks) - time.monotonic())
+    return _packets[shape]._replace(keys=[(task.key, task.outputs) for task in tasks])
 
 
 def _random(study: Study, batch: Batch) -> Result:
@@ -95,21 +95,20 @@ def _random(study: Study, batch: Batch) -> Result:
 
 def config(weight: float) -> str:
     """Config of a study of about so much work; see `study.simulation.runs.jobs.UnitTask`."""
-    return CONFIG.format(trials=max(1, round(100 * weight / _weight(parse(CONFIG.format(trials=100))))))
+    of_hundred = sum(task.weight for task in tasks_of(parse(CONFIG.format(trials=100))))
+    return CONFIG.format(trials=max(1, round(100 * weight / of_hundred)))
 
 
-def _weight(study: Study) -> float:
-    found = jobs.Layout(study)
-    return sum(found.task(unit).weight for unit in units(study))
+def tasks_of(study: Study) -> Iterator[jobs.UnitTask]:
+    """The tasks of a study, one a unit."""
+    return map(jobs.Layout(study).task, units(study))
 
 
 def pace() -> float:
     """Seconds of one core to the weight of a task, measured on some units of the study."""
     study = parse(CONFIG.format(trials=100))
-    found = jobs.Layout(study)
-    some = [found.task(unit) for unit in islice(units(study), 5)]
     seconds = []
-    for task in some:
+    for task in islice(tasks_of(study), 5):
         began = time.process_time()
         jobs.execute(study, (task,))
         seconds.append((time.process_time() - began) / task.weight)
@@ -122,9 +121,9 @@ def noted(owner: Any, name: str, note: Callable[..., None]) -> None:
 
     def both(*arguments: object) -> object:
         began, busy = time.perf_counter(), time.process_time()
-        found = real(*arguments)
-        note(found, arguments, time.perf_counter() - began, time.process_time() - busy)
-        return found
+        result = real(*arguments)
+        note(result, arguments, time.perf_counter() - began, time.process_time() - busy)
+        return result
 
     setattr(owner, name, both)
 
@@ -139,7 +138,7 @@ def parent(address: str, count: int, task: float, speed: float, folder: Path) ->
         speed: seconds to the weight of a task.
         folder: of the run.
     """
-    text = config(max(_EACH * count, min(_TASKS, count * _SECONDS / task)) * task / speed)
+    text = config(max(LEAST_TASKS * count, min(MOST_TASKS, count * SECONDS / task)) * task / speed)
     study = parse(text)
     workers.DaskCluster.enough = task / speed
     workers.enter = partial(import_module("cluster").asleep, speed)  # by a name that the workers can import
@@ -156,7 +155,7 @@ def parent(address: str, count: int, task: float, speed: float, folder: Path) ->
     noted(runner._Computation, "compute", computed)
     noted(runner, "finish", lambda _, __, seconds, ___: row.update(finish=seconds, finish_mib=_peak()))
     runner.run(study, text, folder, Workers("dask", scheduler=address))
-    work, tasks = speed * _weight(study), len(sent)
+    work, tasks = speed * sum(task.weight for task in tasks_of(study)), len(sent)
     first = {"tasks": tasks, "task_seconds": work / tasks, "efficiency": work / (count * row["seconds"])}
     return first | {"sent_kb": sum(sent) / tasks / 1e3, "came_kb": sum(came) / tasks / 1e3} | row
 
@@ -167,42 +166,55 @@ def _peak() -> float:
     return int(line.split()[1]) / 1024
 
 
-async def host(address: str, count: int, folder: str) -> None:
-    """Be so many workers of a scheduler, until it ends."""
+def schedule_tasks(started: Any) -> None:
+    """Be a scheduler, which puts its address into a queue."""
+    from distributed import Scheduler
+
+    async def serve() -> None:
+        async with Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0") as scheduler:
+            started.put(scheduler.address)
+            await scheduler.finished()
+
+    asyncio.run(serve())
+
+
+def host(started: Any, address: str, count: int, folder: Path) -> None:
+    """Be so many workers of a scheduler, until it ends; puts their number into a queue."""
     import dask
     from distributed import Worker
 
+    async def serve() -> None:
+        options = {"nthreads": THREADS, "memory_limit": 0, "local_directory": str(folder), "host": "127.0.0.1"}
+        workers = await asyncio.gather(*(Worker(address, **options) for _ in range(count // THREADS)))
+        started.put(count)
+        await asyncio.gather(*(worker.finished() for worker in workers))
+
     dask.config.set({"distributed.worker.profile.enabled": False})  # it would cost a tenth of this machine
-    options = {"nthreads": THREADS, "memory_limit": 0, "local_directory": folder, "host": "127.0.0.1"}
-    workers = await asyncio.gather(*(Worker(address, **options) for _ in range(count // THREADS)))
-    print("ready", flush=True)
-    await asyncio.gather(*(worker.finished() for worker in workers))
+    asyncio.run(serve())
 
 
 def measure(count: int, task: float, speed: float, folder: Path) -> dict[str, float]:
     """Start a cluster, run a study on it from a process of its own, and end the cluster."""
-    place, me, started = folder / "scheduler.json", [sys.executable, __file__], []
-    words = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-jupyter", "--scheduler-file", str(place)]
-    path = os.pathsep.join([*sys.path[:1], *os.environ.get("PYTHONPATH", "").split(os.pathsep)])  # where this file is
-    quiet: dict[str, Any] = {"stderr": subprocess.DEVNULL, "text": True, "stdout": subprocess.PIPE}
-    quiet["env"] = os.environ | {"PYTHONPATH": path}
+    spawn, processes = get_context("spawn"), []
+    started = spawn.Queue()
+
+    def start(function: Callable[..., None], *arguments: object) -> tuple[psutil.Process, Any]:
+        processes.append(spawn.Process(target=function, args=(started, *arguments)))
+        processes[-1].start()
+        return psutil.Process(processes[-1].pid), started.get()
+
     try:
-        started.append(subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", *words], **quiet))
-        while not (place.is_file() and place.read_text().rstrip().endswith("}")):
-            time.sleep(0.1)
-        address = json.loads(place.read_text())["address"]
-        started.append(subprocess.Popen([*me, "host", address, str(count), str(folder)], **quiet))
-        assert started[1].stdout.readline() == "ready\n"
-        scheduler, workers = (psutil.Process(process.pid) for process in started)
+        scheduler, address = start(schedule_tasks)
+        workers, _ = start(host, address, count, folder)
         before = _cpu(scheduler), _cpu(workers)
-        told = [*map(repr, (count, task, speed)), str(folder / "run")]
-        found = json.loads(subprocess.run([*me, "parent", address, *told], check=True, stdout=subprocess.PIPE).stdout)
-        found |= {"scheduler_cpu": _cpu(scheduler) - before[0], "workers_cpu": _cpu(workers) - before[1]}
-        return found | {"scheduler_mib": scheduler.memory_info().rss / 2**20}
+        with ProcessPoolExecutor(1, spawn) as pool:
+            row = pool.submit(parent, address, count, task, speed, folder / "run").result()
+        row |= {"scheduler_cpu": _cpu(scheduler) - before[0], "workers_cpu": _cpu(workers) - before[1]}
+        return row | {"scheduler_mib": scheduler.memory_info().rss / 2**20}
     finally:
-        for process in started:
+        for process in processes:
             process.terminate()
-            process.wait()
+            process.join()
 
 
 def _cpu(process: psutil.Process) -> float:
@@ -218,16 +230,15 @@ def schedule() -> Iterator[dict[str, float]]:
     head, _, design = FACTORIAL.partition("[design]")
     design = re.sub(r"(?m)^(trials|most_samples) = .*\n", "", design)
     study = parse(f"{head}[design]\ntrials = 1_000_000\nmost_samples = 5_000_000_000{design}")
-    found = jobs.Layout(study)
-    some = [found.task(unit) for unit in units(study)]
-    seconds = sorted((task.weight / PER_SECOND for task in some), reverse=True)
+    tasks = list(tasks_of(study))
+    seconds = sorted((task.weight / PER_SECOND for task in tasks), reverse=True)
     fits = sum(group.width * study.design.trials_of(group.samples) for group in groups(study)) * len(study.estimators)
-    samples = sum(task.batch.rows * task.batch.group.samples for task in some)
+    samples = sum(task.batch.rows * task.batch.group.samples for task in tasks)
     for count in (10, 100, 1000):
         busy = [0.0] * count
-        for each in seconds:
-            heapq.heapreplace(busy, busy[0] + each)
-        row = {"workers": count, "units": len(some), "samples": samples, "rows": fits}
+        for work in seconds:
+            heapq.heapreplace(busy, busy[0] + work)
+        row = {"workers": count, "units": len(tasks), "samples": samples, "rows": fits}
         row |= {"core_hours": sum(seconds) / 3600, "longest": seconds[0], "seconds": max(busy)}
         yield row | {"efficiency": sum(seconds) / count / max(busy)}
 
@@ -243,12 +254,7 @@ def measured() -> Iterator[dict[str, float]]:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["host"]:
-        asyncio.run(host(sys.argv[2], int(sys.argv[3]), sys.argv[4]))
-    elif sys.argv[1:2] == ["parent"]:
-        count, task, speed = map(float, sys.argv[3:6])
-        print(json.dumps(parent(sys.argv[2], int(count), task, speed, Path(sys.argv[6]))))
-    else:
-        signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
-        store("cluster-study", schedule(), "%.4g")
-        store("cluster", measured(), "%.4g")
+    os.environ["DASK_LOGGING__DISTRIBUTED"] = "error"  # for the processes that are started
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
+    store("cluster-study", schedule(), "%.4g")
+    store("cluster", measured(), "%.4g")

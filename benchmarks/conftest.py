@@ -44,10 +44,10 @@ def machine():
 
 def rows(benchmarks):
     """A row per benchmark that says what it is, in the order in which they ran."""
-    found = [b for b in benchmarks if b.stats]
-    cost = {id(b): b.extra_info.get("megabytes") or 1e9 * b.stats.min / b.extra_info.get("items", 1) for b in found}
-    unit = {b.group: cost[id(b)] for b in found if b.extra_info.get("unit")}
-    for b in found:
+    timed = [b for b in benchmarks if b.stats]
+    cost = {id(b): b.extra_info.get("megabytes") or 1e9 * b.stats.min / b.extra_info.get("items", 1) for b in timed}
+    unit = {b.group: cost[id(b)] for b in timed if b.extra_info.get("unit")}
+    for b in timed:
         ratio = f"{cost[id(b)] / unit[b.group]:.3g}" if b.group in unit else ""
         measured = "MB" if "megabytes" in b.extra_info else "ns"
         what, aim = b.extra_info.get("what", b.name), b.extra_info.get("aim", "")

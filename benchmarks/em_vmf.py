@@ -35,9 +35,9 @@ def concentration(length, dimension):
     """Concentration whose mean has this length: the approximation of Banerjee et al. 2005, and two Newton steps."""
     kappa = length * (dimension - length**2) / np.maximum(1.0 - length**2, 1e-12)
     for _ in range(2):
-        found = mean_length(kappa, dimension)
-        slope = 1.0 - found**2 - (dimension - 1) * found / np.maximum(kappa, 1e-12)
-        kappa = np.maximum(kappa - (found - length) / np.maximum(slope, 1e-12), 1e-9)
+        mean = mean_length(kappa, dimension)
+        slope = 1.0 - mean**2 - (dimension - 1) * mean / np.maximum(kappa, 1e-12)
+        kappa = np.maximum(kappa - (mean - length) / np.maximum(slope, 1e-12), 1e-9)
     return kappa
 
 
@@ -45,17 +45,17 @@ def em_vmf(samples):
     """Expectation maximisation from the answer of `als`, for each set of a batch."""
     b, d, _ = samples.shape
     start = fit_samples(samples, "als")
-    found = blank(b, d)
+    result = blank(b, d)
     for t in range(b):
         x = samples.points[t]
         center, radius, variance = start.center[t], float(start.radius[t]), float(start.noise_variance[t])
-        found.status[t] = start.own_status[t]
+        result.status[t] = start.own_status[t]
         if not (np.isfinite(center).all() and radius > 0.0 and variance > 0.0):
             center, radius, variance = x.mean(axis=0), float(np.sqrt(x.var(axis=0).sum())), float(x.var())
         mu = (x - center).mean(axis=0)
         kappa, converged = 0.0, False
         for _ in range(STEPS):
-            found.iterations[t] += 1
+            result.iterations[t] += 1
             natural = kappa * mu + radius * (x - center) / variance
             size = np.linalg.norm(natural, axis=1)
             means = natural * (mean_length(size, d) / np.maximum(size, 1e-300))[:, None]
@@ -72,10 +72,10 @@ def em_vmf(samples):
             if change < ENOUGH * abs(radius):
                 converged = True
                 break
-        found.center[t], found.radius[t], found.noise_variance[t] = center, radius, variance
+        result.center[t], result.radius[t], result.noise_variance[t] = center, radius, variance
         if not converged:
-            found.status[t] = study.Status.NOT_CONVERGED
-    return found
+            result.status[t] = study.Status.NOT_CONVERGED
+    return result
 
 
 study.register("em_vmf", em_vmf, batched=True, reference="Lesouple et al. 2021: EM, von Mises-Fisher directions")

@@ -29,11 +29,11 @@ def rows():
     """A row for each cell: the number of data sets in which a point is named, and their share."""
     for d, n, angle, noise, sets in CELLS + OTHERS + LARGE:
         state = lanes(SEED, "false alarms", d, n, angle, noise)
-        found = sum(int(outliers(Samples(x)).any(axis=1).sum()) for x in clean(state, sets, n, angle, noise, d))
-        share = found / sets
+        alarms = sum(int(outliers(Samples(x)).any(axis=1).sum()) for x in clean(state, sets, n, angle, noise, d))
+        share = alarms / sets
         error = math.sqrt(max(share, 1.0 / sets) * (1.0 - share) / sets)
         row = {"dimension": d, "samples": n, "angle": angle, "noise_over_radius": noise, "sets": sets}
-        yield {**row, "alarms": found, "share": share, "share_error": error}
+        yield {**row, "alarms": alarms, "share": share, "share_error": error}
 
 
 if __name__ == "__main__":

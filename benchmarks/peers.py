@@ -3,6 +3,7 @@
 import importlib.util
 import random
 import warnings
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -14,34 +15,18 @@ def scikit_guess():
     vars(np).setdefault("float_", np.float64)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
-        from skg import nsphere_fit
-
-    return lambda x: nsphere_fit(x)[1]
-
-
-def scikit_spatial():
-    from skspatial.objects import Sphere
-
-    return lambda x: Sphere.best_fit(x).point
+        fit = importlib.import_module("skg").nsphere_fit
+    return lambda x: fit(x)[1]
 
 
-def trimesh():
-    from trimesh.nsphere import fit_nsphere
+def named(module, path, center):
+    """A maker of a fit from the path of a function in a module, and what takes the centre from its answer."""
 
-    return lambda x: fit_nsphere(x)[0]
+    def make():
+        fit = attrgetter(path)(importlib.import_module(module))
+        return lambda x: center(fit(x))
 
-
-def compas():
-    from compas.geometry import bestfit_sphere_numpy
-
-    return lambda x: bestfit_sphere_numpy(x)[0]
-
-
-def circle_fit():
-    """Circles only."""
-    from circle_fit import taubinSVD
-
-    return lambda x: taubinSVD(x)[:2]
+    return make
 
 
 def scikit_image(sigma):
@@ -62,10 +47,13 @@ def pyransac3d(sigma):
     return fit
 
 
-CLOSED = {"scikit-guess": ("skg", scikit_guess), "scikit-spatial": ("skspatial", scikit_spatial)}
-CLOSED |= {"trimesh": ("trimesh", trimesh), "compas": ("compas", compas)}
-CIRCLES = {"circle-fit": ("circle_fit", circle_fit)}
-
+CLOSED = {
+    "scikit-guess": ("skg", scikit_guess),
+    "scikit-spatial": ("skspatial", named("skspatial.objects", "Sphere.best_fit", lambda answer: answer.point)),
+    "trimesh": ("trimesh", named("trimesh.nsphere", "fit_nsphere", lambda answer: answer[0])),
+    "compas": ("compas", named("compas.geometry", "bestfit_sphere_numpy", lambda answer: answer[0])),
+}
+CIRCLES = {"circle-fit": ("circle_fit", named("circle_fit", "taubinSVD", lambda answer: answer[:2]))}
 ROBUST = {"scikit-image": ("skimage", scikit_image, 2), "pyransac3d": ("pyransac3d", pyransac3d, 3)}
 
 
@@ -77,7 +65,8 @@ def fit_of(name, table, *arguments):
     return make(*arguments)
 
 
-def each(fit, sets):
+def one_by_one(fit, sets):
+    """Fit each set in a loop."""
     for x in sets:
         fit(x)
 

@@ -29,10 +29,10 @@ def _columns(values):
 def stop(precision, values):
     """The measure where the rule stops, its error, and the number of trials."""
     for count in precision.checkpoints(len(values)):
-        found = measured(precision.measure, _columns(values[:count]))
-        if precision.reached(*found):
+        measure = measured(precision.measure, _columns(values[:count]))
+        if precision.reached(*measure):
             break
-    return *found, count
+    return *measure, count
 
 
 def studies(name):
@@ -66,15 +66,15 @@ def rows():
     for law in LAWS:
         away, error, target, factor, _ = studies(law)
         spread = [float(np.sqrt(np.mean((away / target)[factor == each] ** 2))) for each in FACTORS]
-        found = {
+        quantities = {
             "spread": float(np.sqrt(np.mean((away / target) ** 2))),
             "spread_least": min(spread),
             "spread_greatest": max(spread),
             "two_targets": float(np.mean(np.abs(away) <= 2.0 * target)),
             "two_errors": float(np.mean(np.abs(away) <= 2.0 * error)),
         }
-        found |= {f"fixed_{count}": fixed(law, count) for count in (250, 1000, 4000)}
-        yield from ({"law": law, "quantity": name, "value": value} for name, value in found.items())
+        quantities |= {f"fixed_{count}": fixed(law, count) for count in (250, 1000, 4000)}
+        yield from ({"law": law, "quantity": name, "value": value} for name, value in quantities.items())
 
 
 if __name__ == "__main__":

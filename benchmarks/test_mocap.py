@@ -34,8 +34,8 @@ def matched():
 def test_phase_one(timed, matched):
     """Fourteen joints with their errors."""
     group = f"phase 1, {FRAMES} frames of 41 markers (aim: below 1e9 ns)"
-    found = timed(group, "frames, joints and errors", find_joints, matched.markerset, matched.recording, rounds=5)
-    assert len(found.joints) == 14
+    joints = timed(group, "frames, joints and errors", find_joints, matched.markerset, matched.recording, rounds=5)
+    assert len(joints.joints) == 14
 
 
 def test_phase_two(timed, matched):
@@ -49,8 +49,8 @@ def test_phase_two(timed, matched):
 @pytest.mark.parametrize("whose", ["ours", "biobuddy"])
 def test_score(timed, matched, whose):
     """The waist from pelvis and chest, whose poses are known: two centres, ours with its covariance."""
-    found = find_joints(matched.markerset, matched.recording)
-    pelvis, thorax = found.poses["pelvis"], found.poses["thorax"]
+    joints = find_joints(matched.markerset, matched.recording)
+    pelvis, thorax = joints.poses["pelvis"], joints.poses["thorax"]
     group = f"SCoRE of one joint, {FRAMES} frames"
     ours = symmetric_fit(pelvis, thorax)
     if whose == "ours":
@@ -60,9 +60,9 @@ def test_score(timed, matched, whose):
     score = pytest.importorskip("biobuddy.model_modifiers.joint_center_tool").Score.perform_algorithm
     poses = [biobuddy.RotoTransMatrixTimeSeries.from_rt_matrix(_poses(frames)) for frames in (pelvis, thorax)]
     score = partial(score, recursive_outlier_removal=False)
-    found = timed(group, "biobuddy", score, *poses, aim="≥ 50", rounds=5)
+    center = timed(group, "biobuddy", score, *poses, aim="≥ 50", rounds=5)
     # they leave the noise in the turns: some centimetres, where these are small against it
-    assert np.linalg.norm(found[1] - ours.in_parent) < 0.1
+    assert np.linalg.norm(center[1] - ours.in_parent) < 0.1
 
 
 def _poses(frames):

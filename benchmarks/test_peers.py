@@ -32,7 +32,8 @@ def test_closed_forms(timed, points, name):
         return
     fit = peers.fit_of(name, peers.CLOSED)
     np.testing.assert_allclose(fit(points[0]), study.fit(points[0], "gdke").center, atol=1e-6)
-    timed(group, f"{name}, in a loop", peers.each, fit, points[:FEW], items=FEW, aim="≥ 60 (the fastest)", rounds=10)
+    what, aim = f"{name}, in a loop", "≥ 60 (the fastest)"
+    timed(group, what, peers.one_by_one, fit, points[:FEW], items=FEW, aim=aim, rounds=10)
 
 
 @pytest.mark.parametrize("name", ["study", *peers.CLOSED])
@@ -41,10 +42,10 @@ def test_one_fit(timed, points, name):
     group = "one fit, 3-D, N = 100"
     if name == "study":
         ours = partial(study.fit, estimator="gdke")
-        timed(group, 'study.fit(points, "gdke")', peers.each, ours, points[:FEW], items=FEW, unit=True)
+        timed(group, 'study.fit(points, "gdke")', peers.one_by_one, ours, points[:FEW], items=FEW, unit=True)
         return
     fit = peers.fit_of(name, peers.CLOSED)
-    timed(group, name, peers.each, fit, points[:FEW], items=FEW, aim="≥ 1", rounds=10)
+    timed(group, name, peers.one_by_one, fit, points[:FEW], items=FEW, aim="≥ 1", rounds=10)
 
 
 @pytest.mark.parametrize("name", ["study", "corrected", "levenberg_marquardt", "orthogonal_distance"])
@@ -62,7 +63,7 @@ def test_geometric_fits(timed, points, name):
         "orthogonal_distance": (peers.orthogonal_distance, "scipy.odr", "", 10),
     }[name]
     np.testing.assert_allclose(fit(points[0]), study.fit(points[0], "mle").center, atol=1e-4)
-    timed(group, f"{words}, in a loop", peers.each, fit, points[:few], items=few, aim=aim, rounds=5)
+    timed(group, f"{words}, in a loop", peers.one_by_one, fit, points[:few], items=few, aim=aim, rounds=5)
 
 
 @pytest.mark.parametrize("name", ["study", *peers.CIRCLES])
@@ -74,4 +75,4 @@ def test_circles(timed, points, name):
         return
     fit = peers.fit_of(name, peers.CIRCLES)
     np.testing.assert_allclose(fit(flat[0]), study.fit(flat[0], "taubin").center, atol=1e-8)
-    timed(group, f"{name} taubinSVD, in a loop", peers.each, fit, flat[:FEW], items=FEW, rounds=10)
+    timed(group, f"{name} taubinSVD, in a loop", peers.one_by_one, fit, flat[:FEW], items=FEW, rounds=10)

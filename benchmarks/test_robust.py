@@ -44,4 +44,4 @@ def test_contaminated(timed, name, d):
         pytest.skip(f"{name} does not fit {d} dimensions")
     fit = peers.fit_of(name, peers.ROBUST, SIGMA)
     what = words(f"{name} RANSAC, in a loop", np.array([fit(part) for part in x[:FEW]]), good[:FEW])
-    timed(group, what, peers.each, fit, x[:FEW], items=FEW, aim="≥ 1", rounds=3)
+    timed(group, what, peers.one_by_one, fit, x[:FEW], items=FEW, aim="≥ 1", rounds=3)

@@ -16,7 +16,7 @@
 - ``[given]``: for each text, what looks measured (``±``, ``%``, a factor) and is not: a definition, a level, the
   paper's own number. Anything else that looks measured and is in no phrase is an error.
 
-Whole tables stand between ``<!-- table: x -->`` and ``<!-- end -->``; `docs/number_tables.py` prints x.
+Whole tables stand between ``<!-- table: x -->`` and ``<!-- end -->``; `docs/number_tables.py` makes x.
 """
 
 import argparse
@@ -29,6 +29,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import number_tables
 import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -74,12 +75,11 @@ class Bound:
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
-        with open(root / "docs" / "numbers.toml", "rb") as file:
-            found = tomllib.load(file)
-        self.tables: dict[str, str] = found["tables"]
-        self.numbers: dict[str, list[str]] = found["numbers"]
-        self.phrases: dict[str, list[str]] = found["phrases"]
-        self.given: dict[str, list[str]] = found["given"]
+        sections = tomllib.loads((root / "docs" / "numbers.toml").read_text(encoding="utf-8"))
+        self.tables: dict[str, str] = sections["tables"]
+        self.numbers: dict[str, list[str]] = sections["numbers"]
+        self.phrases: dict[str, list[str]] = sections["phrases"]
+        self.given: dict[str, list[str]] = sections["given"]
         self.used: set[str] = set()
         self.table = cache(self._read)
 
@@ -99,24 +99,22 @@ class Bound:
             raise NumbersError(f"docs/numbers.toml: no number {name!r} in [numbers]")
         self.used.add(name)
         table, rows, column = self.numbers[name]
-        place = f"docs/numbers.toml: {name}"
+        how, _, rest = column.partition(" ")
+        several = how in ("min", "max", "mean", "median", "sum")
         try:
             chosen = self.table(table)
             chosen = chosen.query(rows, engine="python") if rows else chosen
-            how, _, rest = column.partition(" ")
             if how == "count":
                 return float(len(chosen))
-            several = how in ("min", "max", "mean", "median", "sum")
             values = chosen.eval(rest if several else column, engine="python")
         except (KeyError, ValueError, SyntaxError, AttributeError, pd.errors.UndefinedVariableError) as error:
-            raise NumbersError(f"{place}: {error}") from None
-        if not len(values):
-            raise NumbersError(f"{place}: no such rows in {self.tables[table]}: {rows}")
-        if not several and len(values) != 1:
-            raise NumbersError(f"{place}: {len(values)} such rows in {self.tables[table]}: {rows}")
+            raise NumbersError(f"docs/numbers.toml: {name}: {error}") from None
+        if len(values) != 1 and not (several and len(values)):
+            words = f"{len(values) or 'no'} such rows in {self.tables[table]}: {rows}"
+            raise NumbersError(f"docs/numbers.toml: {name}: {words}")
         value = float(getattr(values, how)() if several else values.iloc[0])
         if not math.isfinite(value):
-            raise NumbersError(f"{place}: {value} in {self.tables[table]}")
+            raise NumbersError(f"docs/numbers.toml: {name}: {value} in {self.tables[table]}")
         return value
 
     def faults(self, path: str, text: str) -> tuple[list[Fault], str]:
@@ -129,12 +127,12 @@ class Bound:
         Returns:
             What differs, and the text with the tables' numbers.
         """
-        found: list[Fault] = []
+        faults: list[Fault] = []
         edits: list[tuple[int, int, str]] = []
         bound: list[tuple[int, int]] = []
 
         def at(place: int, words: str) -> None:
-            found.append(Fault(path, text.count("\n", 0, place) + 1, words))
+            faults.append(Fault(path, text.count("\n", 0, place) + 1, words))
 
         for phrase in self.phrases.get(path, []):
             matches = list(_pattern(phrase).finditer(text))
@@ -166,9 +164,7 @@ class Bound:
                 edits.append((match.end(1), match.start(3), new))
         for place, words in self._unbound(path, text, bound):
             at(place, f"{words} looks measured: bind it, or give its phrase, in docs/numbers.toml")
-        for start, end, new in sorted(edits, reverse=True):
-            text = text[:start] + new + text[end:]
-        return found, text
+        return faults, replaced(text, edits)
 
     def _unbound(self, path: str, text: str, bound: list[tuple[int, int]]) -> Iterator[tuple[int, str]]:
         """Numbers of prose that look measured and stand in no phrase."""
@@ -176,18 +172,13 @@ class Bound:
             return
         spans = [*bound, *(match.span() for match in UNMEASURED.finditer(text))]
         for phrase in [*self.given.get("everywhere", []), *self.given.get(path, [])]:
-            matches = list(_pattern(phrase).finditer(text))
-            spans += [match.span() for match in matches]
+            spans += [match.span() for match in _pattern(phrase).finditer(text)]
         for match in MEASURED.finditer(text):
             if not any(start <= match.start() and match.end() <= end for start, end in spans):
                 yield match.start(), match[0]
 
     def _made(self, name: str) -> str:
-        if str(Path(__file__).parent) not in sys.path:
-            sys.path.insert(0, str(Path(__file__).parent))
-        import number_tables
-
-        return str(getattr(number_tables, name)(self.table)).strip()
+        return number_tables.markdown(getattr(number_tables, name)(self.table))
 
     def _read(self, name: str) -> pd.DataFrame:
         """A stored table; as ``findings``, that of the claims with a row for each number of their findings."""
@@ -196,9 +187,7 @@ class Bound:
         path = self.root / self.tables[name]
         if not path.exists():
             raise NumbersError(f"docs/numbers.toml: [tables] {name}: there is no {self.tables[name]}")
-        if path.suffix == ".csv":
-            return pd.read_csv(path)
-        table = pd.read_parquet(path)
+        table = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
         return findings(table) if name == "findings" else table
 
 
@@ -212,14 +201,20 @@ def findings(claims: pd.DataFrame) -> pd.DataFrame:
         A row for each number: ``claim`` (its name), ``verdict``, ``quantity``, ``value`` and ``error``.
     """
     rows = []
-    for each in claims.to_dict("records"):
-        for line in each["finding"].splitlines():
+    for name, verdict, finding in claims[["name", "verdict", "finding"]].itertuples(index=False):
+        for line in finding.splitlines():
             quantity, _, numbers = line.rpartition(": ")
             value, _, error = numbers.partition(" ± ")
             if re.fullmatch(r"[-\d.e+]+", value):
-                row = {"claim": each["name"], "verdict": each["verdict"], "quantity": quantity}
-                rows.append(row | {"value": float(value), "error": float(error or "nan")})
-    return pd.DataFrame(rows)
+                rows.append((name, verdict, quantity, float(value), float(error or "nan")))
+    return pd.DataFrame(rows, columns=["claim", "verdict", "quantity", "value", "error"])
+
+
+def replaced(text: str, edits: list[tuple[int, int, str]]) -> str:
+    """A text with some of its parts replaced: the start and the end of each, and what takes its place."""
+    for start, end, new in sorted(edits, reverse=True):
+        text = text[:start] + new + text[end:]
+    return text
 
 
 def formatted(value: float, spec: str) -> str:
@@ -232,8 +227,7 @@ def formatted(value: float, spec: str) -> str:
     if spec == "w":
         return WORDS[round(value)] if round(value) < len(WORDS) else str(round(value))
     if spec.endswith("s"):
-        text = format(value, f"{spec[:-1]}f")
-        return re.sub(r"^(-?)0\.", r"\1.", text)
+        return re.sub(r"^(-?)0\.", r"\1.", format(value, f"{spec[:-1]}f"))
     if spec.endswith("p"):
         return format(100.0 * value, f"{spec[:-1]}f")
     if spec.endswith("d"):
@@ -271,12 +265,12 @@ def main() -> None:
     bound = Bound()
     for path in bound.texts():
         old = (ROOT / path).read_text(encoding="utf-8")
-        found, new = bound.faults(path, old)
+        faults, new = bound.faults(path, old)
         if write and new != old:
             (ROOT / path).write_text(new, encoding="utf-8")
             print(f"{path}: written")
-            found, _ = bound.faults(path, new)
-        left += map(str, found)
+            faults, _ = bound.faults(path, new)
+        left += map(str, faults)
     left += [f"docs/numbers.toml: {name}: no phrase has it" for name in sorted(set(bound.numbers) - bound.used)]
     if left:
         advice = "" if write else "\n`make numbers` writes the numbers of the tables into the texts."

@@ -58,18 +58,18 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     outside = page.file.src_uri in ("CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "CHANGELOG.md")
     base = "" if outside else "docs"
 
-    def within(found: re.Match[str]) -> str:
-        mark, text, target, anchor = found.groups(default="")
+    def within(link: re.Match[str]) -> str:
+        mark, text, target, anchor = link.groups(default="")
         place = posixpath.normpath(posixpath.join(base, target))
         name = place.removeprefix("docs/")
         if files.get_file_from_path(name) is not None:
             return f"{mark}[{text}]({name}{anchor})"
-        return text if os.path.exists(ROOT / place) else found[0]
+        return text if os.path.exists(ROOT / place) else link[0]
 
-    found = LINK.sub(within, markdown)
+    text = LINK.sub(within, markdown)
     if page.file.src_uri == "theory.md":
-        found = FORMULA.sub(_typeset, "".join(map(_scripts, re.split(r"(^```.*?^```$)", found, flags=re.M | re.S))))
-    return found + _directives(markdown) if page.file.src_uri == "api.md" else found
+        text = FORMULA.sub(_typeset, "".join(map(_scripts, re.split(r"(^```.*?^```$)", text, flags=re.M | re.S))))
+    return text + _directives(markdown) if page.file.src_uri == "api.md" else text
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:

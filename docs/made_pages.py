@@ -1,18 +1,20 @@
 """Parts of the documents that are made from the package: tables of config keys, conditions, estimators, figures, names.
 
-`docs/run_blocks.py` puts what a function here returns between the marks of that name, and fails if it is out of date.
+`docs/run_blocks.py` puts what a function here yields between the marks of that name, and fails if it is out of date.
+Like those of `docs/number_tables.py`, functions yield rows and paragraphs.
 """
 
 import inspect
 import json
 import math
-import re
 from typing import Any, get_args
 
 import griffe
+from number_tables import Rows
 from pydantic import BaseModel
 
 import study
+from study.fits.registry import ESTIMATORS
 from study.fits.samples import Status
 from study.simulation.experiment.conditions import CONDITIONS, Choice, Constant, LogUniform, Uniform
 from study.simulation.experiment.config import Posterior, Precision, Study, parse, shipped_configs, summary_line
@@ -20,6 +22,7 @@ from study.simulation.experiment.designs import GridDesign, RandomDesign
 from study.simulation.experiment.sampling import groups, trials_of
 from study.simulation.figures import FIGURES
 from study.simulation.statistics import MEASURES
+from study.text import paragraphs
 
 MEDIAN_VARIANCES = (0.316, 1.36)
 """n times the squared relative error of a median of n trials, for |z| of a normal z in three dimensions and in one."""
@@ -27,147 +30,135 @@ OWN_READERS = ("coverage", "readings")
 """Configs that are no studies."""
 
 
-def config_study() -> str:
+def config_study() -> Rows:
     """The keys at the top of a config."""
     return _keys(Study, {"design", "posterior", "precision"})
 
 
-def config_grid() -> str:
+def config_grid() -> Rows:
     """The keys of a grid besides its conditions."""
     return _keys(GridDesign, set(CONDITIONS))
 
 
-def config_random() -> str:
+def config_random() -> Rows:
     """The keys of a random design besides its conditions."""
     return _keys(RandomDesign, set(CONDITIONS))
 
 
-def config_precision() -> str:
+def config_precision() -> Rows:
     """The keys of ``[precision]``."""
     return _keys(Precision)
 
 
-def config_posterior() -> str:
+def config_posterior() -> Rows:
     """The keys of ``[posterior]``."""
     return _keys(Posterior)
 
 
-def config_laws() -> str:
+def config_laws() -> Rows:
     """The laws that a random design draws conditions from."""
-    rows = []
+    yield ["law", "a number drawn"]
     for law in (Constant, Choice, Uniform, LogUniform):
         (kind,) = get_args(law.model_fields["law"].annotation)
         written = ", ".join([f'law = "{kind}"', *(f"{key} = …" for key in law.model_fields if key != "law")])
-        rows.append([f"`{{ {written} }}`", _first(law)])
-    return _table(["law", "a number drawn"], rows)
+        yield [f"`{{ {written} }}`", paragraphs(law)[0]]
 
 
-def studies() -> str:
+def studies() -> Rows:
     """The shipped studies: conditions, trials, fits, and the Monte-Carlo error of a median of so many trials."""
-    rows = []
+    yield ["study", "question", "conditions", "trials of each", "fits", "error of a median, %"]
     for name, path in shipped_configs().items():
         if name in OWN_READERS:
             continue
         config = parse(path.read_text(encoding="utf-8"))
         random = config.design.kind == "random"
         sizes = [(1 if random else group.width, trials_of(config, group)) for group in groups(config)]
-        trials = [count for _, count in sizes]
-        each = f"{min(trials):,}" + (f" to {max(trials):,}" if min(trials) < max(trials) else "")
+        least, most = min(count for _, count in sizes), max(count for _, count in sizes)
+        trials = f"{least:,}" + (f" to {most:,}" if least < most else "")
         fits = len(config.estimators) * sum(width * count for width, count in sizes)
         cells = "drawn in each trial" if random else f"{sum(width for width, _ in sizes):,}"
-        errors = [f"{100.0 * math.sqrt(variance / min(trials)):.1f}" for variance in MEDIAN_VARIANCES]
+        errors = " to ".join(f"{100.0 * math.sqrt(variance / least):.1f}" for variance in MEDIAN_VARIANCES)
         link, words = f"[`{name}`](../configs/{name}.toml)", summary_line(path).removesuffix(".")
-        rows.append([link, words, cells, each, f"{fits:,}", " to ".join(errors)])
-    return _table(["study", "question", "conditions", "trials of each", "fits", "error of a median, %"], rows)
+        yield [link, words, cells, trials, f"{fits:,}", errors]
 
 
-def conditions() -> str:
+def conditions() -> Rows:
     """The conditions of an experiment."""
-    rows = []
-    for name, each in CONDITIONS.items():
-        default = "required" if each.default is None else f"`{each.default}`"
-        default = f"this or `{each.alternative}`" if each.alternative else default
-        where = "grid" if not each.law else "random" if not each.axis else "both"
-        rows.append([f"`{name}`", each.symbol, each.in_full or each.meaning, each.rule, default, where])
-    return _table(["key", "symbol", "meaning", "values", "default", "design"], rows)
+    yield ["key", "symbol", "meaning", "values", "default", "design"]
+    for name, one in CONDITIONS.items():
+        default = "required" if one.default is None else f"`{one.default}`"
+        default = f"this or `{one.alternative}`" if one.alternative else default
+        where = "grid" if not one.law else "random" if not one.axis else "both"
+        yield [f"`{name}`", one.symbol, one.in_full or one.meaning, one.rule, default, where]
 
 
-def estimators() -> str:
+def estimators() -> Rows:
     """The shipped estimators."""
-    shipped = inspect.getmodule(study.fit).ESTIMATORS  # type: ignore[union-attr]
-    rows = []
-    for name, entry in shipped.items():
+    yield ["name", "what it is, or its source", "needs", "FLOPs per sample, 3-D"]
+    for name, entry in ESTIMATORS.items():
         flops = f"{entry.flops(3):g} {entry.flops_of}".strip() if entry.flops else "-"
-        rows.append([f"`{name}`", entry.reference, "the noise" if entry.needs else "-", flops])
-    return _table(["name", "what it is, or its source", "needs", "FLOPs per sample, 3-D"], rows)
+        yield [f"`{name}`", entry.reference, "the noise" if entry.needs else "-", flops]
 
 
-def statuses() -> str:
+def statuses() -> Rows:
     """The statuses of a fit."""
-    return _table(["number", "status", "text"], [[str(int(s)), f"`{s.name}`", s.text] for s in Status])
+    yield ["number", "status", "text"]
+    yield from ([str(int(status)), f"`{status.name}`", status.text] for status in Status)
 
 
-def measures() -> str:
+def measures() -> Rows:
     """The performance measures of the summary table."""
-    return _table(["column", "meaning"], [[f"`{name}`", measure.meaning] for name, measure in MEASURES.items()])
+    yield ["column", "meaning"]
+    yield from ([f"`{name}`", measure.meaning] for name, measure in MEASURES.items())
 
 
-def figures() -> str:
+def figures() -> Rows:
     """A section for each figure: its picture and the text of its module."""
-    parts = []
     for name, module in FIGURES.items():
         title, _, text = inspect.cleandoc(module.__doc__ or "").partition("\n\n")
-        parts.append(f"## {name}\n\n![{title}](../figures/{name}.png)\n\n**{title}**\n\n{text}")
-    return "\n\n".join(parts)
+        yield f"## {name}\n\n![{title}](../figures/{name}.png)\n\n**{title}**\n\n{text}"
 
 
-def names() -> str:
+def names() -> Rows:
     """The public names of the package, each with the first sentence of its docstring."""
+    yield ["name", ""]
     package = griffe.load("study", resolve_aliases=True)
-    rows = []
     for name in study.__all__:
         if not name.startswith("_"):
-            found = package[name]
-            found = found.final_target if found.is_alias else found
-            words = found.docstring.value.split("\n")[0] if found.docstring else "Every estimator by its name."
-            rows.append([f"`study.{name}`", words])
-    return _table(["name", ""], rows)
+            thing = package[name]
+            thing = thing.final_target if thing.is_alias else thing
+            words = thing.docstring.value.split("\n")[0] if thing.docstring else "Every estimator by its name."
+            yield [f"`study.{name}`", words]
 
 
-def _first(thing: Any) -> str:
-    return (inspect.getdoc(thing) or "").split("\n")[0]
-
-
-def _keys(model: type[BaseModel], without: set[str] = frozenset()) -> str:  # type: ignore[assignment]
+def _keys(model: type[BaseModel], without: set[str] = frozenset()) -> Rows:  # type: ignore[assignment]
     """The keys of a section of a config: type, limits and default of the schema, meaning of the docstrings."""
+    yield ["key", "meaning", "values", "default"]
     described = _described(model)
-    rows = []
     for key, entry in model.model_json_schema()["properties"].items():
         if key not in without:
             default = f"`{json.dumps(entry['default'])}`" if entry.get("default") not in (None, []) else "-"
             default = "required" if model.model_fields[key].is_required() else default
-            rows.append([f"`{key}`", described.get(key, ""), _allowed(entry), default])
-    return _table(["key", "meaning", "values", "default"], rows)
+            yield [f"`{key}`", described.get(key, ""), _allowed(entry), default]
 
 
 def _allowed(entry: dict[str, Any]) -> str:
     """The values of a key in words, from its entry in the JSON schema."""
     if "anyOf" in entry:
-        return " or ".join(_allowed(each) for each in entry["anyOf"] if each.get("type") != "null")
+        return " or ".join(_allowed(part) for part in entry["anyOf"] if part.get("type") != "null")
     if "const" in entry or "enum" in entry:
-        return ", ".join(f'`"{each}"`' for each in entry.get("enum", [entry.get("const")]))
+        return ", ".join(f'`"{value}"`' for value in entry.get("enum", [entry.get("const")]))
     if entry.get("type") == "array":
-        inner = entry.get("items", {})
-        return f"list of {_allowed(inner)}" if inner else "list"
+        return f"list of {_allowed(entry['items'])}" if entry.get("items") else "list"
     words = {"integer": "whole number", "number": "number", "string": "text", "object": "table"}
-    limits = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-    found = [f"{sign} {entry[key]:g}" for key, sign in limits.items() if key in entry]
-    return " ".join([words.get(entry.get("type", ""), "any"), ", ".join(found)]).strip()
+    signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+    limits = ", ".join(f"{sign} {entry[key]:g}" for key, sign in signs.items() if key in entry)
+    return f"{words.get(entry.get('type', ''), 'any')} {limits}".strip()
 
 
 def _described(model: type[BaseModel]) -> dict[str, str]:
     """Meanings of the fields of a model, from docstrings below them or the list of attributes."""
-    found: dict[str, str] = {}
+    meanings: dict[str, str] = {}
     for kind in reversed(model.__mro__):
         if kind.__module__.startswith("study.") and "create_model" not in kind.__qualname__:
             try:
@@ -176,15 +167,6 @@ def _described(model: type[BaseModel]) -> dict[str, str]:
                 continue
             for section in source.docstring.parse("google") if source.docstring else []:
                 if section.kind.value == "attributes":
-                    found |= {each.name: each.description for each in section.value}
-            for name, each in source.attributes.items():
-                if each.docstring:
-                    found[name] = each.docstring.value
-    return {name: " ".join(text.split()) for name, text in found.items()}
-
-
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    def line(cells: list[str]) -> str:
-        return "| " + " | ".join(re.sub(r"(?<!\\)\|", r"\\|", cell) for cell in cells) + " |"
-
-    return "\n".join([line(head), line(["---"] * len(head)), *map(line, rows)])
+                    meanings |= {field.name: field.description for field in section.value}
+            meanings |= {name: field.docstring.value for name, field in source.attributes.items() if field.docstring}
+    return {name: " ".join(text.split()) for name, text in meanings.items()}

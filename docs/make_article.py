@@ -9,7 +9,9 @@ knows them. What only a person can give is left out, and printed.
 import json
 import re
 import sys
+import textwrap
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import bound_numbers
@@ -24,53 +26,40 @@ ROOT = Path(__file__).resolve().parents[1]
 TEXT = "article/article.typ"
 DOCUMENTS = ["published", "decades", "regret", "choices", "readings", "readings_changed"]
 """Tables that the documents have, too."""
-with open(ROOT / "article" / "deposit.toml", "rb") as _file:
-    DEPOSIT = tomllib.load(_file)
+DEPOSIT = tomllib.loads((ROOT / "article" / "deposit.toml").read_text(encoding="utf-8"))
 """Words of the metadata, files to check, and what only a person can give."""
 
 
-def cells(markdown: str) -> list[list[str]]:
-    """Cells of a table of Markdown, its title row first."""
-    lines = [line.strip().strip("|") for line in markdown.splitlines() if line.startswith("|")]
-    rows = [[cell.strip() for cell in line.split(" | ")] for line in lines]
-    return rows[:1] + rows[2:]
-
-
-def claims(table: pd.DataFrame) -> list[list[str]]:
+def claims(table: pd.DataFrame) -> Iterator[list[str]]:
     """Statements, the first quantity of each with its error, and verdicts."""
-    rows = [["", "§", "statement", "found", "verdict"]]
-    for row in table.to_dict("records"):
-        found = with_error(row["value"], row["error"]) if row["error"] > 0 else f"{row['value']:.4g}"
-        found = f"{row['quantity']}: {found}" if row["value"] == row["value"] else "needs a recording"
-        rows.append([str(row["number"]), row["section"], row["statement"], found, row["verdict"]])
-    return rows
+    yield ["", "§", "statement", "found", "verdict"]
+    for row in table.itertuples():
+        value = with_error(row.value, row.error) if row.error > 0 else f"{row.value:.4g}"
+        value = f"{row.quantity}: {value}" if row.value == row.value else "needs a recording"
+        yield [str(row.number), row.section, row.statement, value, row.verdict]
 
 
 def tables(bound: bound_numbers.Bound) -> dict[str, object]:
     """Everything that the text takes from stored tables, by name."""
-    found: dict[str, object] = {name: cells(getattr(number_tables, name)(bound.table)) for name in DOCUMENTS}
-    made = json.loads((ROOT / "results" / "paper" / "manifest.json").read_text(encoding="utf-8"))["software"]
-    source = f"Main study: sphere-fit-study {made['study']}, commit {made['commit'][:10]}, Python {made['python']}."
-    return found | {"claims": claims(bound.table("verdicts")), "source": source}
+    made = {name: getattr(number_tables, name)(bound.table) for name in DOCUMENTS}
+    rows = {name: [row for row in table if not isinstance(row, str)] for name, table in made.items()}
+    run = json.loads((ROOT / "results" / "paper" / "manifest.json").read_text(encoding="utf-8"))["software"]
+    source = f"Main study: sphere-fit-study {run['study']}, commit {run['commit'][:10]}, Python {run['python']}."
+    return rows | {"claims": list(claims(bound.table("verdicts"))), "source": source}
 
 
 def yaml(entries: dict[str, object]) -> str:
     """Entries as YAML; lists of mappings a line for each key. JSON's strings are YAML's."""
-    lines = []
+    text = ""
     for key, value in entries.items():
         if isinstance(value, list):
-            lines.append(f"{key}:")
-            for each in value:
-                if isinstance(each, str):
-                    lines.append(f"  - {json.dumps(each, ensure_ascii=False)}")
-                    continue
-                pairs = [f"{name}: {json.dumps(one, ensure_ascii=False)}" for name, one in each.items()]
-                lines += [f"  - {pairs[0]}", *(f"    {pair}" for pair in pairs[1:])]
+            items = [yaml(item) if isinstance(item, dict) else json.dumps(item, ensure_ascii=False) for item in value]
+            text += f"{key}:\n" + "".join(f"  - {textwrap.indent(item, '    ').strip()}\n" for item in items)
         elif isinstance(value, dict):
-            lines += [f"{key}:", *("  " + line for line in yaml(value).splitlines())]
+            text += f"{key}:\n{textwrap.indent(yaml(value), '  ')}"
         else:
-            lines.append(f"{key}: {json.dumps(value, ensure_ascii=False)}")
-    return "\n".join(lines) + "\n"
+            text += f"{key}: {json.dumps(value, ensure_ascii=False)}\n"
+    return text
 
 
 def metadata(text: str) -> str:

@@ -24,15 +24,17 @@ import sys
 import tempfile
 from pathlib import Path
 
-from sybil import Example, Sybil
-from sybil.parsers.markdown import CodeBlockParser, SkipParser
+from bound_numbers import replaced
+from number_tables import markdown
 
 DOCS = Path(__file__).resolve().parent
-MASKS = re.compile(
-    r"\d[\d.,]* ?(?:s|ms|µs|min|MB|kB|data sets)\b"  # times, sizes of files, work done in a time
-)
+MASKS = re.compile(r"\d[\d.,]* ?(?:s|ms|µs|min|MB|kB|data sets)\b")
+"""Times, sizes of files, work done in a time."""
 COMPILING = "study: compiling loops"
 """Beginning of a line that commands print where no code is cached yet."""
+BLOCK = re.compile(
+    r"^(?P<skip><!-- skip: next -->\n+)?```(?P<language>console|python|text|toml)\n(?P<code>.*?)^```$", re.M | re.S
+)
 FILE = re.compile(r"# ([\w-]+\.(?:py|toml|csv))\n")
 MADE = re.compile(r"(<!-- made: ([\w.]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 LONGEST = 600
@@ -53,115 +55,6 @@ def _plain(text: str) -> list[str]:
     return [" ".join(MASKS.sub("#", line).split()) for line in text.strip("\n").splitlines()]
 
 
-class Page:
-    """A document whose blocks are run.
-
-    Attributes:
-        path: of the document.
-        folder: the temporary folder that the blocks are run in.
-        write: outputs are stored instead of compared.
-        edits: the new outputs, each with the start and the end of the old one.
-    """
-
-    def __init__(self, path: Path, folder: Path, write: bool) -> None:
-        self.path, self.folder, self.write = path, folder, write
-        self.edits: list[tuple[int, int, str]] = []
-        self.names: dict[str, object] = {"__name__": "__main__"}
-        self.printed, self.ended = "", -1
-
-    def run(self) -> int:
-        """Run all blocks; returns their number."""
-        languages = {"console": self.console, "python": self.python, "text": self.text, "toml": self.toml}
-        parsers = [CodeBlockParser(language=name, evaluator=run) for name, run in languages.items()]
-        document = Sybil(parsers=[*parsers, SkipParser()], patterns=["*"]).parse(self.path)
-        examples = list(document.examples())
-        for example in examples:
-            example.evaluate()
-        text = document.text
-        for start, end, new in sorted(self.edits, reverse=True):
-            text = text[:start] + new + text[end:]
-        made = MADE.sub(lambda found: found[1] + _made(found[2]) + found[3], text)
-        if made != text and not self.write:
-            raise OutputError(
-                f"{self.path}: a made table is not up to date; run docs/run_blocks.py --write {self.path}"
-            )
-        if made != document.text:
-            self.path.write_text(made, encoding="utf-8")
-        return len(examples)
-
-    def console(self, example: Example) -> None:
-        """Run the commands of a block, and compare or store their outputs."""
-        start = example.region.start + example.parsed.offset
-        parts = re.split(r"^(\$ .*\n?(?:> .*\n?)*)", str(example.parsed), flags=re.MULTILINE)
-        new = ""
-        for command, stored in zip(parts[1::2], parts[2::2], strict=True):
-            lines = re.sub(r"^[$>] ", "", command, flags=re.MULTILINE)
-            new += command + self._checked(example, lines, stored, self._shell(lines))
-        if self.write:
-            self.edits.append((start, start + len(example.parsed), new))
-
-    def python(self, example: Example) -> None:
-        """Run a block of Python, and keep what it prints; or save it, if it is a file."""
-        if self._saved(example):
-            return
-        printed = io.StringIO()
-        with contextlib.redirect_stdout(printed), contextlib.chdir(self.folder):
-            exec(compile("\n" * (example.line) + example.parsed, str(self.path), "exec"), self.names)
-        self.printed, self.ended = printed.getvalue(), example.region.end
-
-    def text(self, example: Example) -> None:
-        """Compare the output of the block of Python above, if there is one directly above."""
-        if self.ended < 0 or example.document.text[self.ended : example.region.start].strip():
-            return
-        start = example.region.start + example.parsed.offset
-        new = self._checked(example, "this block of Python", str(example.parsed), self.printed)
-        if self.write:
-            self.edits.append((start, start + len(example.parsed), new))
-
-    def toml(self, example: Example) -> None:
-        """Save a block that is a file."""
-        self._saved(example)
-
-    def _saved(self, example: Example) -> bool:
-        found = FILE.match(example.parsed)
-        if found:
-            (self.folder / found[1]).write_text(example.parsed, encoding="utf-8")
-        return bool(found)
-
-    def _shell(self, command: str) -> str:
-        scripts, root = Path(sys.executable).parent, str(DOCS.parent)
-        roots = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
-        path = f"{scripts}{os.pathsep}{os.environ['PATH']}"
-        settings = {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "PATH": path, "PYTHONPATH": roots}
-        done = subprocess.run(
-            ["bash", "-c", command],
-            cwd=self.folder,
-            env=os.environ | settings,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            encoding="utf-8",
-            timeout=LONGEST,
-        )
-        lines = (line for line in done.stdout.splitlines() if not line.startswith(COMPILING))
-        return "".join(line.rstrip() + "\n" for line in lines)
-
-    def _checked(self, example: Example, what: str, stored: str, printed: str) -> str:
-        if alike(stored, printed):
-            return stored
-        if not self.write or "…" in stored.splitlines():
-            place = f"{self.path}:{example.line}: {what.strip()}"
-            raise OutputError(f"{place}\nprints\n{printed}\nand the document says\n{stored}")
-        return printed.strip("\n") + "\n" if printed.strip() else ""
-
-
-def _made(name: str) -> str:
-    """The text between the marks of a made part."""
-    sys.path.insert(0, str(DOCS))
-    import made_pages  # only pages with made parts need the packages that it loads
-
-    return f"\n{getattr(made_pages, name)().strip()}\n\n"
-
-
 def run(path: Path, write: bool = False) -> int:
     """Run the blocks of a document in a temporary folder.
 
@@ -175,8 +68,70 @@ def run(path: Path, write: bool = False) -> int:
     Raises:
         OutputError: if a block prints something else than the document says.
     """
+    text = path.read_text(encoding="utf-8")
+    blocks = [block for block in BLOCK.finditer(text) if not block["skip"]]
+    edits: list[tuple[int, int, str]] = []
+    names: dict[str, object] = {"__name__": "__main__"}
+    printed, ended = "", -1
     with tempfile.TemporaryDirectory() as folder:
-        return Page(path, Path(folder), write).run()
+        for block in blocks:
+            code, language, line = block["code"], block["language"], text.count("\n", 0, block.start("language"))
+            place = f"{path}:{line + 1}"
+            if language in ("python", "toml") and (file := FILE.match(code)):
+                (Path(folder) / file[1]).write_text(code, encoding="utf-8")
+            elif language == "python":
+                output = io.StringIO()
+                with contextlib.redirect_stdout(output), contextlib.chdir(folder):
+                    exec(compile("\n" * (line + 1) + code, str(path), "exec"), names)
+                printed, ended = output.getvalue(), block.end()
+            elif language == "console":
+                edits.append((*block.span("code"), _console(place, code, folder, write)))
+            elif language == "text" and ended >= 0 and not text[ended : block.start()].strip():
+                edits.append((*block.span("code"), _checked(f"{place}: this block of Python", code, printed, write)))
+    new = replaced(text, edits) if write else text
+    made = MADE.sub(lambda part: f"{part[1]}\n{_made(part[2])}\n\n{part[3]}", new)
+    if made != new and not write:
+        raise OutputError(f"{path}: a made table is not up to date; run docs/run_blocks.py --write {path}")
+    if made != text:
+        path.write_text(made, encoding="utf-8")
+    return len(blocks)
+
+
+def _console(place: str, block: str, folder: str, write: bool) -> str:
+    """Run the commands of a block; returns the block with their outputs."""
+    parts = re.split(r"^(\$ .*\n?(?:> .*\n?)*)", block, flags=re.MULTILINE)
+    new = ""
+    for command, stored in zip(parts[1::2], parts[2::2], strict=True):
+        lines = re.sub(r"^[$>] ", "", command, flags=re.MULTILINE)
+        new += command + _checked(f"{place}: {lines.strip()}", stored, _shell(lines, folder), write)
+    return new
+
+
+def _shell(command: str, folder: str) -> str:
+    """What a command prints."""
+    roots = os.pathsep.join(filter(None, [str(DOCS.parent), os.environ.get("PYTHONPATH")]))
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    settings = {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "PATH": path, "PYTHONPATH": roots}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "encoding": "utf-8", "timeout": LONGEST}
+    done = subprocess.run(["bash", "-c", command], cwd=folder, env=os.environ | settings, **pipes)
+    lines = (line for line in done.stdout.splitlines() if not line.startswith(COMPILING))
+    return "".join(line.rstrip() + "\n" for line in lines)
+
+
+def _checked(place: str, stored: str, printed: str, write: bool) -> str:
+    """An output as the document is to have it."""
+    if alike(stored, printed):
+        return stored
+    if not write or "…" in stored.splitlines():
+        raise OutputError(f"{place}\nprints\n{printed}\nand the document says\n{stored}")
+    return printed.strip("\n") + "\n" if printed.strip() else ""
+
+
+def _made(name: str) -> str:
+    """The text between the marks of a made part."""
+    import made_pages  # only pages with made parts need the packages that it loads
+
+    return markdown(getattr(made_pages, name)()).strip()
 
 
 if __name__ == "__main__":
@@ -184,8 +139,8 @@ if __name__ == "__main__":
     options.add_argument("--write", action="store_true", help="store the outputs instead of comparing them")
     options.add_argument("files", nargs="+", type=Path)
     given = options.parse_args()
-    for each in given.files:
+    for file in given.files:
         try:
-            print(f"{each}: {run(each, given.write)} blocks", flush=True)
+            print(f"{file}: {run(file, given.write)} blocks", flush=True)
         except OutputError as error:
             sys.exit(str(error))

@@ -190,8 +190,8 @@ class Match:
         """The match in lines of text; ``calibrated`` if the marker set is that of a calibration, and was not chosen."""
         name = self.whole.name + " of the calibration" * calibrated
         lines = [
-            f"marker set {name}: {len(self.labels)} of the recording's {len(self.source.markers)} markers belong to it, "
-            f"{len(self.joints)} of {len(self.whole.joints)} joints can be found"
+            f"marker set {name}: {len(self.labels)} of the recording's {len(self.source.markers)} markers belong "
+            f"to it, {len(self.joints)} of {len(self.whole.joints)} joints can be found"
         ]
         renamed = [f"{label} is {marker}" for marker, label in self.labels.items() if label != marker]
         lines += [f"labels: {', '.join(renamed)}"] * bool(renamed)

@@ -362,10 +362,10 @@ def fits(study: Study, trial: Trial) -> dict[str, Fit]:
     cell = trial.cell
     truth = blank(1, study.dimension)
     truth.center[:], truth.radius[:] = cell.center, cell.radius
-    found = {"truth": Fit(truth.reshape(), trial.samples, "truth")}
+    results = {"truth": Fit(truth.reshape(), trial.samples, "truth")}
     for name in study.estimators:
-        found[name] = as_fit(attempt(name, trial.samples)[0].reshape(), trial.samples, name)
-    return found
+        results[name] = as_fit(attempt(name, trial.samples)[0].reshape(), trial.samples, name)
+    return results
 
 
 def fit_table(study: Study, trial: Trial) -> pd.DataFrame:

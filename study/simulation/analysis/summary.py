@@ -5,16 +5,16 @@ fits whose status is ok (``_ok``), and with failures last (``_all``), see `study
 is read by group and estimator, a part at a time, so that any length fits in memory.
 """
 
-from collections.abc import Collection, Iterator
-from typing import Any, Protocol
+from collections.abc import Collection, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from study.arrays import Floats, Ints
+from study.arrays import Floats
 from study.files import RunError, writing
 from study.fits import Status
 from study.simulation.experiment.compute import Columns
@@ -23,6 +23,9 @@ from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import NEEDED, as_columns, row
 from study.text import columns, did_you_mean
+
+if TYPE_CHECKING:
+    from pandas.core.groupby import DataFrameGroupBy
 
 Key = tuple[str, str]
 """Names of a group and an estimator."""
@@ -39,8 +42,10 @@ def label(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     """
     if not by_decade:
         return errors.assign(group=errors["cell"].astype("category"), decade=np.nan)
-    names, codes, lower = _decades(errors["noise"] / errors["radius"])
-    return errors.assign(group=pd.Categorical.from_codes(codes, categories=pd.Index(names)), decade=lower)
+    lower = decade(errors["noise"] / errors["radius"]).astype(int)
+    powers, codes = np.unique(lower, return_inverse=True)
+    names = pd.Index([f"1e{power:+03d}" for power in powers])
+    return errors.assign(group=pd.Categorical.from_codes(codes, categories=names), decade=lower)
 
 
 def decade(values: ArrayLike) -> Floats:
@@ -63,14 +68,13 @@ class Grouped:
     """
 
     def __init__(self, run: Run) -> None:
-        self._run = run
         self._file: pq.ParquetFile = run.read("errors", pq.ParquetFile)
         self.by_decade = run.study.design.one_trial_a_cell
         self.counts: dict[Key, int] = {}
         self._where: dict[Key, tuple[int, int]] = {}
         for index in range(self._file.num_row_groups):
-            keys, key_of_row, _ = self._chunk(index, [])
-            for key, rows in zip(keys, np.bincount(key_of_row).tolist(), strict=True):
+            sizes: dict[Key, int] = dict(self._groups(self._rows([index], [])).size())
+            for key, rows in sizes.items():
                 self.counts[key] = self.counts.get(key, 0) + rows
                 self._where[key] = self._where.get(key, (index, index))[0], index
         if self.by_decade:
@@ -103,67 +107,23 @@ class Grouped:
         Returns:
             The columns of each group and estimator, words as objects.
         """
-        places = {key: place for place, key in enumerate(key for key in dict.fromkeys(keys) if key in self.counts)}
-        if not places:
+        wanted = [key for key in keys if key in self.counts]
+        if not wanted:
             return {}
-        span = [self._where[key] for key in places]
-        parts: dict[str, list[NDArray[Any]]] = {name: [] for name in columns}
-        place_of_row = []
-        for index in range(min(first for first, _ in span), max(last for _, last in span) + 1):
-            here, key_of_row, table = self._chunk(index, columns)
-            place = np.array([places.get(key, -1) for key in here])[key_of_row]
-            wanted = np.flatnonzero(place >= 0)
-            place_of_row.append(place[wanted])
-            for name, found in parts.items():
-                found.append(_values(table[name])[wanted])
-        order = np.argsort(np.concatenate(place_of_row), kind="stable")
-        whole = {name: np.concatenate(found)[order] for name, found in parts.items()}
-        ends = np.cumsum([self.counts[key] for key in places])
-        result = {}
-        for key, end in zip(places, ends, strict=True):
-            rows = slice(end - self.counts[key], end)
-            lower = float(key[0][2:]) if self.by_decade else np.nan
-            decades = np.full(self.counts[key], lower)
-            result[key] = {name: values[rows] for name, values in whole.items()} | {"decade": decades}
-        return result
+        first, last = min(self._where[key][0] for key in wanted), max(self._where[key][1] for key in wanted)
+        rows = self._rows(range(first, last + 1), columns)
+        values, groups = {name: rows[name].to_numpy() for name in (*columns, "decade")}, self._groups(rows).indices
+        return {key: {name: column[groups[key]] for name, column in values.items()} for key in wanted}
 
-    def _chunk(self, index: int, columns: list[str]) -> tuple[list[Key], Ints, pa.Table]:
-        """A row group: its keys in the order in which they appear, the place of each row's key among them, its rows."""
-        conditions = ["noise", "radius"] if self.by_decade else ["cell"]
-        table = self._file.read_row_group(index, columns=list(dict.fromkeys([*columns, *conditions, "estimator"])))
-        estimators, estimator_of_row = _coded(table["estimator"])
-        if self.by_decade:
-            groups, group_of_row, _ = _decades(_values(table["noise"]) / _values(table["radius"]))
-        else:
-            groups, group_of_row = _coded(table["cell"])
-        code = group_of_row.astype(np.int64) * len(estimators) + estimator_of_row
-        found = pd.unique(code)
-        place = np.zeros(len(groups) * len(estimators), dtype=np.int64)
-        place[found] = np.arange(len(found))
-        keys = [divmod(int(each), len(estimators)) for each in found]
-        return [(groups[g], estimators[e]) for g, e in keys], place[code], table
+    def _rows(self, row_groups: Iterable[int], columns: list[str]) -> pd.DataFrame:
+        """Rows of the table with their group and decade."""
+        named = dict.fromkeys([*columns, *(["noise", "radius"] if self.by_decade else ["cell"]), "estimator"])
+        table = self._file.read_row_groups(list(row_groups), columns=list(named))
+        return label(table.to_pandas(split_blocks=True, self_destruct=True), self.by_decade)
 
-
-def _decades(ratio: ArrayLike) -> tuple[list[str], Ints, Ints]:
-    """Names of the decades that occur, the place of each value's among them, and its exponent."""
-    lower = decade(ratio).astype(int)
-    powers, codes = np.unique(lower, return_inverse=True)
-    return [f"1e{power:+03d}" for power in powers], codes, lower
-
-
-def _coded(column: pa.ChunkedArray) -> tuple[list[str], Ints]:
-    """The words of a column, and the place of each row's word among them."""
-    coded = column.combine_chunks()
-    return coded.dictionary.to_pylist(), coded.indices.to_numpy()
-
-
-def _values(column: pa.ChunkedArray) -> NDArray[Any]:
-    """A column as an array, words as objects."""
-    if pa.types.is_dictionary(column.type):
-        words, codes = _coded(column)
-        return np.array(words, dtype=object)[codes]
-    values: NDArray[Any] = column.to_numpy()
-    return values
+    @staticmethod
+    def _groups(rows: pd.DataFrame) -> "DataFrameGroupBy[Any, Any]":
+        return rows.groupby(["group", "estimator"], sort=False, observed=True)
 
 
 class TableReader(Protocol):
@@ -186,18 +146,18 @@ def stored_summary(run: TableReader, has_errors: bool, by_decade: bool) -> pd.Da
         has_errors: True if its error table is stored.
         by_decade: as in `summary`.
     """
-    found = run.table("summary")
-    missing = [name for name in schemas.OF_ALL_TRIALS if name not in found]
+    stored = run.table("summary")
+    missing = [name for name in schemas.OF_ALL_TRIALS if name not in stored]
     if not missing:
-        return found
+        return stored
     if has_errors:
         computed = summary(run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *NEEDED]), by_decade)
-        return computed[[c.name for c in schemas.summary([c for c in STORED if c.name in found])]]
+        return computed[[c.name for c in schemas.summary([c for c in STORED if c.name in stored])]]
     # the column of a measure with failures last, or of its Monte-Carlo error
     known = {name: f"{name.removesuffix('_error')}_all" + "_error" * name.endswith("_error") for name in missing}
-    all_ok = found["ok"] == found["planned"]
-    return found.assign(
-        **{name: found[other].where(all_ok) if other in found else np.nan for name, other in known.items()}
+    all_ok = stored["ok"] == stored["planned"]
+    return stored.assign(
+        **{name: stored[other].where(all_ok) if other in stored else np.nan for name, other in known.items()}
     )
 
 
@@ -227,9 +187,9 @@ def rows_of_groups(run: Run, grouped: Grouped, keys: Collection[Key] | None = No
     """
     conditions = run.study.conditions()
     columns, needed = schemas.summary(conditions), [*(condition.name for condition in conditions), *NEEDED]
-    for some in grouped.batches(keys):
-        found = grouped.read(some, needed)
-        yield schemas.table(columns, as_columns([row(*key, found[key]) for key in some]))
+    for batch in grouped.batches(keys):
+        fits = grouped.read(batch, needed)
+        yield schemas.table(columns, as_columns([row(*key, fits[key]) for key in batch]))
 
 
 def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
@@ -278,11 +238,10 @@ def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) ->
     most = min(count * max(1, errors["estimator"].nunique()), int(np.sum(~np.isnan(ratio))))
     least = np.partition(ratio[~np.isnan(ratio)], -most)[-most] if most else np.inf
     where = np.flatnonzero(ratio >= least)
-    found = errors.iloc[where].assign(ratio=ratio[where])
     # sorted by name, not by the code of a dictionary
-    found = found.assign(cell=found["cell"].astype(str), estimator=found["estimator"].astype(str))
-    found = found.sort_values(["ratio", "cell", "trial", "estimator"], ascending=[False, True, True, True])
-    return found.drop_duplicates(["cell", "trial"]).head(count).reset_index(drop=True)
+    rows = errors.iloc[where].assign(ratio=ratio[where]).astype({"cell": str, "estimator": str})
+    rows = rows.sort_values(["ratio", "cell", "trial", "estimator"], ascending=[False, True, True, True])
+    return rows.drop_duplicates(["cell", "trial"]).head(count).reset_index(drop=True)
 
 
 def worst_of_groups(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
@@ -301,8 +260,8 @@ def worst_of_groups(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     keys = [groups[ratio.index], pd.factorize(errors["estimator"])[0][ratio.index]]
     where = ratio.groupby(keys, sort=True).idxmax().to_numpy()
     named = errors[["cell", "trial", "estimator", "noise", "radius"]].iloc[where]
-    found = label(named, by_decade).astype({"group": str, "cell": str, "estimator": str})
-    return found.assign(ratio=ratio[where].to_numpy())[["group", "estimator", "cell", "trial", "ratio"]]
+    rows = label(named, by_decade).astype({"group": str, "cell": str, "estimator": str})
+    return rows.assign(ratio=ratio[where].to_numpy())[["group", "estimator", "cell", "trial", "ratio"]]
 
 
 def _ratios(errors: pd.DataFrame) -> Floats:
@@ -351,20 +310,20 @@ def _parts(run: Run) -> Iterator[pd.DataFrame]:
         yield file.read_row_groups(list(groups), columns=columns).to_pandas()
 
 
-def as_data(run: Run, found: pd.DataFrame) -> dict[str, object]:
+def as_data(run: Run, trials: pd.DataFrame) -> dict[str, object]:
     """The worst trials for other programs: the run's name, the bound in words, and a mapping per trial."""
     conditions = [condition.name for condition in run.study.conditions()]
-    trials = [
+    rows = [
         {
             "name": f"{row['cell']}/{row['trial']}",
             **{name: row[name] for name in ("cell", "trial", "estimator", "ratio", "error", "bound", *conditions)},
         }
-        for row in found.to_dict("records")
+        for row in trials.to_dict("records")
     ]
-    return {"run": run.study.run_name(), "bound": bound_law(conditions) or "Cramér-Rao bound", "trials": trials}
+    return {"run": run.study.run_name(), "bound": bound_law(conditions) or "Cramér-Rao bound", "trials": rows}
 
 
-def printed(run: Run, found: pd.DataFrame) -> Iterator[str]:
+def printed(run: Run, trials: pd.DataFrame) -> Iterator[str]:
     """The worst trials for a terminal, each by the name that `study replay RUN NAME` takes."""
     conditions = [condition.name for condition in run.study.conditions()]
     shown = named_in(conditions)
@@ -378,9 +337,9 @@ def printed(run: Run, found: pd.DataFrame) -> Iterator[str]:
             f"{row['error'] / row['radius']:.3g}",
             *(condition.written(condition.of(row)) for condition in shown),
         ]
-        for row in found.to_dict("records")
+        for row in trials.to_dict("records")
     ]
     titles = ["trial", "estimator", "over bound", "error/r", *(condition.symbol for condition in shown)]
     yield from columns(rows, titles, "<<>")
-    if len(found):
-        yield f"to see the first: study replay {run.folder} {found['cell'][0]}/{found['trial'][0]} --plot worst.png"
+    if len(trials):
+        yield f"to see the first: study replay {run.folder} {trials['cell'][0]}/{trials['trial'][0]} --plot worst.png"

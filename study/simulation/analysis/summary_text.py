@@ -7,7 +7,7 @@ chooses rows; of these as many are printed as fit a screen.
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -34,18 +34,6 @@ from study.simulation.runs.run_folder import Run
 from study.text import columns, did_you_mean, inert_frame
 
 
-class AtBounds(NamedTuple):
-    """Medians of error over √tr CRLB, for Gaussian errors.
-
-    Attributes:
-        cramer_rao: at the Cramér-Rao bound, which treats the directions as known.
-        attainable: at the attainable bound, which does not; NaN where it cannot be formed.
-    """
-
-    cramer_rao: float
-    attainable: float
-
-
 def has_bounds(study: Study) -> bool:
     """True if every cell of a study has both bounds: a grid of isotropic Gaussian noise, directions by area."""
     given = [condition.name for condition in study.conditions()]
@@ -53,11 +41,16 @@ def has_bounds(study: Study) -> bool:
     return study.noise_law.isotropic and not departs and not study.design.one_trial_a_cell
 
 
-def medians_at_bounds(study: Study, row: RowValues) -> AtBounds:
-    """Medians of efficient estimators in the cell of a row of the summary."""
+def medians_at_bounds(study: Study, row: RowValues) -> tuple[float, float]:
+    """Medians of error over √tr CRLB, for Gaussian errors, in the cell of a row of the summary.
+
+    Returns:
+        The median at the Cramér-Rao bound, which treats the directions as known, and that at the attainable bound,
+        which does not; NaN where that cannot be formed.
+    """
     angle, noise = float(ANGLE.of(row)), float(f"{NOISE_OVER_RADIUS.of(row):.12g}")  # cells alike but for scale: once
     at_bound = median_at_bound(cap_moments(math.radians(angle), study.dimension), study.dimension)
-    return AtBounds(at_bound, median_attainable(angle, noise, study.dimension))
+    return at_bound, median_attainable(angle, noise, study.dimension)
 
 
 _SHOWN = 12
@@ -148,7 +141,7 @@ def once_by_scaling(summary: pd.DataFrame) -> pd.DataFrame:
     by_group: dict[str, list[tuple[str, tuple[object, ...]]]] = {}
     for group, ratio, row in zip(summary["group"], ratios, summary[numbers].itertuples(index=False), strict=True):
         by_group.setdefault(str(group), []).append((ratio, tuple(row)))
-    kept = set()
+    shown = set()
     for group, rows in by_group.items():
         ratio, first = rows[0]
         measured = [[float(str(value)) for value in row[len(fixed) :]] for _, row in rows]
@@ -156,8 +149,8 @@ def once_by_scaling(summary: pd.DataFrame) -> pd.DataFrame:
         others = known.setdefault((ratio, *first[: len(fixed)]), [])
         if not any(np.allclose(flat, other, rtol=_SAME, atol=0.0, equal_nan=True) for other in others):
             others.append(flat)
-            kept.add(group)
-    return summary[summary["group"].astype(str).isin(kept)]
+            shown.add(group)
+    return summary[summary["group"].astype(str).isin(shown)]
 
 
 def evenly_spread(keys: Sequence[tuple[Value, ...]], most: int, weights: Sequence[float] = ()) -> list[bool]:
@@ -293,8 +286,7 @@ def as_data(run: Run, choice: RowChoice) -> dict[str, Any]:
         if not run.study.design.one_trial_a_cell:
             more["noise_over_radius"] = NOISE_OVER_RADIUS.of(fits[0])
         if bounded:
-            at = medians_at_bounds(run.study, fits[0])
-            more |= {"median_cramer_rao": at.cramer_rao, "median_attainable": at.attainable}
+            more |= zip(("median_cramer_rao", "median_attainable"), medians_at_bounds(run.study, fits[0]), strict=True)
         rows += [{str(name): value for name, value in fit.items()} | more for fit in fits]
     conditions = [condition.name for condition in run.study.conditions()]
     return {"run": run.study.run_name(), "bound": _bound(frame), "conditions": conditions, "rows": rows}

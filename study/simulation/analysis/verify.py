@@ -7,8 +7,7 @@ last bit.
 import hashlib
 import json
 import math
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from heapq import nsmallest
 from typing import TypeVar
@@ -22,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from study.files import RunError, TableRows
 from study.simulation.analysis.summary import Grouped, rows_of_groups
 from study.simulation.experiment.compute import compute
+from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch
 from study.simulation.experiment.sampling import units
 from study.simulation.posterior.run import chain_tasks
@@ -91,16 +91,30 @@ class Recomputed:
     """Result of computing some things of a table again.
 
     Attributes:
-        done: number of things that were computed again.
         total: number of things that there are.
         unit: the things in words, in the plural.
+        done: number of things that were computed again.
+        rows: number of rows that are stored of the things that were looked at.
         faults: differences, in words.
     """
 
-    done: int
     total: int
     unit: str
+    done: int = 0
+    rows: int = 0
     faults: list[str] = field(default_factory=list)
+
+    def compare(self, stored: pa.Table, computed: pa.Table, things: int = 1) -> None:
+        """Compare the stored rows of some things with those computed again."""
+        self.done += things
+        self.rows += stored.num_rows
+        if (fault := difference(stored, computed)) is not None:
+            self.faults.append(fault)
+
+    def count(self, rows: int, thing: str) -> None:
+        """Compare the number of all rows with those looked at, where all things were."""
+        if strays := rows - self.rows:
+            self.faults.append(f"{strays:,} rows are of no {thing}")
 
 
 def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict[str, Recomputed]:
@@ -117,100 +131,70 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
     Returns:
         Results by table: errors or summary, points, failures.
     """
-    study = run.study
+    study, trials = run.study, run.trials()
     main: str = study.keep
-    columns = schemas.of_units(study.dimension, study.conditions())
-    compared: list[str] = [name for name in (main, "points", "failures") if name in names]
-    if main not in compared:
+    others: list[str] = [name for name in ("points", "failures") if name in names]
+    if main not in names:
         return {}
-    there = _Stored(run, compared)
-    found = {name: Recomputed(0, len(there.places), "units") for name in compared}
-    if there.expected != there.main.count:
-        words = f"{there.main.count:,} rows are stored, and {there.expected:,} belong to the config"
-        found[main].faults.append(words)
-        return found
-    use, seen = chosen(seed, there.places, share), Counter[str]()
+    columns = schemas.of_units(study.dimension, study.conditions())
+    table, places = TableRows(run.path(main)), _places(study, trials)
+    results = {name: Recomputed(len(places), "units") for name in (main, *others)}
+    if (expected := places[-1][2] if places else 0) != table.count:
+        results[main].faults.append(f"{table.count:,} rows are stored, and {expected:,} belong to the config")
+        return results
+    failures = run.arrow("failures") if "failures" in others else None
+    use = chosen(seed, places, share)
     for unit, begin, end in use:
-        if there.lost(unit):
-            seen.update({name: there.of(name, unit).num_rows for name in compared if name != main})
-            continue
+        mine = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
+        if unit.cells:
+            mine &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.cells])
+        stored = {name: pq.read_table(run.path(name), filters=mine) for name in others if name != "failures"}
+        if failures is not None:
+            stored["failures"] = failures.filter(mine)
+            if "worker" in pc.unique(stored["failures"]["cause"].cast(pa.string())).to_pylist():
+                for name in others:
+                    results[name].rows += stored[name].num_rows
+                continue
         computed = tables(study, compute(study, unit))
-        for name in compared:
+        for name, result in results.items():
             empty = schemas.schema(columns[name]).empty_table()
             rows = schemas.table(columns[name], computed[name]) if computed[name] else empty
             if name != "points":
                 rows = rows.take(pa.array(jobs.order(study.estimators, unit, rows)))
-            rows = there.kept(rows)
-            stored = there.main.rows(begin, end) if name == main else there.of(name, unit)
-            seen[name] += stored.num_rows
-            found[name].done += 1
-            if (fault := difference(stored, rows)) is not None:
-                found[name].faults.append(fault)
-    for name in compared if len(use) == len(there.places) else ():  # of some units nothing can be said about all rows
-        if name != main and (strays := pq.read_metadata(run.path(name)).num_rows - seen[name]):
-            found[name].faults.append(f"{strays:,} rows are of no unit")
-    return found
+            result.compare(table.rows(begin, end) if name == main else stored[name], _of_cells(rows, trials))
+    for name in others if len(use) == len(places) else ():  # of some units nothing can be said about all rows
+        results[name].count(pq.read_metadata(run.path(name)).num_rows, "unit")
+    return results
 
 
-class _Stored:
-    """The stored rows of a run's units.
+def _places(study: Study, trials: Mapping[str, int]) -> list[tuple[Batch, int, int]]:
+    """The units of a run, each with the numbers of its first row in the main table and of the one after its last.
 
-    Attributes:
-        main: the table that the study keeps.
-        places: the units that have rows, each with the number of its first row there, and the one after its last.
-        expected: number of rows that the table has by its config, and its precision table.
+    Args:
+        study: the config.
+        trials: number of trials of each cell of an adaptive run, to which units are cut; empty for another.
     """
+    places: list[tuple[Batch, int, int]] = []
+    for unit in units(study):
+        rows = len(unit.cells) if study.keep == "summary" else unit.rows
+        if trials:
+            counts = {c: min(trials[c.name], unit.last) - unit.first for c in unit.cells}
+            counts = {cell: count for cell, count in counts.items() if count > 0}
+            if not counts:
+                continue
+            rows = sum(counts.values())
+            unit = Batch(unit.group.only(counts), unit.first, unit.first + max(counts.values()))
+        begin = places[-1][2] if places else 0
+        places.append((unit, begin, begin + rows * len(study.estimators)))
+    return places
 
-    def __init__(self, run: Run, names: list[str]) -> None:
-        self._run, self._trials = run, run.trials()
-        self.main = TableRows(run.path(run.study.keep))
-        self._failures = run.arrow("failures") if "failures" in names else None
-        self.places: list[tuple[Batch, int, int]] = []
-        row = 0
-        for unit, count in self._units():
-            if count:
-                self.places.append((unit, row, row + count))
-            row += count
-        self.expected = row
 
-    def _units(self) -> Iterator[tuple[Batch, int]]:
-        """The units, cut to the trials that their cells have, and their numbers of rows."""
-        study = self._run.study
-        each = len(study.estimators)
-        for unit in units(study):
-            if study.keep == "summary":
-                yield unit, len(unit.cells) * each
-            elif not self._trials:
-                yield unit, unit.rows * each
-            else:
-                counts = {c: min(self._trials[c.name], unit.last) - unit.first for c in unit.cells}
-                open_cells = [cell for cell, count in counts.items() if count > 0]
-                if open_cells:
-                    last = unit.first + max(counts.values())
-                    rows = each * sum(counts[c] for c in open_cells)
-                    yield Batch(unit.group.only(open_cells), unit.first, last), rows
-
-    def kept(self, rows: pa.Table) -> pa.Table:
-        """Leave out rows of trials that an adaptive run did not give to their cells."""
-        if not self._trials or not rows.num_rows or "trial" not in rows.schema.names:
-            return rows
-        cells, trials = rows["cell"].cast(pa.string()).to_pylist(), rows["trial"].to_pylist()
-        return rows.filter(pa.array([t < self._trials[c] for c, t in zip(cells, trials, strict=True)]))
-
-    def lost(self, unit: Batch) -> bool:
-        """Tell whether a unit's worker died."""
-        if self._failures is None:
-            return False
-        return "worker" in pc.unique(self.of("failures", unit)["cause"].cast(pa.string())).to_pylist()
-
-    def of(self, name: str, unit: Batch) -> pa.Table:
-        """Stored rows of a unit in the table of failures or of points."""
-        use = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
-        if unit.cells:
-            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.cells])
-        if name == "failures" and self._failures is not None:
-            return self._failures.filter(use)
-        return pq.read_table(self._run.path(name), filters=use)
+def _of_cells(rows: pa.Table, trials: Mapping[str, int]) -> pa.Table:
+    """Leave out rows of trials that an adaptive run did not give to their cells."""
+    if not trials or not rows.num_rows or "trial" not in rows.schema.names:
+        return rows
+    pairs = zip(rows["cell"].cast(pa.string()).to_pylist(), rows["trial"].to_pylist(), strict=True)
+    return rows.filter(pa.array([trial < trials[cell] for cell, trial in pairs]))
 
 
 CHAIN_TABLES = ("posterior", "answers", "draws")
@@ -226,17 +210,13 @@ def recompute_summary(run: Run, seed: str, share: float) -> Recomputed:
     """
     grouped, stored = Grouped(run), run.arrow("summary")
     keys = list(grouped.counts)
-    found = Recomputed(0, len(keys), "rows")
+    result = Recomputed(len(keys), "rows")
     if stored.num_rows != len(keys):
-        found.faults.append(f"{stored.num_rows:,} rows are stored, and {len(keys):,} belong to the error table")
-        return found
-    use = chosen(seed, range(len(keys)), share)
-    found.done = len(use)
-    if use:
+        result.faults.append(f"{stored.num_rows:,} rows are stored, and {len(keys):,} belong to the error table")
+    elif use := chosen(seed, range(len(keys)), share):
         computed = pa.concat_tables(rows_of_groups(run, grouped, [keys[i] for i in use])).unify_dictionaries()
-        if (fault := difference(stored.take(np.array(use)), computed)) is not None:
-            found.faults.append(fault)
-    return found
+        result.compare(stored.take(np.array(use)), computed, len(use))
+    return result
 
 
 def recompute_chains(run: Run, names: list[str], seed: str, share: float) -> dict[str, Recomputed]:
@@ -255,31 +235,27 @@ def recompute_chains(run: Run, names: list[str], seed: str, share: float) -> dic
     if not set(CHAIN_TABLES) <= set(names):
         return {}
     tasks = chain_tasks(study, posterior) if posterior is not None else []
-    found = {name: Recomputed(0, len(tasks), "chains") for name in CHAIN_TABLES}
+    results = {name: Recomputed(len(tasks), "chains") for name in CHAIN_TABLES}
     asked = [task.part(study, posterior) for task in tasks] if posterior is not None else []
     if json.loads(run.metadata("posterior").get("study.posterior", "[]")) != asked:
         words = f"not the chains that config.toml asks for; `study posterior {run.folder}` computes those"
-        found["posterior"].faults.append(words)
-        return found
+        results["posterior"].faults.append(words)
+        return results
     stored = {name: run.arrow(name) for name in CHAIN_TABLES}
     if stored["posterior"].num_rows != len(tasks):
-        found["posterior"].faults.append(f"{stored['posterior'].num_rows:,} of {len(tasks):,} chains are stored")
-    use, seen = chosen(seed, tasks, share), Counter[str]()
+        words = f"{stored['posterior'].num_rows:,} of {len(tasks):,} chains are stored"
+        results["posterior"].faults.append(words)
+    use = chosen(seed, tasks, share)
     for task in use:
         assert posterior is not None
         computed, mine = task.compute(study, posterior), pc.scalar(True)
         for column, value in task.key.items():
             mine = mine & (pc.field(column) == value)
-        for name in CHAIN_TABLES:
-            found[name].done += 1
-            rows = stored[name].filter(mine)
-            seen[name] += rows.num_rows
-            if (fault := difference(rows, computed[name])) is not None:
-                found[name].faults.append(fault)
-    for name in CHAIN_TABLES if len(use) == len(tasks) else ():
-        if strays := stored[name].num_rows - seen[name]:
-            found[name].faults.append(f"{strays:,} rows are of no chain")
-    return found
+        for name, result in results.items():
+            result.compare(stored[name].filter(mine), computed[name])
+    for name, result in results.items() if len(use) == len(tasks) else ():
+        result.count(stored[name].num_rows, "chain")
+    return results
 
 
 DIGEST_ONLY = {
@@ -310,10 +286,8 @@ class Verification:
     @property
     def faults(self) -> list[str]:
         """Everything that is wrong, a line each."""
-        found = [fault for fault in self.digests.values() if fault] + self.counts
-        for name, result in self.again.items():
-            found += [f"{self.run.path(name)}: {fault}" for fault in result.faults]
-        return found
+        again = [f"{self.run.path(name)}: {fault}" for name, result in self.again.items() for fault in result.faults]
+        return [fault for fault in self.digests.values() if fault] + self.counts + again
 
 
 def verify(run: Run, share: float = 0.01) -> Verification:
@@ -368,32 +342,32 @@ def _wrong_counts(run: Run, good: list[str]) -> list[str]:
     return [f"{path}: {name} = {manifest[name]:,}, where the tables have {counts[name]:,}" for name in wrong]
 
 
-def printed(found: Verification) -> Iterator[str]:
+def printed(result: Verification) -> Iterator[str]:
     """A verification for a terminal: a line for each table, the faults, and the verdict."""
-    run = found.run
+    run = result.run
     yield f"{run.folder}: {run.study.run_name()}"
     rows = []
-    for name, fault in found.digests.items():
-        result = found.again.get(name)
+    for name, fault in result.digests.items():
+        again = result.again.get(name)
         words = DIGEST_ONLY.get(name, "")
-        if result is not None:
-            count = f"{result.done:,} of {result.total:,} {result.unit} computed again"
-            words = f"{count}: {'different' if result.faults else 'equal to the bit' if result.done else 'none'}"
+        if again is not None:
+            count = f"{again.done:,} of {again.total:,} {again.unit} computed again"
+            words = f"{count}: {'different' if again.faults else 'equal to the bit' if again.done else 'none'}"
         rows.append([name, "SHA-256 as written" if fault is None else "damaged", words])
     yield from columns(rows, indent=2)
-    if found.remark is not None:
-        yield f"  {found.remark}"
-    for fault in found.faults[:10]:
+    if result.remark is not None:
+        yield f"  {result.remark}"
+    for fault in result.faults[:10]:
         yield f"  {fault}"
-    if found.faults:
-        count = f"{len(found.faults):,} faults" if len(found.faults) > 1 else "1 fault"
-        odd = [run.path(name).name for name, result in found.again.items() if result.faults]
-        odd += ["manifest.json"] * bool(found.counts)
+    if result.faults:
+        count = f"{len(result.faults):,} faults" if len(result.faults) > 1 else "1 fault"
+        odd = [run.path(name).name for name, again in result.again.items() if again.faults]
+        odd += ["manifest.json"] * bool(result.counts)
         remedy = f"; remove {', '.join(odd)}, and {run.again()} makes it again" if odd else ""
         yield f"not verified: {count}{remedy}"
-    elif not any(result.done for result in found.again.values()):
-        yield f"not verified: {len(found.digests):,} tables are as written, but nothing was computed again"
+    elif not any(again.done for again in result.again.values()):
+        yield f"not verified: {len(result.digests):,} tables are as written, but nothing was computed again"
     else:
-        done = [f"{r.done:,} of {r.total:,} {r.unit}" for r in found.again.values() if r.done]
+        done = [f"{r.done:,} of {r.total:,} {r.unit}" for r in result.again.values() if r.done]
         equal = ", ".join(dict.fromkeys(done))
-        yield f"verified: {len(found.digests):,} tables are as written; {equal}, computed again, are equal to the bit"
+        yield f"verified: {len(result.digests):,} tables are as written; {equal}, computed again, are equal to the bit"

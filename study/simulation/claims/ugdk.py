@@ -245,8 +245,8 @@ class NoiseFromThePoints(Claim):
         UGDK with estimated Σ does not; not reproduced otherwise. All fits count as computed.
         """
         trace, whole = numbers[:2]
-        found = shared.within(trace, 1.0, 0.05)
-        return Verdict.graded(found and not shared.within(whole, 0.0, 2.0), found)
+        estimated = shared.within(trace, 1.0, 0.05)
+        return Verdict.graded(estimated and not shared.within(whole, 0.0, 2.0), estimated)
 
 
 def _alone(joint: JointMarkers) -> Floats:

@@ -15,7 +15,6 @@ about the truth.
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -29,32 +28,11 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.claims.ugdk import PAPER_CONDITION
-from study.simulation.figures.figure import FigureModule, NotApplicable, Tables
+from study.simulation.figures.figure import FigureModule, Frame, NotApplicable, Tables
 from study.simulation.statistics import inside, quantile, robust_sd
 
 LEVELS = (0.68, 0.95)
 _LEAST_TRIALS = 50
-
-
-@dataclass(frozen=True)
-class Spread:
-    """Bias and spread of an estimator's centre over all trials of the cell, in radii.
-
-    Attributes:
-        bias: median error along the axis and across it.
-        sd: robust standard deviation along the axis and across it.
-        covered: trials whose own 95 % ellipse, this spread about the estimate, has the true centre inside.
-        known: trials whose fit has a number, whatever its status; the others count as not covered.
-    """
-
-    bias: tuple[float, float]
-    sd: tuple[float, float]
-    covered: int
-    known: int
-
-    def distance(self, x: float, y: float) -> float:
-        """Length of an error in these standard deviations."""
-        return math.hypot(x / self.sd[0], y / self.sd[1])
 
 
 class FittedCircle(NamedTuple):
@@ -70,53 +48,23 @@ class FittedCircle(NamedTuple):
         return math.hypot(self.x, self.y)
 
 
-@dataclass(frozen=True)
-class DataSet:
-    """The chosen trial and its cell.
-
-    Attributes:
-        run: the run's name.
-        trial: the trial's number.
-        trials: how many trials its cell has.
-        samples: N.
-        noise: σ over the radius.
-        angle: φ in degrees.
-        condition: ρ of this trial.
-        points: x, y of the points.
-        fits: each estimator's fit to them.
-        errors: estimator, x, y of the fitted centres of all trials of the cell that have a number.
-        spreads: of each estimator.
-    """
-
-    run: str
-    trial: int
-    trials: int
-    samples: int
-    noise: float
-    angle: float
-    condition: float
-    points: pd.DataFrame
-    fits: dict[str, FittedCircle]
-    errors: pd.DataFrame
-    spreads: dict[str, Spread]
-
-    @property
-    def caption(self) -> str:
-        """The conditions in words."""
-        return f"$N$ = {self.samples}, $σ/r$ = {self.noise:.4g}, $φ$ = {self.angle:g}°, $ρ$ = {self.condition:.4f}"
-
-    @property
-    def stamp(self) -> str:
-        """Text of the stamp: the run and its trials."""
-        return f"{self.run} · trial {self.trial} of {self.trials:,}"
-
-
-def choose(tables: Tables, estimators: list[str]) -> DataSet:
+def choose(tables: Tables, estimators: list[str]) -> Frame:
     """Find the trial and measure its cell.
 
     Args:
         tables: the run.
         estimators: the ones that the figure is about, besides UGDK.
+
+    Returns:
+        trial: the trial's number.
+        trials: how many trials its cell has.
+        condition: ρ of this trial.
+        points: x, y of the points.
+        fits: each estimator's fit to them.
+        errors: estimator, x, y of the fitted centres of all trials of the cell that have a number.
+        spreads: of each estimator; see `_spread`.
+        caption: the conditions in words.
+        stamp: the run and its trials.
 
     Raises:
         NotApplicable: if the run is not of circles on a grid, kept no points, or lacks an estimator or trials.
@@ -130,11 +78,11 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
     if tables.points is None:
         raise NotApplicable("needs kept points: set keep_points in the config")
     errors, points = tables.errors, tables.points
-    kept = errors.merge(points[["cell", "trial"]].astype({"cell": str}).drop_duplicates(), on=["cell", "trial"])
-    kept = kept[(kept["estimator"] == "ugdk") & (kept["status"] == Status.OK)]
-    if kept.empty:
+    with_points = errors.merge(points[["cell", "trial"]].astype({"cell": str}).drop_duplicates(), on=["cell", "trial"])
+    with_points = with_points[(with_points["estimator"] == "ugdk") & (with_points["status"] == Status.OK)]
+    if with_points.empty:
         raise NotApplicable("UGDK has no ok fit among the trials whose points were kept")
-    row = kept.iloc[int((kept["condition"] - PAPER_CONDITION).abs().to_numpy().argmin())]
+    row = with_points.iloc[int((with_points["condition"] - PAPER_CONDITION).abs().to_numpy().argmin())]
     cell = errors[errors["cell"] == row["cell"]]
     trials = cell["trial"].nunique()
     if trials < _LEAST_TRIALS:
@@ -143,13 +91,11 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
     mine = points[(points["cell"] == row["cell"]) & (points["trial"] == row["trial"])]
     fits = cell[cell["trial"] == row["trial"]]
     known = cell[np.isfinite(cell["error"])]
-    return DataSet(
-        run=tables.name,
+    conditions = f"$N$ = {int(row['samples'])}, $σ/r$ = {row['noise'] / radius:.4g}, $φ$ = {row['angle']:g}°"
+    columns = (known[["error_1", "error_2"]] / radius).set_axis(["x", "y"], axis=1)
+    return Frame(
         trial=int(row["trial"]),
         trials=trials,
-        samples=int(row["samples"]),
-        noise=float(row["noise"] / radius),
-        angle=float(row["angle"]),
         condition=float(row["condition"]),
         points=pd.DataFrame(
             {axis: (mine[f"x_{i}"] - mine[f"center_{i}"]) / radius for i, axis in ((1, "x"), (2, "y"))}
@@ -158,22 +104,27 @@ def choose(tables: Tables, estimators: list[str]) -> DataSet:
             str(fit): FittedCircle(x / radius, y / radius, 1.0 + r / radius)
             for fit, x, y, r in fits[["estimator", "error_1", "error_2", "radius_error"]].to_numpy()
         },
-        errors=(known[["error_1", "error_2"]] / radius)
-        .set_axis(["x", "y"], axis=1)
-        .assign(estimator=known["estimator"].astype(str)),
+        errors=columns.assign(estimator=known["estimator"].astype(str)),
         spreads={
             str(name): _spread((part[["error_1", "error_2"]] / radius).to_numpy())
             for name, part in known.groupby("estimator", observed=True, sort=False)
         },
+        caption=f"{conditions}, $ρ$ = {row['condition']:.4f}",
+        stamp=f"{tables.name} · trial {row['trial']} of {trials:,}",
     )
 
 
-def _spread(errors: Floats) -> Spread:
-    """Median and robust standard deviation of errors (trials, 2)."""
-    along, across = errors.T
-    bias = quantile(along, 0.5).value, quantile(across, 0.5).value
-    sd = robust_sd(along), robust_sd(across)
-    return Spread(bias, sd, int(inside(errors, np.array(sd), LEVELS[-1]).sum()), len(errors))
+def _spread(errors: Floats) -> Frame:
+    """Bias and spread of an estimator's centre, from its errors in radii (trials, 2).
+
+    Returns:
+        bias: median error along the axis and across it.
+        sd: robust standard deviation along the axis and across it.
+        covered: trials whose own 95 % ellipse, this spread about the estimate, has the true centre inside.
+        known: trials whose fit has a number, whatever its status; the others count as not covered.
+    """
+    bias, sd = tuple(quantile(axis, 0.5).value for axis in errors.T), tuple(map(robust_sd, errors.T))
+    return Frame(bias=bias, sd=sd, covered=int(inside(errors, np.array(sd), LEVELS[-1]).sum()), known=len(errors))
 
 
 def reach(level: float) -> float:
@@ -185,32 +136,6 @@ Window = tuple[float, float, float, float]
 
 _SHOWN_TRIALS = 500
 _SHAPE = 0.36  # height over width
-
-
-@dataclass(frozen=True)
-class EllipseFrame:
-    """Content of figure 3 or 4.
-
-    Attributes:
-        data: the data set.
-        estimator: the one shown.
-        window: left, right, bottom, top of the enlarged part, in radii from the true centre.
-    """
-
-    data: DataSet
-    estimator: str
-    window: Window
-
-    @property
-    def spread(self) -> Spread:
-        """The estimator's spread."""
-        return self.data.spreads[self.estimator]
-
-    @property
-    def distance(self) -> float:
-        """From the estimate to the true centre, in standard deviations of the estimator."""
-        fit = self.data.fits[self.estimator]
-        return self.spread.distance(fit.x, fit.y)
 
 
 def window(x: Sequence[float], y: Sequence[float], pad: float, spare: float, below: float = 0.5) -> Window:
@@ -235,8 +160,15 @@ class EllipseFigure:
 
     estimator: str
 
-    def prepare(self, tables: Tables) -> EllipseFrame:
+    def prepare(self, tables: Tables) -> Frame:
         """Choose the data set, and a window that holds both figures' ellipses, so that they can be compared.
+
+        Returns:
+            data: the data set.
+            estimator: the one shown.
+            spread: the estimator's.
+            distance: from the estimate to the true centre, in standard deviations of the estimator.
+            window: left, right, bottom, top of the enlarged part, in radii from the true centre.
 
         Raises:
             NotApplicable: see `choose`.
@@ -247,10 +179,13 @@ class EllipseFigure:
         centers = np.array([[data.fits[name].x, data.fits[name].y] for name in shown])
         corners = np.vstack([centers - half, centers + half, [[0.0, 0.0]]])
         (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
-        return EllipseFrame(data, self.estimator, window([left, right], [bottom, top], pad=0.1, spare=0.3))
+        spread, fit = data.spreads[self.estimator], data.fits[self.estimator]
+        distance = math.hypot(fit.x / spread.sd[0], fit.y / spread.sd[1])
+        shown_part = window([left, right], [bottom, top], pad=0.1, spare=0.3)
+        return Frame(data=data, estimator=self.estimator, spread=spread, distance=distance, window=shown_part)
 
     @style.journal()
-    def draw(self, frame: EllipseFrame) -> Figure:
+    def draw(self, frame: Frame) -> Figure:
         """Draw the two panels."""
         figure, whole, zoom = panels()
         _draw_whole(whole, frame)
@@ -292,7 +227,7 @@ def panels() -> tuple[Figure, Axes, Axes]:
     return figure, whole, zoom
 
 
-def draw_data(ax: Axes, data: DataSet) -> None:
+def draw_data(ax: Axes, data: Frame) -> None:
     """The points, the true circle and its centre, on axes of equal scale."""
     ax.add_patch(Circle((0.0, 0.0), 1.0, fill=False, linewidth=0.8, linestyle=(0, (4, 2.5)), edgecolor="black"))
     ax.scatter(data.points["x"], data.points["y"], s=4, color="#777777", linewidths=0.0, zorder=3)
@@ -309,7 +244,7 @@ def frame_axes(ax: Axes) -> None:
     ax.set_ylabel("$(x_2 − c_2)/r$")
 
 
-def _draw_whole(ax: Axes, frame: EllipseFrame) -> None:
+def _draw_whole(ax: Axes, frame: Frame) -> None:
     data, color = frame.data, style.color(frame.estimator)
     fit = data.fits[frame.estimator]
     draw_data(ax, data)
@@ -323,7 +258,7 @@ def _draw_whole(ax: Axes, frame: EllipseFrame) -> None:
     ax.set_title(f"{style.label(frame.estimator)}'s circle", loc="left")
 
 
-def _draw_zoom(ax: Axes, frame: EllipseFrame) -> None:
+def _draw_zoom(ax: Axes, frame: Frame) -> None:
     data, spread, color = frame.data, frame.spread, style.color(frame.estimator)
     fit = data.fits[frame.estimator]
     others = data.errors[data.errors["estimator"] == frame.estimator].iloc[:_SHOWN_TRIALS]
@@ -337,12 +272,12 @@ def _draw_zoom(ax: Axes, frame: EllipseFrame) -> None:
     left, right, bottom, top = frame.window
     ax.set_xlim(left, right)
     ax.set_ylim(bottom, top)
-    beside: style.Marks = {"textcoords": "offset points", "fontsize": style.SMALL, "zorder": 7}
+    small: style.Marks = {"textcoords": "offset points", "fontsize": style.SMALL, "zorder": 7}
     text = f"68 % and 95 % of {style.label(frame.estimator)}'s spread"
     no_room = fit.x > 0.5 * (left + right) + wide  # to its right
     at, side = (fit.x + wide if no_room else fit.x, fit.y + tall), "right" if no_room else "center"
-    ax.annotate(text, at, (0, 4), ha=side, va="bottom", color=color, **beside)
-    ax.annotate("true centre", (0.0, min(0.0, fit.y - tall)), (0, -6), ha="center", va="top", **beside)
+    ax.annotate(text, at, (0, 4), ha=side, va="bottom", color=color, **small)
+    ax.annotate("true centre", (0.0, min(0.0, fit.y - tall)), (0, -6), ha="center", va="top", **small)
     frame_axes(ax)
     ax.yaxis.set_major_locator(MaxNLocator(3))
     ax.set_title("the framed part", loc="left")
@@ -357,7 +292,7 @@ def write_below(ax: Axes, lines: list[str]) -> None:
         ax.annotate(words, (0.0, 0.0), below, "axes fraction", "offset points", va="top", fontsize=style.SMALL)
 
 
-def _words(frame: EllipseFrame) -> list[str]:
+def _words(frame: Frame) -> list[str]:
     """Lines that give the bias and the coverage in numbers."""
     spread, trials = frame.spread, frame.data.trials
     bias, sd = style.number(spread.bias[0]), style.number(spread.sd[0])
@@ -378,21 +313,6 @@ def _dots_words(dots: pd.DataFrame, window: Window) -> str:
 METHODS = ["mle", "ugdk", "gdke"]
 
 
-@dataclass(frozen=True)
-class MethodsFrame:
-    """Content of figure 5.
-
-    Attributes:
-        data: the data set.
-        circles: each method's, in the order of their centres along the axis.
-        same: for each method the other estimators that give the same circle.
-    """
-
-    data: DataSet
-    circles: dict[str, FittedCircle]
-    same: dict[str, list[str]]
-
-
 class MethodsFigure:
     """Figure 5: the circles of MLE, UGDK and GDKE on the data set of figures 3 and 4.
 
@@ -402,8 +322,13 @@ class MethodsFigure:
     One data set cannot say which of those two is better; the spreads in figure 4 and the run's summary can.
     """
 
-    def prepare(self, tables: Tables) -> MethodsFrame:
+    def prepare(self, tables: Tables) -> Frame:
         """Choose the data set and collect the circles.
+
+        Returns:
+            data: the data set.
+            circles: each method's, in the order of their centres along the axis.
+            same: for each method the other estimators that give the same circle.
 
         Raises:
             NotApplicable: see `choose`.
@@ -415,10 +340,10 @@ class MethodsFigure:
             name: [other for other, fit in others.items() if np.allclose(fit, circle, atol=1e-9)]
             for name, circle in circles.items()
         }
-        return MethodsFrame(data, circles, same)
+        return Frame(data=data, circles=circles, same=same)
 
     @style.journal()
-    def draw(self, frame: MethodsFrame) -> Figure:
+    def draw(self, frame: Frame) -> Figure:
         """Draw the circles on the left, their centres enlarged on the right."""
         figure, whole, zoom = panels()
         draw_data(whole, frame.data)
@@ -438,7 +363,7 @@ class MethodsFigure:
         return figure
 
 
-def _draw_centres(ax: Axes, frame: MethodsFrame) -> None:
+def _draw_centres(ax: Axes, frame: Frame) -> None:
     """Show the centres alone, each named beside its mark, with numbers below."""
     x, y = ([getattr(circle, axis) for circle in frame.circles.values()] + [0.0] for axis in "xy")
     left, right, bottom, top = window(x, y, pad=0.25, spare=0.67, below=0.3)  # room above for the names
@@ -457,7 +382,7 @@ def _draw_centres(ax: Axes, frame: MethodsFrame) -> None:
     write_below(ax, [frame.data.caption, *_circle_words(frame)])
 
 
-def _circle_words(frame: MethodsFrame) -> list[str]:
+def _circle_words(frame: Frame) -> list[str]:
     """The circles in numbers, the best first, each with the estimators that coincide with it."""
     lines = []
     for name, circle in sorted(frame.circles.items(), key=lambda item: item[1].off):

@@ -16,7 +16,6 @@ the extent of the sphere. Below, the shoulder of LLS and GDKE for σ from
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from study import style
 from study.arrays import Floats
 from study.fits import Status
 from study.simulation.analysis.summary import decade
-from study.simulation.figures.figure import NotApplicable, Tables, log_axes
+from study.simulation.figures.figure import Frame, NotApplicable, Tables, log_axes
 from study.simulation.statistics import FAR, theil_sen
 
 _MOST_COLUMNS = 4
@@ -39,11 +38,10 @@ _LEFT_OUT = 0.02
 """Share of the ratios at each end that may lie off the scale: UGDK's run over many decades."""
 
 
-@dataclass(frozen=True)
-class ErrorFrame:
-    """Content of figure 2.
+def prepare(tables: Tables) -> Frame:
+    """Relative errors, the running median of the bound, slopes and counts.
 
-    Attributes:
+    Returns:
         dots: a row per fit: cell, trial, estimator, noise, error and bound over the radius, error over bound (ratio),
             kind ("ok", "far" or "not ok").
         bound: the running median of bound over radius: noise, bound, trials behind it.
@@ -53,20 +51,6 @@ class ErrorFrame:
         error_limits: ends of the vertical axis of the errors, in powers of ten.
         ratio_limits: likewise, of the ratios.
         stamp: the run's name and trials.
-    """
-
-    dots: pd.DataFrame
-    bound: pd.DataFrame
-    medians: pd.DataFrame
-    panels: pd.DataFrame
-    noise_limits: tuple[int, int]
-    error_limits: tuple[int, int]
-    ratio_limits: tuple[int, int]
-    stamp: str
-
-
-def prepare(tables: Tables) -> ErrorFrame:
-    """Relative errors, the running median of the bound, slopes and counts.
 
     Raises:
         NotApplicable: unless the design is random, over at least a decade of relative noise.
@@ -101,7 +85,16 @@ def prepare(tables: Tables) -> ErrorFrame:
     if len(bound):
         stamp += f", at least {bound['trials'].min()} in each decade of the CRLB's median"
     ratios = _robust_limits(dots["ratio"].to_numpy(), _LEFT_OUT)
-    return ErrorFrame(dots, bound, _medians(dots), panels, (low, high), limits, ratios, stamp)
+    return Frame(
+        dots=dots,
+        bound=bound,
+        medians=_medians(dots),
+        panels=panels,
+        noise_limits=(low, high),
+        error_limits=limits,
+        ratio_limits=ratios,
+        stamp=stamp,
+    )
 
 
 def _robust_limits(error: Floats, left_out: float = 0.002) -> tuple[int, int]:
@@ -147,7 +140,7 @@ def _medians(dots: pd.DataFrame) -> pd.DataFrame:
 
 
 @style.journal()
-def draw(frame: ErrorFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw for each estimator the paper's view, and below it the errors over their own bounds."""
     count = len(frame.panels)
     columns = min(count, _MOST_COLUMNS)
@@ -171,7 +164,7 @@ def draw(frame: ErrorFrame) -> Figure:
     return figure
 
 
-def _draw_panel(ax: Axes, frame: ErrorFrame, panel: "pd.Series[Any]", narrow: bool) -> None:
+def _draw_panel(ax: Axes, frame: Frame, panel: "pd.Series[Any]", narrow: bool) -> None:
     name = panel["estimator"]
     _scales(ax, frame, frame.error_limits, narrow)
     _draw_dots(ax, frame, name, "error")
@@ -187,7 +180,7 @@ def _draw_panel(ax: Axes, frame: ErrorFrame, panel: "pd.Series[Any]", narrow: bo
     ax.annotate(words, xytext=of_words, va=side, fontsize=style.SMALL, linespacing=1.35, **at)
 
 
-def _draw_dots(ax: Axes, frame: ErrorFrame, name: str, column: str) -> None:
+def _draw_dots(ax: Axes, frame: Frame, name: str, column: str) -> None:
     """Draw the fits of one estimator: ok, beyond ten times their bound, not ok."""
     color = style.color(name)
     dots = frame.dots[frame.dots["estimator"] == name]
@@ -200,7 +193,7 @@ def _draw_dots(ax: Axes, frame: ErrorFrame, name: str, column: str) -> None:
     ax.scatter(far["noise"], far[column], s=18, facecolors="none", edgecolors=style.INK, linewidths=0.5, zorder=5)
 
 
-def _draw_ratios(ax: Axes, frame: ErrorFrame, name: str) -> None:
+def _draw_ratios(ax: Axes, frame: Frame, name: str) -> None:
     """Draw each error over its own bound, and the median in each decade."""
     _scales(ax, frame, frame.ratio_limits, True)
     _draw_dots(ax, frame, name, "ratio")
@@ -216,7 +209,7 @@ def _draw_ratios(ax: Axes, frame: ErrorFrame, name: str) -> None:
         ax.text(0.03, 0.97, f"{off:,} off the scale", transform=ax.transAxes, va="top", fontsize=style.SMALL)
 
 
-def _scales(ax: Axes, frame: ErrorFrame, limits: tuple[int, int], narrow: bool) -> None:
+def _scales(ax: Axes, frame: Frame, limits: tuple[int, int], narrow: bool) -> None:
     """Set logarithmic axes with ticks at the same powers of ten in all panels."""
     log_axes(ax)
     low, high = frame.noise_limits
@@ -235,7 +228,7 @@ def _words(panel: "pd.Series[Any]") -> str:
     return "\n".join(lines)
 
 
-def _label_lines(ax: Axes, frame: ErrorFrame) -> None:
+def _label_lines(ax: Axes, frame: Frame) -> None:
     """Name the two lines, once, in the corners that the diagonal leaves free."""
     at = frame.noise_limits[1] - 0.09 * (frame.noise_limits[1] - frame.noise_limits[0])
     ax.text(10.0**at, 10.0**at, "error = noise  ", ha="right", va="bottom", fontsize=style.SMALL, color="#666666")

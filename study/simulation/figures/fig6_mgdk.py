@@ -11,8 +11,6 @@ the one here was chosen because its errors are near their medians. A run with ot
 their first values. A fit without a number counts as worse than any.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -22,8 +20,8 @@ from study import style
 from study.arrays import Floats
 from study.fits import fit, mgdk
 from study.simulation.analysis.regret import point_sets
-from study.simulation.figures.figure import NotApplicable, Tables, at_first
-from study.simulation.statistics import Measure, quantile
+from study.simulation.figures.figure import Frame, NotApplicable, Tables, at_first
+from study.simulation.statistics import quantile
 
 OUTER, INNER, JOINT = _COLORS = ("#d55e00", "#0072b2", "#009e73")
 _MARKS = ("^", "s", "o")
@@ -32,11 +30,10 @@ _NAMES = ("outer marker alone", "inner marker alone", "both, MGDK")
 _LEAST_TRIALS = 20
 
 
-@dataclass(frozen=True)
-class MarkersFrame:
-    """Content of figure 6; positions are relative to the true centre.
+def prepare(tables: Tables) -> Frame:
+    """Fit the kept trials of the cells of the greatest and the least radius, alone and together.
 
-    Attributes:
+    Returns:
         points: of the outer and the inner marker (n, 2).
         centers: outer alone, inner alone, joint (3, 2).
         radii: the fitted radii, in the same order; of the joint fit both (outer, inner).
@@ -45,20 +42,6 @@ class MarkersFrame:
         medians: median distance of the three from the true centre.
         stamp: the run's name and trials.
         caption: the conditions in words.
-    """
-
-    points: tuple[Floats, Floats]
-    centers: Floats
-    radii: tuple[float, float, tuple[float, float]]
-    true_radii: tuple[float, float]
-    distances: Floats
-    medians: tuple[Measure, ...]
-    stamp: str
-    caption: str
-
-
-def prepare(tables: Tables) -> MarkersFrame:
-    """Fit the kept trials of the cells of the greatest and the least radius, alone and together.
 
     Raises:
         NotApplicable: unless the run is of circles with two radii under the same noise, drawn independently, with
@@ -89,7 +72,7 @@ def prepare(tables: Tables) -> MarkersFrame:
     distances = np.nan_to_num(np.linalg.norm(cloud, axis=2), nan=np.inf)
     shown = _typical(distances)
     cell = cells.iloc[-1]
-    return MarkersFrame(
+    return Frame(
         points=(outer[shown], inner[shown]),
         centers=cloud[:, shown],
         radii=(float(alone[0].radius[shown]), float(alone[1].radius[shown]), tuple(joints[shown].radii)),
@@ -113,7 +96,7 @@ def _typical(distances: Floats) -> int:
 
 
 @style.journal()
-def draw(frame: MarkersFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw the circles on the left, the distributions of the errors on the right."""
     figure = Figure(figsize=(style.PAGE, 3.1), layout="constrained")
     whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.2])
@@ -123,7 +106,7 @@ def draw(frame: MarkersFrame) -> Figure:
     return figure
 
 
-def _circles(ax: Axes, frame: MarkersFrame) -> None:
+def _circles(ax: Axes, frame: Frame) -> None:
     for radius in frame.true_radii:
         ax.add_patch(Circle((0, 0), radius, fill=False, linewidth=0.7, linestyle=(0, (3, 2)), color=style.FAINT))
     for points, color, mark in zip(frame.points, (OUTER, INNER), _MARKS, strict=False):
@@ -142,7 +125,7 @@ def _circles(ax: Axes, frame: MarkersFrame) -> None:
     ax.set_title("one data set", loc="left")
 
 
-def _errors(ax: Axes, frame: MarkersFrame) -> None:
+def _errors(ax: Axes, frame: Frame) -> None:
     """Distribution functions of the three distances from the true centre."""
     share = (np.arange(frame.distances.shape[1]) + 0.5) / frame.distances.shape[1]
     for row, (distance, color) in enumerate(zip(frame.distances, _COLORS, strict=True)):

@@ -14,7 +14,6 @@ The bound is a root mean square: an efficient estimator's median runs below it, 
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from matplotlib.lines import Line2D
 from study import style
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import gdke_bias, median_at_bound
-from study.simulation.figures.figure import NotApplicable, Tables, at_first, behind_medians, log_axes, look
+from study.simulation.figures.figure import Frame, NotApplicable, Tables, at_first, behind_medians, log_axes, look
 from study.simulation.statistics import power_law
 
 _LEAST_SAMPLES = 4
@@ -35,11 +34,10 @@ _TOLERANCE = 0.15
 _DASHES = (0, (2, 2))
 
 
-@dataclass(frozen=True)
-class PowerLawFrame:
-    """Content of figure 7.
+def prepare(tables: Tables) -> Frame:
+    """Medians, exponents, bounds and the bias that theory predicts.
 
-    Attributes:
+    Returns:
         curves: a row per noise, estimator and N: median error and its Monte-Carlo error, over the radius. Infinite
             where half of the fits have no number.
         laws: a row per noise and group of estimators that coincide: their names, exponent, half of its 95 % interval,
@@ -49,19 +47,6 @@ class PowerLawFrame:
         at_bound: median over √tr CRLB of a Gaussian at the bound; not a number if the noise is not isotropic.
         fixed: what is held fixed, in words.
         stamp: the run's name and trials.
-    """
-
-    curves: pd.DataFrame
-    laws: pd.DataFrame
-    bounds: pd.DataFrame
-    limits: pd.Series
-    at_bound: float
-    fixed: str
-    stamp: str
-
-
-def prepare(tables: Tables) -> PowerLawFrame:
-    """Medians, exponents, bounds and the bias that theory predicts.
 
     Raises:
         NotApplicable: unless the design is a grid with at least four numbers of samples.
@@ -83,7 +68,7 @@ def prepare(tables: Tables) -> PowerLawFrame:
     moments = cap_moments(math.radians(angle), tables.dimension)
     shape = tables.noise_law.covariance(1.0)
     biased = curves["estimator"].isin(["gdke", "lls"]).any()
-    return PowerLawFrame(
+    return Frame(
         curves=curves,
         laws=pd.DataFrame([row for level, part in curves.groupby("level") for row in _laws(level, part)]),
         bounds=_bounds(tables, curves),
@@ -134,7 +119,7 @@ def _laws(level: Any, part: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 @style.journal()
-def draw(frame: PowerLawFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw a panel per noise."""
     levels = list(frame.limits.index)
     columns = min(2, len(levels))
@@ -149,7 +134,7 @@ def draw(frame: PowerLawFrame) -> Figure:
     return figure
 
 
-def _key(frame: PowerLawFrame, biased: bool) -> list[Line2D]:
+def _key(frame: Frame, biased: bool) -> list[Line2D]:
     """Legend entries of the bound, its median and GDKE's bias."""
     words = "√tr CRLB"
     if math.isfinite(frame.at_bound):
@@ -164,7 +149,7 @@ def _key(frame: PowerLawFrame, biased: bool) -> list[Line2D]:
     return handles
 
 
-def _draw_panel(ax: Axes, frame: PowerLawFrame, level: float, short: bool) -> bool:
+def _draw_panel(ax: Axes, frame: Frame, level: float, short: bool) -> bool:
     """Draw the curves at one noise; True if GDKE's bias is drawn too."""
     log_axes(ax)
     curves = frame.curves[(frame.curves["level"] == level) & np.isfinite(frame.curves["median"])]

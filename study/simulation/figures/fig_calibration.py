@@ -13,7 +13,6 @@ Look at: posteriors lie within the band, and every method on its line but GDKE, 
 bias.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.arrays import Floats
-from study.simulation.figures.figure import NotApplicable, Tables
+from study.simulation.figures.figure import Frame, NotApplicable, Tables
 from study.simulation.posterior.run import FLAT, LEVELS, coverage, trials
 
 _LEAST_TRIALS = 20
@@ -43,35 +41,14 @@ _COLORS = {
 _LINES: style.Marks = {"known": "-", "unknown": (0, (4, 2))}
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Ranks of one parameter in one kind of chain, in order."""
+def prepare(tables: Tables) -> Frame:
+    """Collect ranks and coverage.
 
-    parameter: str
-    likelihood: str
-    noise_is: str
-    ranks: Floats
-
-
-@dataclass(frozen=True)
-class CalibrationFrame:
-    """Content of the figure.
-
-    Attributes:
-        curves: of the ranks.
+    Returns:
+        curves: the ranks of each parameter in each kind of chain, in order: parameter, likelihood, noise_is, ranks.
         coverage: as `study.simulation.posterior.run.coverage` gives it.
         trials: the smallest number of trials behind a curve.
         stamp: the run's name and trials.
-    """
-
-    curves: list[Curve]
-    coverage: pd.DataFrame
-    trials: int
-    stamp: str
-
-
-def prepare(tables: Tables) -> CalibrationFrame:
-    """Collect ranks and coverage.
 
     Raises:
         NotApplicable: if there are fewer than 20 independent chains of a kind on caps that are not too flat.
@@ -92,17 +69,18 @@ def prepare(tables: Tables) -> CalibrationFrame:
         for parameter in _NAMES:  # an older table has no ranks of the likelihood
             ranks = use.get(f"rank_{parameter}", pd.Series(dtype=float)).dropna().to_numpy()
             if len(ranks):
-                curves.append(Curve(parameter, str(likelihood), str(noise_is), np.sort(ranks)))
+                kind = {"likelihood": str(likelihood), "noise_is": str(noise_is)}
+                curves.append(Frame(parameter=parameter, ranks=np.sort(ranks), **kind))
     if not curves:
         raise NotApplicable("needs chains that are ok: none is; give them more steps with max_steps")
     count = min(len(curve.ranks) for curve in curves)
     failed = sum(int((~part["ok"]).sum()) for _, part in kinds)
     stamp = f"{tables.name} · {count:,} trials behind each curve" + (f", {failed} chains not ok" if failed else "")
-    return CalibrationFrame(curves, coverage(result), count, stamp)
+    return Frame(curves=curves, coverage=coverage(result), trials=count, stamp=stamp)
 
 
 @style.journal()
-def draw(frame: CalibrationFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw the ranks on the left, the coverage on the right, with one legend above."""
     rows = len(frame.coverage[["likelihood", "method"]].drop_duplicates())
     figure = Figure(figsize=(style.PAGE, 2.0 + max(1.5, 0.24 * rows)), layout="constrained")
@@ -114,7 +92,7 @@ def draw(frame: CalibrationFrame) -> Figure:
     return figure
 
 
-def _handles(frame: CalibrationFrame) -> list[Line2D]:
+def _handles(frame: Frame) -> list[Line2D]:
     """Legend entries for colours, lines and marks."""
     shown = list(dict.fromkeys((c.likelihood, c.parameter) for c in frame.curves))
     several = len({likelihood for likelihood, _ in shown}) > 1
@@ -136,7 +114,7 @@ def _fill(noise_is: str, color: str) -> str:
     return color if noise_is == "known" else "white"
 
 
-def _draw_ranks(ax: Axes, frame: CalibrationFrame) -> None:
+def _draw_ranks(ax: Axes, frame: Frame) -> None:
     band = float(scipy.stats.kstwo.ppf(1.0 - 0.05 / len(frame.curves), frame.trials))
     ax.axhspan(-band, band, color="#ececec", zorder=0, linewidth=0.0)
     ax.axhline(0.0, color="black", linewidth=0.8)
@@ -155,7 +133,7 @@ def _draw_ranks(ax: Axes, frame: CalibrationFrame) -> None:
     ax.set_title("ranks", loc="left")
 
 
-def _draw_coverage(ax: Axes, frame: CalibrationFrame) -> None:
+def _draw_coverage(ax: Axes, frame: Frame) -> None:
     several = frame.coverage["likelihood"].nunique() > 1
     for level in LEVELS:
         low, high = scipy.stats.binom.ppf([0.025, 0.975], frame.trials, level) / frame.trials

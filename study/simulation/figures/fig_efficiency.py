@@ -14,7 +14,6 @@ errors are bounded err least. Curves fall below 1 there only because the bound d
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -26,7 +25,16 @@ from study import style
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import gdke_leaves, median_attainable, noise_at_kappa, ugdk_leaves
 from study.simulation.claims.claim import error_over
-from study.simulation.figures.figure import NotApplicable, Tables, at_first, behind_medians, handle, log_axes, look
+from study.simulation.figures.figure import (
+    Frame,
+    NotApplicable,
+    Tables,
+    at_first,
+    behind_medians,
+    handle,
+    log_axes,
+    look,
+)
 from study.simulation.statistics import quantile
 
 _LEAST_LEVELS = 4
@@ -37,28 +45,16 @@ _FIRST = ("gdke", "ugdk", "mle", "als", "corrected")
 _LOW, _HIGH = 0.5, 10.0  # shown at least
 
 
-@dataclass(frozen=True)
-class EfficiencyFrame:
-    """Content of the figure.
+def prepare(tables: Tables) -> Frame:
+    """Medians over the bound, at the greatest number of samples, and at the first radius and centre.
 
-    Attributes:
+    Returns:
         curves: a row per angle, noise and estimator: the median error in units of an efficient estimator's, and its
             Monte-Carlo error; infinite where more than half of the fits have no number.
         attainable: a row per angle and noise: the same median for Gaussian errors at the attainable bound.
         marks: a row per angle: σ/r at which GDKE leaves the bound, UGDK leaves it, and UGDK fails.
         samples: N.
         stamp: the run's name and trials.
-    """
-
-    curves: pd.DataFrame
-    attainable: pd.DataFrame
-    marks: pd.DataFrame
-    samples: int
-    stamp: str
-
-
-def prepare(tables: Tables) -> EfficiencyFrame:
-    """Medians over the bound, at the greatest number of samples, and at the first radius and centre.
 
     Raises:
         NotApplicable: unless the design is a grid with at least four levels of isotropic noise.
@@ -90,7 +86,7 @@ def prepare(tables: Tables) -> EfficiencyFrame:
     names = [style.label(name) for name in tables.estimators if name not in shown]
     others = f" · not drawn: {', '.join(names)} · " if names else " · "
     marks = [(a, gdke_leaves(samples, m), ugdk_leaves(m), noise_at_kappa(3.0, samples, m)) for a, m in caps.items()]
-    return EfficiencyFrame(
+    return Frame(
         curves=curves,
         attainable=levels.assign(ratio=reached / tables.efficient(levels["angle"])),
         marks=pd.DataFrame(marks, columns=["angle", "gdke", "ugdk", "fails"]),
@@ -100,7 +96,7 @@ def prepare(tables: Tables) -> EfficiencyFrame:
 
 
 @style.journal()
-def draw(frame: EfficiencyFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw a panel per angle, two in a row, with one legend above."""
     angles = list(frame.marks["angle"])[:_MOST_PANELS]
     rows = math.ceil(len(angles) / 2)
@@ -126,7 +122,7 @@ def draw(frame: EfficiencyFrame) -> Figure:
     return figure
 
 
-def _panel(ax: Axes, frame: EfficiencyFrame, angle: float) -> None:
+def _panel(ax: Axes, frame: Frame, angle: float) -> None:
     """Draw the panel of one angle."""
     mine = frame.curves[frame.curves["angle"] == angle]
     log_axes(ax)

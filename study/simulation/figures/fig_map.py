@@ -12,7 +12,6 @@ less noise, and at even less with more samples, because a bias does not average 
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -22,7 +21,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from study import style
-from study.simulation.figures.figure import NotApplicable, Tables, at_first, behind_medians
+from study.simulation.figures.figure import Frame, NotApplicable, Tables, at_first, behind_medians
 
 _LEAST = 2
 _FAR = 100.0
@@ -35,22 +34,13 @@ _SHOWN = (0.99e-4, 1.01e2)
 """Relative noise that is shown, if the run has at least two levels there."""
 
 
-@dataclass(frozen=True)
-class MapFrame:
-    """Content of the figure.
+def prepare(tables: Tables) -> Frame:
+    """Medians from the summary, at the first radius and centre.
 
-    Attributes:
+    Returns:
         ratios: a row per estimator, N, angle and σ/r: the median error in units of an efficient estimator's; infinite
             where there is none.
         stamp: the run's name, trials and Monte-Carlo error.
-    """
-
-    ratios: pd.DataFrame
-    stamp: str
-
-
-def prepare(tables: Tables) -> MapFrame:
-    """Medians from the summary, at the first radius and centre.
 
     Raises:
         NotApplicable: unless the design is a grid with at least two angles and two levels of isotropic noise.
@@ -77,11 +67,11 @@ def prepare(tables: Tables) -> MapFrame:
         }
     ).reset_index(drop=True)
     medians = result[["ratio_median", "ratio_median_error"]].set_axis(["ratio", "error"], axis=1)
-    return MapFrame(ratios, behind_medians(tables, int(result["planned"].min()), medians))
+    return Frame(ratios=ratios, stamp=behind_medians(tables, int(result["planned"].min()), medians))
 
 
 @style.journal()
-def draw(frame: MapFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw a row of panels per estimator, a column per number of samples, and one colour scale."""
     names = list(dict.fromkeys(frame.ratios["estimator"]))
     counts = sorted(frame.ratios["samples"].unique())

@@ -12,8 +12,6 @@ of the size of σ costs most where its length is some .4 of the cap: it looks li
 small cap, because its bias is there in any case.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -22,6 +20,7 @@ from study import style
 from study.simulation.experiment.conditions import DIRECTIONS, LAW
 from study.simulation.experiment.noise import NORMAL, has_equal_covariance
 from study.simulation.figures.figure import (
+    Frame,
     NotApplicable,
     Tables,
     at_first,
@@ -38,26 +37,15 @@ _DODGE = 0.14
 """Distance between the marks of two estimators at one place."""
 
 
-@dataclass(frozen=True)
-class MisfitFrame:
-    """Content of the figure.
+def prepare(tables: Tables) -> Frame:
+    """Medians from the summary, at the first number of samples, noise, radius and centre, without outliers.
 
-    Attributes:
+    Returns:
         medians: a row per law of directions, angle, law of the noise and estimator: median error over that with normal
             noise, and its Monte-Carlo error; infinite where half of the fits have no number.
         samples: N.
         noise: σ/r.
         stamp: the run's name and trials.
-    """
-
-    medians: pd.DataFrame
-    samples: int
-    noise: float
-    stamp: str
-
-
-def prepare(tables: Tables) -> MisfitFrame:
-    """Medians from the summary, at the first number of samples, noise, radius and centre, without outliers.
 
     Raises:
         NotApplicable: unless the design is a grid of several laws of the noise, the normal one and one with structure
@@ -85,7 +73,7 @@ def prepare(tables: Tables) -> MisfitFrame:
     ratio = medians["median"].to_numpy() / unit["median"].to_numpy()
     error = ratio * np.hypot(medians["share"].to_numpy(), unit["share"].to_numpy())
     error = np.where(medians["law"] == NORMAL, 0.0, error)
-    return MisfitFrame(
+    return Frame(
         medians=medians.drop(columns=["median", "share"]).assign(ratio=ratio, error=error).reset_index(drop=True),
         samples=int(rows["samples"].iloc[0]),
         noise=float(rows["noise"].iloc[0] / rows["radius"].iloc[0]),
@@ -94,7 +82,7 @@ def prepare(tables: Tables) -> MisfitFrame:
 
 
 @style.journal()
-def draw(frame: MisfitFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw a panel per law of directions and angle, with one legend above."""
     angles = list(frame.medians["angle"].unique())[:_MOST]
     directions = list(frame.medians["directions"].unique())[:_MOST]

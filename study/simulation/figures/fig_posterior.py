@@ -9,7 +9,6 @@ the same answer. GDKE is off by its bias. Along the axis and in the radius the p
 sphere farther away fits a cap almost as well.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
 from study import style
-from study.arrays import Floats
 from study.fits import Status
 from study.simulation.experiment.config import ChainStatus
-from study.simulation.figures.figure import NotApplicable, Tables
+from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
 _LEVELS = (0.68, 0.95)
 _SHADES = ("#d9d9d9", "#a6a6a6")
@@ -32,38 +30,14 @@ _SMOOTH = 1.25
 """Bandwidth over Scott's, which leaves lumps of a few draws at the 95 % line."""
 
 
-@dataclass(frozen=True)
-class ParameterPlane:
-    """One plane of parameters, in units of the radius, from the truth.
-
-    Attributes:
-        words: what is along the second axis.
-        x, y: the grid (m,).
-        share: of the posterior that is denser than a place of the grid (m, m); rows are along y.
-        bound: covariance of the bound in this plane (2, 2).
-        answers: where each estimator lies (k, 2).
-    """
-
-    words: str
-    x: Floats
-    y: Floats
-    share: Floats
-    bound: Floats
-    answers: Floats
-
-
-@dataclass(frozen=True)
-class PosteriorFrame:
-    """Content of the figure: two views, the estimators' names, the trial in words, and the stamp."""
-
-    views: list[ParameterPlane]
-    names: list[str]
-    caption: str
-    stamp: str
-
-
-def prepare(tables: Tables) -> PosteriorFrame:
+def prepare(tables: Tables) -> Frame:
     """Choose the trial, and estimate the density of its draws.
+
+    Returns:
+        views: the two planes.
+        names: the estimators' names.
+        caption: the trial in words.
+        stamp: the run and the trial.
 
     Raises:
         NotApplicable: if the run has no geometric chain with σ known that is ok and whose draws were kept.
@@ -86,7 +60,7 @@ def prepare(tables: Tables) -> PosteriorFrame:
     planes = [("across the axis", "error_2", "2"), ("radius", "radius_error", "radius")]
     views = [_view(words, draws, errors, row, column, ending) for words, column, ending in planes]
     relative = row["noise"] / radius
-    return PosteriorFrame(
+    return Frame(
         views=views,
         names=[str(name) for name in errors["estimator"]],
         caption=f"$N$ = {row['samples']:,}, $σ$ = {relative:g} $r$, $φ$ = {row['angle']:g}°",
@@ -94,8 +68,16 @@ def prepare(tables: Tables) -> PosteriorFrame:
     )
 
 
-def _view(words: str, draws: pd.DataFrame, errors: pd.DataFrame, row: Any, column: str, ending: str) -> ParameterPlane:
-    """One plane: the axis, and another parameter."""
+def _view(words: str, draws: pd.DataFrame, errors: pd.DataFrame, row: Any, column: str, ending: str) -> Frame:
+    """One plane of parameters, in units of the radius, from the truth: the axis, and another parameter.
+
+    Returns:
+        words: what is along the second axis.
+        x, y: the grid (m,).
+        share: of the posterior that is denser than a place of the grid (m, m); rows are along y.
+        bound: covariance of the bound in this plane (2, 2).
+        answers: where each estimator lies (k, 2).
+    """
     radius = row["radius"]
     cloud = draws[["error_1", column]].to_numpy() / radius
     sd = np.array([row["bound_1"], row[f"bound_{ending}"]]) / radius
@@ -109,11 +91,11 @@ def _view(words: str, draws: pd.DataFrame, errors: pd.DataFrame, row: Any, colum
     denser = 1.0 - np.searchsorted(at_draws, here) / len(at_draws)
     correlation = row[f"bound_with_{ending}"]
     bound = np.outer(sd, sd) * np.array([[1.0, correlation], [correlation, 1.0]])
-    return ParameterPlane(words, x, y, denser, bound, answers)
+    return Frame(words=words, x=x, y=y, share=denser, bound=bound, answers=answers)
 
 
 @style.journal()
-def draw(frame: PosteriorFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw the two planes side by side, with one legend above."""
     figure = Figure(figsize=(style.PAGE, 3.3), layout="constrained")
     for ax, view in zip(figure.subplots(1, 2), frame.views, strict=True):
@@ -125,7 +107,7 @@ def draw(frame: PosteriorFrame) -> Figure:
     return figure
 
 
-def _plane(ax: Axes, view: ParameterPlane, names: list[str]) -> None:
+def _plane(ax: Axes, view: Frame, names: list[str]) -> None:
     ax.grid(False)
     shaded: style.Marks = {"colors": _SHADES[::-1], "levels": [0.0, *_LEVELS], "zorder": 1}
     ax.contourf(view.x, view.y, view.share, **shaded)

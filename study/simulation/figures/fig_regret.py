@@ -9,40 +9,27 @@ mean is small on the left but its points reach far on the right, it is usually g
 best.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
 from study.simulation.analysis.regret import QUANTILES, by_cell, regret
-from study.simulation.figures.figure import NotApplicable, Tables
+from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
 _FEWEST_CELLS = 6
 _EDGE = 12.0
 _TITLES = {"median": "median error", "q95": "95 % quantile of the error"}
 
 
-@dataclass(frozen=True)
-class RegretFrame:
-    """Content of the figure.
+def prepare(tables: Tables) -> Frame:
+    """Regret in each cell, and its means.
 
-    Attributes:
+    Returns:
         cells: a row per cell and estimator, see `study.simulation.analysis.regret.by_cell`.
         means: a row per estimator, the best first, see `study.simulation.analysis.regret.regret`.
         stamp: the run's name and its cells.
-    """
-
-    cells: pd.DataFrame
-    means: pd.DataFrame
-    stamp: str
-
-
-def prepare(tables: Tables) -> RegretFrame:
-    """Regret in each cell, and its means.
 
     Raises:
         NotApplicable: unless the design is a grid of at least six cells, with two estimators or more.
@@ -58,11 +45,11 @@ def prepare(tables: Tables) -> RegretFrame:
     means = means[means["samples"] == 0].sort_values("median", kind="stable")
     trials = 1 + errors.groupby("cell", observed=True)["trial"].max().min()
     words = f"{cells['cell'].nunique()} cells in {tables.dimension} dimensions, of at least {trials:,} trials each"
-    return RegretFrame(cells, means, f"{tables.name} · {words}")
+    return Frame(cells=cells, means=means, stamp=f"{tables.name} · {words}")
 
 
 @style.journal()
-def draw(frame: RegretFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw the two panels, with one legend of the numbers of samples above."""
     names = list(frame.means["estimator"])
     figure = Figure(figsize=(style.PAGE, 1.1 + 0.42 * len(names)), layout="constrained")
@@ -88,7 +75,7 @@ def _shade(place: int, count: int) -> tuple[float, float, float]:
     return float(red), float(green), float(blue)
 
 
-def _panel(ax: Axes, frame: RegretFrame, name: str, names: list[str]) -> None:
+def _panel(ax: Axes, frame: Frame, name: str, names: list[str]) -> None:
     """Draw the cells and the means of one quantile."""
     sizes = sorted(frame.cells["samples"].unique())
     for row, estimator in enumerate(names):

@@ -16,7 +16,6 @@ next to nothing changes: the error of least squares depends on the covariance al
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -27,6 +26,7 @@ from study import style
 from study.simulation.experiment.conditions import LAW, OUTLIER_SHARE, OUTLIER_SIZE
 from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom, has_equal_covariance
 from study.simulation.figures.figure import (
+    Frame,
     NotApplicable,
     Tables,
     at_first,
@@ -45,11 +45,10 @@ _DODGE = 0.08
 """Distance between the marks of two estimators at one place."""
 
 
-@dataclass(frozen=True)
-class RobustnessFrame:
-    """Content of the figure.
+def prepare(tables: Tables) -> Frame:
+    """Medians from the summary, at the first number of samples, noise, radius and centre.
 
-    Attributes:
+    Returns:
         shares: a row per angle, share of outliers and estimator, with normal noise: the median error in units of an
             efficient estimator's, and its Monte-Carlo error; infinite where half of the fits have no number.
         tails: a row per angle, law and estimator, without outliers, likewise; in the order of the excess kurtosis.
@@ -57,18 +56,6 @@ class RobustnessFrame:
         dimension: d.
         samples: N.
         stamp: the run's name and trials.
-    """
-
-    shares: pd.DataFrame
-    tails: pd.DataFrame
-    size: float
-    dimension: int
-    samples: int
-    stamp: str
-
-
-def prepare(tables: Tables) -> RobustnessFrame:
-    """Medians from the summary, at the first number of samples, noise, radius and centre.
 
     Raises:
         NotApplicable: unless the design is a grid of several shares of outliers, with none among them, and of several
@@ -98,7 +85,7 @@ def prepare(tables: Tables) -> RobustnessFrame:
         raise NotApplicable(f"compares laws of the same covariance: needs a config without {', '.join(others)}")
     order = sorted(medians["law"].unique(), key=lambda word: (excess_kurtosis(word), -(freedom(word) or 0.0)))
     tails = medians[medians["share"] == 0.0]
-    return RobustnessFrame(
+    return Frame(
         shares=medians[medians["law"] == NORMAL].sort_values("share", kind="stable"),
         tails=tails.sort_values("law", kind="stable", key=lambda words: words.map(order.index)),
         size=float(rows[size].iloc[0]) if size in rows else float(OUTLIER_SIZE.default or 0.0),
@@ -109,7 +96,7 @@ def prepare(tables: Tables) -> RobustnessFrame:
 
 
 @style.journal()
-def draw(frame: RobustnessFrame) -> Figure:
+def draw(frame: Frame) -> Figure:
     """Draw a row of two panels per angle, with one legend above."""
     angles = list(frame.shares["angle"].unique())[:_MOST_ROWS]
     height = _TOP + _BOTTOM + _ROW * len(angles)

@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -27,6 +28,8 @@ from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
 from study.simulation.experiment.noise import GaussianNoise
 from study.simulation.runs.run_folder import Run
 
+Frame = SimpleNamespace
+"""Content of a figure by name: ``prepare`` computes it, and says what it has; ``draw`` shows it."""
 PACKAGE = Path(__file__).parents[2]
 FAILED = "failed: "
 """Beginning of the reason why a figure that failed was not drawn; other reasons say that a run cannot feed it."""

@@ -20,8 +20,7 @@ from study.simulation.analysis.summary import worst_of_run
 from study.simulation.claims import CLAIMS, Verdict
 from study.simulation.claims.readings import Readings
 from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
-from study.simulation.figures.fig_efficiency import EfficiencyFrame
-from study.simulation.figures.figure import failure, log_axes, look
+from study.simulation.figures.figure import Frame, failure, log_axes, look
 from study.simulation.report import html, words
 from study.simulation.report.words import count
 from study.simulation.runs.run_folder import Finished, Run
@@ -80,9 +79,7 @@ class Headline:
     claim: int = 0
 
 
-def findings(
-    claims: pd.DataFrame, efficiency: EfficiencyFrame | None, readings: Readings | None = None
-) -> list[Headline]:
+def findings(claims: pd.DataFrame, efficiency: Frame | None, readings: Readings | None = None) -> list[Headline]:
     """The findings that the tables allow; the paper's main claim and the estimator to use instead come first.
 
     Args:
@@ -106,7 +103,7 @@ def regret(curves: pd.DataFrame) -> "pd.Series[float]":
     return least
 
 
-def _instead(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
+def _instead(efficiency: Frame | None) -> Iterator[Headline]:
     if efficiency is None or efficiency.curves["estimator"].nunique() < 2:
         return
     curves = efficiency.curves[efficiency.curves["level"] < 1.0]  # beyond, the noise hides the sphere from all of them
@@ -130,12 +127,12 @@ def _three(value: float) -> str:
     return words.number(value, zeros=True)
 
 
-def nearest_cap(efficiency: EfficiencyFrame) -> float:
+def nearest_cap(efficiency: Frame) -> float:
     """The half-angle, in degrees, that is nearest to the one that the top of the page is about."""
     return float(min(efficiency.marks["angle"], key=lambda angle: abs(angle - _CAP)))
 
 
-def _reached(efficiency: EfficiencyFrame | None) -> Iterator[Headline]:
+def _reached(efficiency: Frame | None) -> Iterator[Headline]:
     if efficiency is None:
         return
     angle = nearest_cap(efficiency)
@@ -161,7 +158,7 @@ _SHOWN = ("gdke", "lls", "ugdk", "mle", "als", "corrected")
 """Estimators of the paper, and those to use instead, in the order of drawing."""
 
 
-def lead(efficiency: EfficiencyFrame) -> Markup:
+def lead(efficiency: Frame) -> Markup:
     """The picture at the top of the page."""
     angle = nearest_cap(efficiency)
     at = f"Cap of {angle:g}°, N\u00a0=\u00a0{count(efficiency.samples)}."
@@ -175,7 +172,7 @@ def lead(efficiency: EfficiencyFrame) -> Markup:
 
 
 @style.journal()
-def draw_lead(frame: EfficiencyFrame) -> Figure:
+def draw_lead(frame: Frame) -> Figure:
     """Draw the picture at the top of the page, one panel: few estimators, both bounds, the legend where no curve is."""
     angle = nearest_cap(frame)
     figure = Figure(figsize=(4.7, 3.7), layout="constrained")

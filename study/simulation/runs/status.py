@@ -1,4 +1,4 @@
-"""Status of a run, found without changing it."""
+"""Status of a run; nothing in its folder is changed."""
 
 from collections import Counter
 from collections.abc import Iterator

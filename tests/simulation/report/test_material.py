@@ -1,7 +1,6 @@
 """Content of the page: its figures, its findings and answers, its tables of posteriors, ratios and numbers."""
 
 import base64
-import dataclasses
 import math
 import re
 from types import SimpleNamespace
@@ -16,7 +15,7 @@ from study.simulation.claims import CLAIMS, judge_all
 from study.simulation.claims.claim import Number, Verdict
 from study.simulation.experiment.config import parse
 from study.simulation.figures import Gallery
-from study.simulation.figures.fig_efficiency import EfficiencyFrame
+from study.simulation.figures.figure import Frame
 from study.simulation.report import material, words
 from study.simulation.report.html import coded
 from study.simulation.report.material import Material, answer, draw_lead
@@ -83,7 +82,8 @@ def efficiency():
     ]
     reached = pd.DataFrame([{"angle": a, "level": n, "ratio": 2.0} for a in (30.0, 60.0) for n in (0.1, 0.3, 10.0)])
     marks = pd.DataFrame({"angle": [30.0, 60.0], "gdke": 0.1, "ugdk": 0.1, "fails": 0.1})
-    return EfficiencyFrame(pd.DataFrame(rows).assign(trials=9), reached, marks, 100, "made up")
+    curves = pd.DataFrame(rows).assign(trials=9)
+    return Frame(curves=curves, attainable=reached, marks=marks, samples=100, stamp="made up")
 
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=[claim.name for claim in CLAIMS])
@@ -166,7 +166,7 @@ def test_a_name_that_is_a_word_is_code(efficiency):
     """In the finding, and on the page between its own tags."""
     curves = efficiency.curves.assign(estimator=efficiency.curves["estimator"].replace("mle", "corrected"))
     claims = pd.DataFrame(columns=["number", "name", "verdict", "finding"])
-    first, reached = material.findings(claims, dataclasses.replace(efficiency, curves=curves))
+    first, reached = material.findings(claims, Frame(**vars(efficiency) | {"curves": curves}))
     assert first.head == "Use the estimator `corrected` instead."
     assert "`corrected` reaches" in reached.rest
     assert coded(first.head) == "Use the estimator <code>corrected</code> instead."

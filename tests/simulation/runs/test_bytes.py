@@ -15,7 +15,6 @@ import study
 from study.files import TableRows
 from study.simulation.experiment.config import parse
 from study.simulation.experiment.sampling import units
-from study.simulation.runs import runner
 from study.simulation.runs.jobs import UnitTask
 from study.simulation.runs.status import status
 
@@ -67,16 +66,6 @@ def test_bytes_do_not_depend_on_the_order_of_work(start, entries, monkeypatch, s
     shuffled = random.Random(seed)
     monkeypatch.setattr(UnitTask, "weight", property(lambda task: shuffled.random()))
     assert tables(start(**entries)) == expected
-
-
-def test_bytes_do_not_depend_on_spelling(start, make_text, tmp_path):
-    """Comments, and a range in place of a list, change config.toml alone."""
-    text = make_text({"keep_points": 1}, noise=[0.1, 0.2, 0.3])
-    other = "# a comment\n" + text.replace("[0.1, 0.2, 0.3]", "{ linspace = [0.1, 0.3, 3] }")
-    assert other.count("linspace") == 1
-    runs = [runner.run(parse(t), t, tmp_path / str(i)) for i, t in enumerate((text, other))]
-    assert tables(runs[0]) == tables(runs[1])
-    assert [(run.folder / "config.toml").read_text() for run in runs] == [text, other]
 
 
 GRID = {"trials": 10, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60]}
