@@ -13,18 +13,9 @@ from scipy.stats import binom
 import study
 from study import Status
 from study.fits import Samples
+from study.fits import goodness as module
 from study.fits.cap import sample_cap
-from study.fits.goodness import (
-    BLOCKS,
-    _memory,
-    columns,
-    evenly_thinned,
-    f_tail,
-    goodness,
-    harmonics,
-    lengths,
-    normal_scores,
-)
+from study.fits.goodness import _memory, columns, evenly_thinned, f_tail, goodness, harmonics, lengths, normal_scores
 
 
 def directions(rng, shape, degrees=180.0, d=3):
@@ -155,7 +146,7 @@ def test_nothing_is_said_without_freedom_or_noise():
     flat[0, :, :2] = directions(rng, (30,), d=2)
     assert np.isnan(answer_of(flat).p).all()
     assert set(few.first(1e-12)) == {""}
-    assert set(answer_of(u + 0.01).first()) <= {"", *BLOCKS}
+    assert set(answer_of(u + 0.01).first()) <= {"", *module.BLOCKS}
 
 
 def test_memory_has_its_exact_mean_and_variance():
