@@ -242,9 +242,8 @@ GRID = {"kind": "grid", "trials": 70, "samples": 5, "noise": [0.05, 3.0], "angle
 
 def test_rows_from_memory_are_rows_from_a_table():
     """From errors in memory, with fits that are not ok, come the rows that `summary` makes of their table."""
-    study = Study.model_validate(
-        {"name": "test", "seed": 1, "estimators": ["ugdk", "mle"], "keep": "summary", "design": GRID}
-    )
+    head = {"name": "test", "seed": 1, "estimators": ["ugdk", "mle"], "keep": "summary"}
+    study = Study.model_validate(head | {"design": GRID})
     made = [Errors.joined(compute(study, unit).blocks) for unit in units(study)]
     assert len(made) == 2
     for errors in made:

@@ -157,9 +157,8 @@ def test_gdke_leaves_where_bias_meets_scatter(degrees):
     """At s* the bias of many samples is the bound's standard deviation along the axis, σ/√(N Kₐ)."""
     moments = cap_moments(math.radians(degrees), 3)
     noise = regret.gdke_leaves(10**8, moments)
-    assert regret.gdke_bias(noise, moments, np.eye(3)) == pytest.approx(
-        noise / math.sqrt(10**8 * moments.along), rel=1e-4
-    )
+    scatter = noise / math.sqrt(10**8 * moments.along)
+    assert regret.gdke_bias(noise, moments, np.eye(3)) == pytest.approx(scatter, rel=1e-4)
 
 
 def test_gdke_never_leaves_on_the_whole_sphere():
