@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, ValidationError
 
-from study.files import RunError, regular
+from study.files import stored_csv
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import NAMED, Claim, Evidence, Rules, Verdict, evaluate, frame
 from study.simulation.experiment.config import parse, shipped_config
@@ -273,13 +273,7 @@ class Readings:
         Raises:
             RunError: if it cannot be read, or is no such table.
         """
-        remedy = f"`study readings --out {path}` makes it"
-        try:
-            table = pd.read_csv(regular(path))
-        except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-            raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}; {remedy}") from None
-        if tuple(table.columns) != COLUMNS:
-            raise RunError(f"{path}: no table of readings: needs the columns {', '.join(COLUMNS)}; {remedy}")
+        table = stored_csv(path, COLUMNS, f"table of readings; `study readings --out {path}` makes it")
         return cls(read(shipped_config("readings")), table)
 
     def reading(self, row: Any) -> Reading:
