@@ -25,7 +25,7 @@ from pydantic import AfterValidator, Field, ValidationError
 from scipy.special import stdtrit
 
 from study import style
-from study.arrays import Bools, Floats
+from study.arrays import Bools, Floats, Words
 from study.fits import ESTIMATORS, Samples, Status, cap
 from study.fits.bounds import Cap, attainable_bound, cramer_rao, crlb
 from study.fits.intervals import intervals
@@ -170,17 +170,32 @@ def _cell(design: CoverageDesign, cell: CoverageCell) -> list[dict[str, object]]
     """Rows of a cell, one per method."""
     state = lanes(design.seed, "coverage", cell.samples, cell.angle, cell.kappa)
     result: dict[str, list[Floats]] = {name: [] for name in (*design.estimators, INTERVAL)}
-    left = cell.trials
-    while left > 0:
-        batch = min(left, max(_BATCH // cell.samples, 1))
-        left -= batch
-        directions, noise = np.empty((batch, 3, cell.samples)), np.empty((batch, 3, cell.samples))
-        cap.draw(state, math.radians(cell.angle), directions, noise)
-        directions[:, 0] = 1.0 - directions[:, 0]
+    for directions, noise in draws(state, cell.trials, (3, cell.samples), cell.angle):
         samples = Samples(directions + cell.sigma * noise)
         for name, outcome in _outcomes(design, samples, directions, cell.sigma).items():
             result[name].append(outcome)
     return [_row(cell, name, np.concatenate(parts)) for name, parts in result.items()]
+
+
+def draws(
+    state: Words, sets: int, shape: tuple[int, int], angle: float, together: int = _BATCH
+) -> Iterator[tuple[Floats, Floats]]:
+    """Draw unit directions and unit noise (b, d, n) of so many sets of points on a cap, some at a time.
+
+    Args:
+        state: of the generator.
+        sets: their number.
+        shape: d and n.
+        angle: half-angle of the cap, in degrees.
+        together: number of samples that are drawn at a time.
+    """
+    while sets > 0:
+        batch = min(sets, max(together // shape[1], 1))
+        sets -= batch
+        directions, noise = np.empty((batch, *shape)), np.empty((batch, *shape))
+        cap.draw(state, math.radians(angle), directions, noise)
+        directions[:, 0] = 1.0 - directions[:, 0]  # heights to cosines
+        yield directions, noise
 
 
 def _outcomes(design: CoverageDesign, samples: Samples, directions: Floats, sigma: float) -> dict[str, Floats]:
