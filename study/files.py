@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -173,14 +173,14 @@ def regular(path: Path) -> Path:
     return path
 
 
-def stored_csv(path: Path, columns: Sequence[str], what: str, **options: Any) -> "pd.DataFrame":
+def stored_csv(path: Path, columns: Sequence[str], what: str, as_text: bool = False) -> "pd.DataFrame":
     """Read a CSV table of some columns.
 
     Args:
         path: the file.
         columns: all of its columns.
         what: the table in words, and the command that makes it: "table of readings; `study readings` makes it".
-        options: those of `pandas.read_csv`.
+        as_text: leave every cell a text.
 
     Raises:
         RunError: if it cannot be read, has other columns, or has no rows.
@@ -189,7 +189,7 @@ def stored_csv(path: Path, columns: Sequence[str], what: str, **options: Any) ->
 
     name, _, remedy = what.partition("; ")
     try:
-        table: pd.DataFrame = pd.read_csv(regular(path), **options)
+        table: pd.DataFrame = pd.read_csv(regular(path), dtype=str if as_text else None, keep_default_na=not as_text)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}; {remedy}") from None
     if list(table.columns) != list(columns) or table.empty:

@@ -330,7 +330,7 @@ def read_bench(path: Path) -> pd.DataFrame:
     Raises:
         RunError: if it cannot be read, or is no such table.
     """
-    return stored_csv(path, COLUMNS, "table of ratios; make bench writes it", dtype=str, keep_default_na=False)
+    return stored_csv(path, COLUMNS, "table of ratios; make bench writes it", as_text=True)
 
 
 def speed_section(material: Material) -> Iterable[Section]:
