@@ -26,7 +26,6 @@ from study.simulation.report import page as pages
 from study.simulation.report.page import render, save
 from study.simulation.report.words import timed
 from study.simulation.runs.run_folder import Run
-from study.simulation.runs.run_folder import save as save_manifest
 
 LEAST = {"fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"}
 
@@ -387,7 +386,7 @@ def test_a_manifest_that_is_missing_or_strange(circles, claims, tmp_path, change
             del manifest["software"]["study"]
         else:
             manifest["jobs"] = "two"
-        save_manifest(path.parent, manifest)
+        Run.open(path.parent).save_manifest(manifest)
         if change == "not JSON":
             path.write_text("{")
     with pytest.raises(RunError, match=r"run/manifest\.json: [^\n]*$") as caught:
