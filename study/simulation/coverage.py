@@ -21,7 +21,7 @@ from joblib import Parallel, delayed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import AfterValidator, Field
 from scipy.special import stdtrit
 
 from study import style
@@ -33,7 +33,7 @@ from study.fits.random import lanes
 from study.fits.registry import fit_samples
 from study.simulation.experiment.config import EstimatorNames, FolderName
 from study.text import columns
-from study.toml import ConfigError, Distinct, Fault, Frozen, report, toml_tables, toml_text
+from study.toml import Distinct, Fault, Frozen, read_document
 
 
 def _without_noise(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -113,15 +113,7 @@ def read_design(path: Path) -> CoverageDesign:
     Raises:
         ConfigError: with every fault, its place and its value.
     """
-    text = toml_text(path)
-    try:
-        design = CoverageDesign.model_validate(toml_tables(text, str(path)))
-    except ValidationError as error:
-        known: dict[tuple[str, ...], list[str]] = {(): list(CoverageDesign.model_fields)}
-        raise ConfigError.listing(str(path), text, report(error, known)) from None
-    if faults := list(_faults(design)):
-        raise ConfigError.listing(str(path), text, faults)
-    return design
+    return read_document(path, CoverageDesign, {(): list(CoverageDesign.model_fields)}, _faults)
 
 
 def _faults(design: CoverageDesign) -> Iterator[Fault]:
