@@ -299,8 +299,10 @@ def _with_names(key: str, tables: object, faults: list[Fault]) -> list[object]:
 
 def _known_keys(sections: Mapping[str, list[object]]) -> dict[tuple[str, ...], list[str]]:
     """The keys that each table of a document may have."""
-    keys = {(section,): [key for key in _TABLES[section].model_fields if key != "name"] for section in sections}
-    return {(): list(MarkerSetParts.model_fields), **keys}
+    keys: dict[tuple[str, ...], list[str]] = {(): list(MarkerSetParts.model_fields)}
+    for section in sections:
+        keys[section,] = [key for key in _TABLES[section].model_fields if key != "name"]
+    return keys
 
 
 def _by_name(fault: Fault, sections: Mapping[str, list[object]]) -> Fault:
