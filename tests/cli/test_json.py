@@ -47,11 +47,13 @@ def test_summary(ask, out):
     told = ask("summary", "out")
     assert list(told) == ["run", "bound", "conditions", "rows"]
     stored = out.table("summary")
-    assert len(told["rows"]) == len(stored) == 8
+    assert (told["run"], len(told["rows"]), len(stored)) == (out.study.run_name(), 8, 8)
     for row, expected in zip(told["rows"], stored.to_dict("records"), strict=True):
         assert list(row) == [*stored.columns, "noise_over_radius", "median_cramer_rao", "median_attainable"]
         assert (row["estimator"], row["decade"]) == (expected["estimator"], None)
         assert row["ratio_median_ok"] == pytest.approx(expected["ratio_median_ok"], rel=0)
+        assert row["noise_over_radius"] == pytest.approx(expected["noise"] / expected["radius"], rel=1e-7)
+        assert row["median_attainable"] >= 0.999 * row["median_cramer_rao"]
 
 
 def test_summary_of_some(well, finished):
@@ -133,11 +135,8 @@ def test_what_json_does_not_have():
     """NaN and infinities are null, at any depth; arrays are lists; what is no number or text is refused."""
     nan, infinity = float("nan"), float("inf")
     data = {"a": [nan, {"b": (infinity, -infinity, 1.5)}], "σ": "é", "x": np.array([[1.0, nan], [np.inf, 2.0]])}
-    assert json.loads(json_text([data, np.int8(3), np.array(True)])) == [
-        {"a": [None, {"b": [None, None, 1.5]}], "σ": "é", "x": [[1.0, None], [None, 2.0]]},
-        3,
-        True,
-    ]
+    expected = {"a": [None, {"b": [None, None, 1.5]}], "σ": "é", "x": [[1.0, None], [None, 2.0]]}
+    assert json.loads(json_text([data, np.int8(3), np.array(True)])) == [expected, 3, True]
     with pytest.raises(TypeError, match="not JSON serializable"):
         json_text({"a": object()})
 

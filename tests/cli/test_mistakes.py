@@ -26,6 +26,8 @@ from study.simulation.runs.workers import interrupts_later
 
 LOOP = "import study\ndef loop(points):\n    while True: pass\nstudy.register('loop', loop)\n"
 
+SCATTER = "case-study-scatter.parquet"
+
 POINTS = "x,y,z\n1,0,0\n0,1,0\n-1,0,0\n0,-1,0\n0,0,1\n0.6,0,-0.8\n"
 
 PRECISION = "[precision]\nrelative_target = 0.08\nfirst = 100\n"
@@ -64,7 +66,7 @@ def folder(finished, config, tmp_path_factory):
         "bad.csv": "x,y\n1,2\n3,four\n5,6\n7,8\n",
         "timed.csv": "\n".join(f"{i},1,{i * i},{i % 3}" for i in range(9)),
         "none.csv": "a,b\n1,2\n",
-        "scatter/case-study-scatter.parquet": "not parquet",
+        f"scatter/{SCATTER}": "not parquet",
         "file": "mine",
         "folder.csv/file": "mine",
         "closed/file": "mine",
@@ -93,7 +95,7 @@ REFUSED = {
     "summary need.toml": (1, f"results/need- ... {NO_RUN} ... study run CONFIG"),
     "summary smoke": (1, f"results/smoke- ... {NO_RUN}"),
     "summary half": (1, "half/summary.parquet: missing ... study run half/config.toml"),
-    "run other.toml --out out": (1, "out: holds a run of another config"),
+    "run other.toml --out out": (1, "out: holds a run of another config ... tiny- ... --out"),
     "run tiny.toml --out tiny.toml/out": (1, "tiny.toml/out: cannot be written: Not a directory"),
     "diff out none": (1, f"none: {NO_RUN}"),
     "worst out -e mle": (1, "out: no estimator 'mle' in this run; known are lls, ugdk"),
@@ -126,6 +128,7 @@ REFUSED = {
     "figures out fig2_error --out file/below": (1, "file/below: cannot be"),
     # case studies
     **{f"{verb} out --recording none": (2, "none: not the folder of a case study") for verb in ("claims", "report")},
+    **{f"{verb} out --recording scatter": (2, f"scatter/{SCATTER}: cannot be read") for verb in ("claims", "report")},
     # posteriors
     "posterior out": (1, "out: its config has no [posterior] ... configs/posterior.toml"),
     "posterior apart": (1, "apart: ... chooses none of its cells"),
@@ -294,13 +297,6 @@ def test_a_run_of_a_newer_version(refused, folder, line):
     store = Run.open(shutil.copytree(folder / "out", folder / "newer", dirs_exist_ok=True))
     store.save_manifest(store.manifest() | {"format": FORMAT + 1})
     refused(folder, 1, "newer ... made by a newer version of this program", *line.split())
-
-
-def test_a_scheduler_that_does_not_answer(refused, folder, monkeypatch):
-    """Code 1, one line, nothing written."""
-    monkeypatch.setattr("study.simulation.runs.workers._PATIENCE", 0.5)
-    words = ["--backend", "dask", "--scheduler", "tcp://127.0.0.1:9"]
-    refused(folder, 1, "--scheduler tcp://127.0.0.1:9: no scheduler answers there", "run", "tiny.toml", *words)
 
 
 @pytest.mark.parametrize("loop", ["while True: pass\n", LOOP], ids=["file", "fit"])

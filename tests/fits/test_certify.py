@@ -31,10 +31,9 @@ def least_squares_gradient(points, center):
     """½∇F of F(c) = Σ(|x - c| - mean)²."""
     lengths = distances(points, center)
     mean = mpmath.fsum(lengths) / len(lengths)
-    return [
-        mpmath.fsum((r - mean) * (b - mpmath.mpf(row[i])) / r for row, r in zip(points, lengths, strict=True))
-        for i, b in enumerate(center)
-    ], mean
+    pairs = list(zip(points, lengths, strict=True))
+    along = [mpmath.fsum((r - mean) * (b - mpmath.mpf(x[i])) / r for x, r in pairs) for i, b in enumerate(center)]
+    return along, mean
 
 
 @pytest.mark.parametrize(("name", "k"), EVERY_FIFTH)
@@ -93,11 +92,8 @@ def test_the_sets_cover_what_they_should():
     """Caps of 2° to 180°, centres up to a million radii away, with form and without, circles and spheres."""
     names = {pair.name for pair in PAIRS["mle"]}
     assert len(names) == len(PAIRS["mle"]) == 90
-    assert {
-        "sphere-cap002-offset1e6-form0.05",
-        "circle-cap180-offset0-form0",
-        "sphere-cap045-offset1e3-form0.001",
-    } <= names
+    assert {"sphere-cap002-offset1e6-form0.05", "circle-cap180-offset0-form0"} <= names
+    assert "sphere-cap045-offset1e3-form0.001" in names
     far = next(pair for pair in PAIRS["mle"] if "offset1e6" in pair.name)
     assert np.linalg.norm(far.points[0]) / float(far.sphere[-1]) == pytest.approx(1e6, rel=1e-4)
 

@@ -1,11 +1,10 @@
 """Closed forms: the Delogne-Kåsa family against the paper's equations, and the family that finds its own noise.
 
-The root η, centre and radius against the publications' eigenproblems, other software and 40-digit sums; errors against
+The root η, centre and radius against the publications' eigenproblems and other software; errors against
 theory §5.3. Hinges: the axis of an arc in a plane is found as well as the noise allows, ordinary caps are not affected.
 """
 
 import circle_fit
-import mpmath
 import numpy as np
 import pytest
 from scipy.linalg import eig
@@ -94,9 +93,10 @@ def test_noise_from_residuals(rng, on_cap, estimator):
         assert fit.noise_variance == pytest.approx(low * n / (n - d - 1), rel=1e-9)
 
 
-def test_no_residual_no_noise(rng, on_cap, estimator):
+@pytest.mark.parametrize("d", [2, 3, 4])
+def test_no_residual_no_noise(rng, on_cap, estimator, d):
     """A sphere interpolates d + 1 points: an estimator that does not use the given noise has no estimate of it."""
-    points = on_cap(rng, 4, 90.0, sets=5)[0]
+    points = on_cap(rng, d + 1, 90.0, d, sets=5)[0]
     fit = study.fit(points, estimator, noise=1e-9)
     if estimator not in ("ugdk", "hinge"):
         assert np.isnan(fit.noise_variance).all()
@@ -106,8 +106,6 @@ def test_no_residual_no_noise(rng, on_cap, estimator):
 
 
 KAPPA = {"taubin": lambda d: 0.0, "pratt": lambda d: -4.0, "hyper": lambda d: -d * d, "als": lambda d: 2.0 * d}
-
-RADIUS = {"taubin": lambda d: 0, "pratt": lambda d: 2, "hyper": lambda d: -d, "als": lambda d: -d}
 
 NAMES = list(KAPPA)
 
@@ -120,31 +118,32 @@ def eta_of(points, name):
 
 
 def pencil(points, name):
-    """Smallest root and sphere (η, centre, radius) of the matrix pencils of theory §5.1, by LAPACK, data centred.
+    """Smallest root and sphere (η, centre, radius) of the matrix pencils of theory §5.1, by LAPACK, of scaled data.
 
     With z = (|x|², x, 1) and M their mean products, Taubin, Pratt and Hyper are M θ = η N θ. `als` is quadratic,
     (M - η N_H + d(d+2) η² e₁e₁ᵀ) θ = 0, and is made linear in (θ, ηθ).
     """
     n, d = points.shape
     origin = points.mean(axis=0)
-    x = points - origin
+    unit = np.abs(points - origin).max()
+    x = (points - origin) / unit
     z = np.column_stack([np.sum(x**2, axis=1), x, np.ones(n)])
-    moments, mean, unit = z.T @ z / n, z.mean(axis=0), np.eye(d + 2)[0]
+    moments, mean, e = z.T @ z / n, z.mean(axis=0), np.eye(d + 2)[0]
     taubin = np.diag([4 * mean[0], *np.ones(d), 0.0])
     pratt = np.diag([0.0, *np.ones(d), 0.0])
     pratt[0, -1] = pratt[-1, 0] = -2.0
-    hyper = taubin + d * (np.outer(mean, unit) + np.outer(unit, mean))
+    hyper = taubin + d * (np.outer(mean, e) + np.outer(e, mean))
     if name == "als":
         zero, one = np.zeros((d + 2, d + 2)), np.eye(d + 2)
         left = np.block([[zero, one], [-moments, hyper]])
-        right = np.block([[one, zero], [zero, d * (d + 2) * np.outer(unit, unit)]])
+        right = np.block([[one, zero], [zero, d * (d + 2) * np.outer(e, e)]])
     else:
         left, right = moments, {"taubin": taubin, "pratt": pratt, "hyper": hyper}[name]
     values, vectors = eig(left, right)
     real = np.isfinite(values) & (np.abs(values.imag) < 1e-9 * np.abs(values)) & (values.real > 0.0)
     first = np.flatnonzero(real)[np.argmin(values[real].real)]
     _, b, c = np.split(vectors[: d + 2, first].real / vectors[0, first].real, [1, d + 1])
-    return values[first].real, origin - b / 2, np.sqrt(b @ b / 4 - c[0])
+    return unit**2 * values[first].real, origin - unit * b / 2, unit * np.sqrt(b @ b / 4 - c[0])
 
 
 @pytest.fixture(scope="module")
@@ -181,63 +180,17 @@ def test_als_is_kukush_markovsky_van_huffel(circles):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("d", [2, 3, 5])
-@pytest.mark.parametrize("noise", [0.01, 0.3])
-def test_generalised_eigenproblem(rng, on_cap, noise, d, name):
-    """Root, centre and radius are those of the published matrix pencil, to 1e-9 of their size."""
-    for points in on_cap(rng, 40, 100.0, d, noise, radius=2.0, center=1.0, sets=20)[0]:
+@pytest.mark.parametrize(
+    ("noise", "angle", "n"),
+    [(1e-3, 60.0, 20), (0.01, 100.0, 40), (0.05, 20.0, 100), (0.3, 100.0, 40), (0.5, 60.0, 30), (30.0, 180.0, 12)],
+)
+def test_generalised_eigenproblem(rng, on_cap, noise, angle, n, d, name):
+    """Root, centre and radius are those of the published matrix pencil, to 1e-9 of their size and what LAPACK loses."""
+    for points in on_cap(rng, n, angle, d, noise, radius=2.0, center=1.0, sets=20)[0]:
         fit, (eta, center, radius) = study.fit(points, name), pencil(points, name)
         size = np.linalg.norm(center - points.mean(axis=0)) + radius
         assert eta_of(points, name) == pytest.approx(eta, rel=1e-9, abs=1e-12)
         np.testing.assert_allclose([*fit.center, fit.radius], [*center, radius], rtol=0, atol=1e-9 * size)
-
-
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("d", [2, 3, 5])
-def test_root_of_the_equation(rng, on_cap, d, name):
-    """Equation (5.1), from the raw data in 40 digits, changes sign within 1e-9 of η, below λ_min.
-
-    Centre and radius follow from that root. For a small root g(0) is the difference of terms of size m₄, so η has
-    an absolute error of some ε m₂ besides.
-    """
-    with mpmath.workdps(40):
-        for noise, angle, n in [(1e-3, 60, 20), (0.05, 20, 100), (0.1, 180, d + 2), (0.5, 60, 30), (30.0, 180, 12)]:
-            points = on_cap(rng, n, angle, d, noise, center=0.5)[0]
-            x = mpmath.matrix(points.tolist())
-            mean = [mpmath.fsum(x[:, i]) / n for i in range(d)]
-            y = mpmath.matrix(n, d)
-            for k in range(n):
-                for i in range(d):
-                    y[k, i] = x[k, i] - mean[i]
-            square = mpmath.matrix([mpmath.fsum(y[k, i] ** 2 for i in range(d)) for k in range(n)])
-            c, s = y.T * y / n, y.T * square / n
-            m2, m4 = mpmath.fsum(square) / n, (square.T * square)[0] / n
-
-            def g(eta, c=c, s=s, m2=m2, m4=m4):
-                solved = mpmath.cholesky_solve(c - eta * mpmath.eye(d), s)  # raises unless positive definite
-                return m4 - m2**2 - 4 * eta * m2 + KAPPA[name](d) * eta**2 - (s.T * solved)[0], solved
-
-            eta = float(eta_of(points, name))
-            slack = 1e-9 * eta + 100 * np.finfo(float).eps * float(m2)
-            assert 0 <= eta < min(mpmath.eigsy(c, eigvals_only=True))
-            assert g(mpmath.mpf(max(eta - slack, 0.0)))[0] > 0 > g(mpmath.mpf(eta + slack))[0]
-            offset = np.array([float(v) / 2 for v in g(mpmath.mpf(eta))[1]])
-            fit = study.fit(points, name)
-            np.testing.assert_allclose(fit.center, [float(m) for m in mean] + offset, rtol=1e-9, atol=1e-9)
-            expected = float(m2) + offset @ offset + RADIUS[name](d) * eta
-            assert fit.radius**2 == pytest.approx(expected, rel=1e-9)
-
-
-@pytest.mark.parametrize("name", [*NAMES, "fuller"])
-@pytest.mark.parametrize("d", [2, 3, 4])
-def test_interpolation_is_gdke(rng, on_cap, d, name):
-    """Through d + 1 points there is one sphere without residuals: g(0) = 0, so every member is `gdke` (theory 5.1)."""
-    points, directions = on_cap(rng, d + 1, d=d, noise=0.1, radius=3.0, center=1.0, sets=300)
-    apart = np.linalg.svd(directions - directions.mean(axis=1, keepdims=True), compute_uv=False)[:, d - 1]
-    points = points[apart > 0.3]  # the centre loses 1e-15 / 0.3², the root the square of that
-    assert len(points) > 50
-    fit, plain = study.fit(points, name), study.fit(points, "gdke")
-    np.testing.assert_allclose(np.c_[fit.center, fit.radius], np.c_[plain.center, plain.radius], rtol=0, atol=1e-9)
-    assert np.isnan(fit.noise_variance).all()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -434,12 +387,3 @@ def test_few_points_lose_no_direction(rng, on_cap, angle, d):
         fit, same = study.fit(points, "hinge"), study.fit(points, "als")
         assert not np.isin(fit.own_status, [Status.HINGE, Status.SINGULAR]).any()
         np.testing.assert_array_equal(fit.center, same.center)
-
-
-@pytest.mark.parametrize("d", [2, 3, 4])
-def test_line(rng, d):
-    """Points of any line are SINGULAR and have no centre."""
-    along = rng.standard_normal((200, 30, 1)) * rng.standard_normal((200, 1, d)) + rng.standard_normal((200, 1, d))
-    for fit in (study.fit(along, "hinge"), study.fit(along, "hinge", 1e-3)):
-        assert np.all(fit.own_status == Status.SINGULAR)
-        assert np.isnan(fit.center).all()

@@ -141,13 +141,11 @@ READ = {
     "frame.parquet": parquet(id=INTENSITY, X=X, Y=Y, Z=Z),
 }
 NEEDS = {".las": "laspy", ".xlsx": "openpyxl", "renamed.csv": "openpyxl"}
-CHOOSE = (
-    "4 columns, and no names say which are x, y and z: choose, as with --columns 1,2,3, or fit all with --dimension"
-)
+CHOOSE = "4 columns, and no names say which are x, y and z: choose, as with --columns 1,2,3, or fit all with --dimens"
 NOT = "which is not read here"
 XLS = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + b"\0" * 90
 REFUSED = {
-    "nameless.csv": (text("", POINTS, INTENSITY), f"{CHOOSE} 4"),
+    "nameless.csv": (text("", POINTS, INTENSITY), f"{CHOOSE}ion 4"),
     "nameless.xyz": (text("", POINTS, NORMALS, mark=" "), "6 columns, and no names say"),
     "decimal.csv": (text("", POINTS, INTENSITY, mark=";").replace(b".", b","), CHOOSE),
     "named otherwise.csv": (text("a,b,c,d\n", POINTS, INTENSITY), CHOOSE),
@@ -211,9 +209,7 @@ def test_a_library_that_is_not_installed(tmp_path, monkeypatch, name, library):
         read_points(tmp_path / name)
 
 
-@pytest.mark.parametrize(
-    "name", ["little.ply", "text.ply", "binary.pcd", "text.stl", "binary.stl", "mesh.obj", "leica.pts"]
-)
+@pytest.mark.parametrize("name", [*(n for n in READ if n.split(".")[0] in ("little", "text", "binary")), "leica.pts"])
 def test_damage_is_refused_in_one_line(tmp_path, name):
     """Two hundred files with a piece cut out or bytes changed: read or refused in a line, never another exception."""
     rng, data = np.random.default_rng(7), READ[name]

@@ -64,11 +64,7 @@ def test_answers_are_the_librarys(rng, on_cap, d, noise):
 def test_columns_may_have_any_name(rng, on_cap):
     """A coordinate called radius, noise or x_error takes no other number's place."""
     points, _ = on_cap(rng, 50, noise=0.01, center=7.0, radius=2.0)
-    for names in (
-        ["radius", "noise", "status"],
-        ["x", "x_error", "error_x"],
-        ["samples", "center_radius", "estimator"],
-    ):
+    for names in map(str.split, ("radius noise status", "x x_error error_x", "samples center_radius estimator")):
         (row,) = fit_rows(fit_all(points, ["als"], None), names)
         assert row["estimator"] == "als"
         np.testing.assert_allclose([row[f"center_{name}"] for name in names], 7.0, atol=0.05)
@@ -159,11 +155,8 @@ def test_statuses_are_explained_once(rng, on_cap):
 def test_flat_sets_without_noise(rng, kind):
     """Coplanar points have no sphere: statuses and dashes, no numbers made up, no warning."""
     t = rng.uniform(-1, 1, 40)
-    flat = {
-        "plane": rng.normal(size=(40, 2)),
-        "arc": np.column_stack([np.cos(t), np.sin(t)]),
-        "line": np.outer(t, [1, 2]),
-    }
+    arc, line = np.column_stack([np.cos(t), np.sin(t)]), np.outer(t, [1, 2])
+    flat = {"plane": rng.normal(size=(40, 2)), "arc": arc, "line": line}
     points = np.column_stack([flat.get(kind, np.ones((40, 2))), np.full(40, 3.0)])
     rows, below = shown(points)
     for name, cells in rows.items():
@@ -245,10 +238,9 @@ def test_outliers_and_copies(cap):
     assert list(doubts(study.fit(cap))) == []
     wrong = cap.copy()
     wrong[7] += 0.5
-    assert list(doubts(study.fit(wrong))) == [
-        "1 of 40 points is an outlier (row 8): the fit uses it; -e robust leaves it out"
-    ]
-    assert list(doubts(study.fit(wrong, "robust"))) == ["1 of 40 points is an outlier (row 8): the fit leaves it out"]
+    said = "1 of 40 points is an outlier (row 8): the fit "
+    assert list(doubts(study.fit(wrong))) == [f"{said}uses it; -e robust leaves it out"]
+    assert list(doubts(study.fit(wrong, "robust"))) == [f"{said}leaves it out"]
     twice = np.repeat(cap, 5, axis=0)
     assert list(doubts(study.fit(twice))) == [
         "160 of 200 rows repeat earlier ones; if they are no new measurement, every ± is too small",

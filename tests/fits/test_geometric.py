@@ -10,7 +10,6 @@ import pytest
 
 import study
 from study import Status
-from study.fits.cap import sample_cap
 
 STARTS = ["mle_centroid", "mle_mirror"]
 
@@ -225,13 +224,6 @@ def covariance(rng=None):
     return basis @ np.diag([1.0, 0.32, 0.1]) @ basis.T
 
 
-def drawn(rng, sets, n, angle, sigma):
-    """Directions and points (sets, n, 3) on caps about e₁, noise of covariance ``sigma``."""
-    u = sample_cap(rng, sets * n, np.radians(angle), 3).reshape(sets, n, 3).swapaxes(1, 2)
-    z = rng.standard_normal((sets, 3, n))
-    return u.swapaxes(1, 2), (u + np.linalg.cholesky(sigma) @ z).swapaxes(1, 2)
-
-
 def root_bound(directions, sigma):
     """√tr of the anisotropic bound of the realised directions."""
     return np.sqrt(np.trace(study.crlb(directions, sigma)[:, :3, :3], axis1=1, axis2=2))
@@ -249,10 +241,10 @@ def found_along(points, fit):
 
 
 @pytest.fixture(scope="module")
-def half_spheres():
+def half_spheres(on_cap):
     """100 half spheres of 20 000 samples: Σ of scale .1, the points, √tr CRLB, and the fits."""
     sigma = 0.1**2 * covariance()
-    directions, points = drawn(np.random.default_rng(54), 100, 20_000, 90.0, sigma)
+    points, directions = on_cap(np.random.default_rng(54), 20_000, 90.0, noise=sigma, sets=100)
     return sigma, points, root_bound(directions, sigma), study.fit(points, "ugdk_cov")
 
 
@@ -287,14 +279,14 @@ def test_finds_the_covariance(half_spheres):
 
 
 @pytest.mark.parametrize("angle", [90.0, 180.0])
-def test_moment_equations(rng, angle):
+def test_moment_equations(rng, on_cap, angle):
     """At the true centre and Σ the equations of theory §5.4 give Σ back, at scale .3 where their small terms are 10 %.
 
     Four sets of 500 000 samples, in units of Σ's largest eigenvalue: over 15 seeds the entries scatter by .008 or less
     (the largest: eighth powers of the noise enter) and the last two on the diagonal by .0027. Five are allowed.
     """
     sigma = 0.3**2 * covariance()
-    points = drawn(rng, 4, 500_000, angle, sigma)[1].swapaxes(1, 2)
+    points = on_cap(rng, 500_000, angle, noise=sigma, sets=4)[0].swapaxes(1, 2)
     known = np.tile(sigma, (4, 1, 1))
     found = import_module("study.fits.closed_forms")._covariance(points, np.zeros((4, 3)), known, known)
     error = (found.mean(axis=0) - sigma) / 0.3**2
@@ -303,7 +295,7 @@ def test_moment_equations(rng, angle):
 
 
 @pytest.mark.parametrize(("angle", "scale", "n"), [(90.0, 0.1, 20_000), (60.0, 0.05, 20_000), (180.0, 0.1, 5000)])
-def test_any_orientation(rng, angle, scale, n):
+def test_any_orientation(rng, on_cap, angle, scale, n):
     """In any orientation of Σ the median error is within 1.5 of `ugdk` with the true Σ, and not above that of `als`.
 
     The ratios are 1.0 ± .1 (ten seeds) and .13; on the whole sphere, where isotropic estimators are right, 1.01 ± .02.
@@ -311,7 +303,7 @@ def test_any_orientation(rng, angle, scale, n):
     errors = {"ugdk_cov": [], "ugdk": [], "als": []}
     for _ in range(8):
         sigma = scale**2 * covariance(rng)
-        directions, points = drawn(rng, 6, n, angle, sigma)
+        points, directions = on_cap(rng, n, angle, noise=sigma, sets=6)
         bound = root_bound(directions, sigma)
         for name, ratios in errors.items():
             fit = study.fit(points, name, sigma if name == "ugdk" else None)

@@ -339,13 +339,9 @@ def test_sets_without_a_sphere_have_a_status(rng):
     """Points of a plane, of a line, all alike or too few raise nothing."""
     flat = rng.standard_normal((40, 3)) * [1, 1, 0]
     line = np.outer(np.arange(40.0), [1, 1, 1])
-    for x, with_radius, with_noise in (
-        (flat, Status.WEAKLY_IDENTIFIED, Status.SINGULAR),
-        (line, Status.SINGULAR, Status.SINGULAR),
-        (np.ones((40, 3)), Status.SINGULAR, Status.SINGULAR),
-    ):
-        assert study.fit(x, radius=5.0).status == with_radius
-        assert study.fit(x, noise=np.ones(40)).status == with_noise
+    for x in (flat, line, np.ones((40, 3))):
+        assert study.fit(x, radius=5.0).status == (Status.WEAKLY_IDENTIFIED if x is flat else Status.SINGULAR)
+        assert study.fit(x, noise=np.ones(40)).status == Status.SINGULAR
     few = np.full((40, 3), np.nan)
     few[:3] = np.eye(3)
     assert study.fit(few, radius=5.0).status == Status.TOO_FEW_POINTS
@@ -354,10 +350,7 @@ def test_sets_without_a_sphere_have_a_status(rng):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (
-            {"estimator": "robust", "radius": 2.0},
-            "'robust': takes no known radius; corrected, mle, als, ugdk and gdke do",
-        ),
+        ({"estimator": "robust", "radius": 2.0}, "'robust': takes no known radius; corrected, mle, als, ugdk and gdk"),
         ({"estimator": "als", "noise": np.ones((9, 3))}, "'als': takes no covariance for each point; corrected, mle"),
         ({"estimator": "ugdk", "radius": 2.0}, "'ugdk': subtracts the known noise: pass noise=σ, or use als"),
         ({"estimator": "ugdk", "noise": np.ones(9), "scale": "estimated"}, "'ugdk': .* scale must be given; als finds"),

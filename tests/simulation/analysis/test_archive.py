@@ -145,9 +145,7 @@ def test_a_damaged_run_is_refused(run, tmp_path):
     folder = shutil.copytree(run.folder, tmp_path / "damaged")
     path = folder / "errors.parquet"
     path.write_bytes(path.read_bytes()[:-1] + b"x")
-    with pytest.raises(
-        RunError, match=r"errors\.parquet: damaged: .*`study run .*config\.toml --out .*` makes it again"
-    ):
+    with pytest.raises(RunError, match=r"errors\.parquet: damaged: .*`study run .*\.toml --out .*` makes it again"):
         archive([Run.open(folder)], tmp_path / "out.zip")
     assert not (tmp_path / "out.zip").exists()
 

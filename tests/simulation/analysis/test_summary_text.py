@@ -10,13 +10,10 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from study.fits import Status
 from study.simulation.analysis.summary import summarise, summary
 from study.simulation.analysis.summary_text import (
     ROWS,
     RowChoice,
-    as_csv,
-    as_data,
     evenly_spread,
     once_by_scaling,
     printed,
@@ -152,23 +149,6 @@ def test_faults(grid, where, estimators, words):
         list(printed(grid, RowChoice.of(grid, where, estimators)))
 
 
-def test_data(grid):
-    """The rows for other programs are those of the table, all of them; the bounds' medians stand beside them."""
-    choice = RowChoice.of(grid, ["samples=5"], "lls")
-    data = as_data(grid, choice)
-    assert list(data) == ["run", "bound", "conditions", "rows"]
-    assert data["run"] == grid.study.run_name()
-    summary = grid.table("summary")
-    expected = summary[(summary["samples"] == 5) & (summary["estimator"] == "lls")]
-    found = pd.DataFrame(data["rows"])
-    assert list(found["ratio_median_ok"]) == list(expected["ratio_median_ok"])
-    np.testing.assert_allclose(found["noise_over_radius"], expected["noise"] / expected["radius"])
-    assert (found["median_attainable"] >= 0.999 * found["median_cramer_rao"]).all()
-    lines = as_csv(grid, choice).splitlines()
-    assert lines[0].split(",") == list(summary.columns)
-    assert len(lines) == 1 + len(expected)
-
-
 @pytest.mark.parametrize("most", [1, 7, 8, 12, 27, 63, 64, 100])
 def test_evenly_spread(most):
     """A factorial is thinned to a factorial with the ends of each condition, where there is room for them."""
@@ -220,17 +200,6 @@ def test_summarising_again_changes_nothing(run):
     before = path.read_bytes()
     summarise(run)
     assert path.read_bytes() == before
-
-
-def test_nothing_is_lost(run):
-    """Every fit of the error table is counted once, in its group and under its status."""
-    errors, stored = run.table("errors"), run.table("summary")
-    assert stored["planned"].sum() == len(errors)
-    for status in Status:
-        assert stored[status.name.lower()].sum() == (errors["status"] == status).sum()
-    assert not stored.duplicated(["group", "estimator"]).any()
-    for _, part in stored.groupby("group"):
-        assert list(part["estimator"]) == ["lls", "ugdk"]
 
 
 def test_every_value_has_its_error(run):

@@ -44,36 +44,6 @@ def find():
 
 
 @pytest.fixture(scope="session")
-def error_rows():
-    """Rows of an error table: ``error`` (trials,), its components along the first axis unless given."""
-
-    def make(estimator, error, **columns):
-        error = np.asarray(error, dtype=float)
-        data = {
-            "cell": "a",
-            "trial": np.arange(len(error)),
-            "samples": 100,
-            "noise": 0.05,
-            "angle": 60.0,
-            "radius": 1.0,
-            "center": 0.0,
-            "estimator": estimator,
-            "error_1": error,
-            "error_2": 0.0,
-            "error_3": 0.0,
-            "error": error,
-            "bound": 0.1,
-            "noise_variance": 0.0025,
-            "status": 0,
-            "condition": 0.5,
-            "iterations": 0,
-        }
-        return pd.DataFrame(data | columns)
-
-    return make
-
-
-@pytest.fixture(scope="session")
 def grid_of(error_rows):
     """Errors of a grid with N = 1000: ``columns(name, angle, σ/r)`` gives those of an estimator in a cell."""
 
@@ -92,19 +62,6 @@ def grid_of(error_rows):
 def scores():
     """A sample of n whose distribution is the standard normal as nearly as n values can be: no chance in it."""
     return lambda n: stats.norm.ppf((np.arange(n) + 0.5) / n)
-
-
-@pytest.fixture(scope="session")
-def kept_points():
-    """A table of points (trials, n, d) about the origin."""
-
-    def make(cell, x, radius):
-        trials, n, d = x.shape
-        axes = {f"x_{i + 1}": x[:, :, i].ravel() for i in range(d)} | {f"center_{i + 1}": 0.0 for i in range(d)}
-        index = {"cell": cell, "trial": np.repeat(np.arange(trials), n), "sample": np.tile(np.arange(n), trials)}
-        return pd.DataFrame(index | axes | {"radius": radius})
-
-    return make
 
 
 @pytest.fixture(scope="session")

@@ -115,15 +115,6 @@ def test_a_broken_table(small):
     assert_no_verdict(finding, "errors.parquet: damaged", "study run")
 
 
-def test_two_runs_of_one_name(small, tmp_path):
-    """Two runs of one name are refused, and the message names both."""
-    other = Run.create(tmp_path / "other", parse(CONFIG)).begin(CONFIG)
-    with pytest.raises(RunError) as caught:
-        Evidence.of([small, other])
-    for folder in (small.folder, other.folder):
-        assert str(folder) in str(caught.value)
-
-
 def test_the_cost_table(tmp_path):
     """The table is read from its file; a missing table has a reason; a file that is no cost table is an error."""
     measure = claim(lambda evidence: [Number("rows", float(len(evidence.costs())), 0.0, 0)], reads=("cost",))
@@ -198,9 +189,7 @@ def test_within(value, error, inside):
 
 def test_every_fit_counts():
     """A status leaves no fit out; without a number, or a finite bound, an error is infinite."""
-    part = pd.DataFrame(
-        {"status": [0, 1, 3, 0], "error": [1.0, 2.0, math.nan, 1.0], "bound": [2.0, 2.0, 2.0, math.inf]}
-    )
+    part = pd.DataFrame({"status": [0, 1, 3, 0], "error": [1, 2, math.nan, 1], "bound": [2, 2, 2, math.inf]})
     assert list(error_over(part, "bound")) == [0.5, 1.0, math.inf, math.inf]
 
 

@@ -29,8 +29,7 @@ def starts(error_rows):
                 error[about], residual[about] = 0.1, better * residual[about]
             if name == "mle_mirror":
                 error[level < 0.005] = 1e5
-            trial = np.arange(trials)
-            parts.append(error_rows(name, error, trial=trial, noise=level, bound=0.01 * level, noise_variance=residual))
+            parts.append(error_rows(name, error, noise=level, bound=0.01 * level, noise_variance=residual))
         return pd.concat(parts, ignore_index=True)
 
     return make
@@ -82,9 +81,7 @@ def linear(error_rows):
             if share > 0.0:
                 error[inside[:: round(1 / share)]] = size
             status = np.where(np.isnan(error), int(Status.NOT_FINITE), int(Status.OK))
-            parts.append(
-                error_rows(name, error, trial=np.arange(trials), noise=level, bound=0.01 * level, status=status)
-            )
+            parts.append(error_rows(name, error, noise=level, bound=0.01 * level, status=status))
         return pd.concat(parts, ignore_index=True)
 
     return make

@@ -1,5 +1,6 @@
 """Claims on UGDK: each verdict follows from its tables, and changes with them."""
 
+import itertools
 import math
 
 import numpy as np
@@ -150,30 +151,20 @@ def noises(error_rows, scores, on_cap, kept_points):
 
     def make(found=1.0, loss=1.1):
         spread = np.exp(0.3 * scores(300))
-        efficiency = [
-            error_rows("als", spread, noise=noise, angle=angle, noise_variance=found * noise**2 * spread)
-            for noise in (0.01, 0.03, 0.3)
-            for angle in (45.0, 90.0)
-        ]
+        variances = {noise: found * noise**2 * spread for noise in (0.01, 0.03, 0.3)}
+        cells = itertools.product(variances.items(), (45.0, 90.0))
+        efficiency = [error_rows("als", spread, noise=n, angle=a, noise_variance=v) for (n, v), a in cells]
         factors = {"ugdk": 1.0, "ugdk_cov": loss, "als": 8.0}
-        several = [
-            error_rows(name, factor * spread, samples=n, angle=angle)
-            for name, factor in factors.items()
-            for n in (1000, 20_000)
-            for angle in (45.0, 90.0)
-        ]
+        cells = itertools.product(factors.items(), (1000, 20_000), (45.0, 90.0))
+        several = [error_rows(name, factor * spread, samples=n, angle=a) for (name, factor), n, a in cells]
         rng = np.random.default_rng(5)
         cells, points = [], []
         for cell, radius in (("a", 0.5), ("b", 2.0)):
             x, _ = on_cap(rng, 50, 90.0, noise=0.05, radius=radius, sets=4)
             cells.append(error_rows("ugdk", np.zeros(4), cell=cell, radius=radius, angle=90.0, samples=50))
             points.append(kept_points(cell, x, radius))
-        return {
-            "efficiency/errors": pd.concat(efficiency),
-            "anisotropic/errors": pd.concat(several),
-            "markers/errors": pd.concat(cells),
-            "markers/points": pd.concat(points),
-        }
+        markers = {"markers/errors": pd.concat(cells), "markers/points": pd.concat(points)}
+        return markers | {"efficiency/errors": pd.concat(efficiency), "anisotropic/errors": pd.concat(several)}
 
     return make
 

@@ -95,29 +95,13 @@ def test_bounds_are_of_the_realised_directions(make_study, d, shaped):
         np.testing.assert_allclose(found["radius_bound"][here], np.sqrt(crlb[:, d, d]), rtol=1e-10)
 
 
-@pytest.mark.parametrize("name", list(study.ESTIMATORS))
-@pytest.mark.parametrize("shaped", [False, True])
-def test_rows_are_fits_of_the_stored_points(make_study, name, shaped):
-    """Fitting the stored points with the library gives the stored errors: same points, same noise, same truth."""
-    shape = [[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]] if shaped else None
-    top = {"estimators": [name], "keep_points": 5, "noise_shape": shape}
-    made = make_study(top, trials=3, samples=30, noise=0.05, center=2)
-    noise = 0.05 if shape is None else 0.05**2 * np.array(shape)
-    try:
-        study.fit(np.eye(4, 3), name, noise)
-    except ValueError:  # an estimator that takes no covariance says so in a run, too
-        result = compute(made, next(units(made)))
-        assert set(result.errors["status"]) == {study.Status.FAILED}
-        assert all(message.startswith("ValueError: ") for message in result.failures["message"])
-        return
+def test_an_estimator_that_takes_no_covariance(make_study):
+    """It says so in a run, too."""
+    shape = [[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    made = make_study({"estimators": ["hinge"], "noise_shape": shape}, trials=3, samples=30, noise=0.05)
     result = compute(made, next(units(made)))
-    x = np.stack([result.points[f"x_{i + 1}"] for i in range(3)], axis=-1).reshape(3, 30, 3)
-    fit = study.fit(x, name, noise)
-    truth = np.array([result.points[f"center_{i + 1}"][0] for i in range(3)])
-    for i in range(3):
-        expected = fit.center[:, i] - truth[i]
-        np.testing.assert_allclose(result.errors[f"error_{i + 1}"], expected, rtol=1e-9, atol=1e-12)
-    np.testing.assert_array_equal(result.errors["status"], fit.status)
+    assert set(result.errors["status"]) == {study.Status.FAILED}
+    assert all(message.startswith("ValueError: ") for message in result.failures["message"])
 
 
 def test_order_and_number_of_rows(make_study):
@@ -174,12 +158,10 @@ def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, d, sampl
         rows(make_study({"estimators": names, "dimension": d, "keep_points": 1}, **design)),
         rows(make_study({"estimators": names, "dimension": d}, **design | {"noise": [0.02]})),
     ]
-    order = {
-        key: i for i, key in enumerate(zip(together["cell"], together["estimator"], together["trial"], strict=True))
-    }
+    keys = lambda found: zip(found["cell"], found["estimator"], found["trial"], strict=True)  # noqa: E731
+    order = {key: i for i, key in enumerate(keys(together))}
     for other in others:
-        keys = zip(other["cell"], other["estimator"], other["trial"], strict=True)
-        place = np.array([order.get(key, -1) for key in keys])
+        place = np.array([order.get(key, -1) for key in keys(other)])
         shared = place >= 0
         assert shared.sum() >= 12
         for name, values in together.items():
@@ -316,19 +298,6 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
         assert np.all(np.abs(error) <= 4 * EPS * size)
 
 
-@pytest.mark.parametrize("d", [2, 3, 5])
-@pytest.mark.parametrize("angle", [1e-4, 20, 90, 180])
-def test_directions_are_unit_vectors_within_the_cap(make_study, d, angle):
-    """Directions have length 1, within the confinement angle of the first axis, and reach there (false alarm 1e-6)."""
-    study = make_study({"dimension": d}, samples=1000, angle=angle)
-    directions = draw(study, first_batch(study)).directions
-    height, across = directions[:, 0], np.sum(directions[:, 1:] ** 2, axis=1)
-    np.testing.assert_allclose(across, height * (2 - height), rtol=1e-12, atol=1e-15)
-    limit = 2 * np.sin(np.radians(angle) / 2) ** 2
-    near = 0.9 if (d, angle) == (5, 180) else 0.99  # few points are near a pole in five dimensions
-    assert near * limit < height.max() <= limit * (1 + 4 * EPS)
-
-
 def test_cells_with_independent_draws_share_nothing(make_study):
     """With independent draws, no two cells have a common direction or normal."""
     study = make_study({"keep_points": 9}, trials=3, draws="independent", **LEVELS)
@@ -372,11 +341,3 @@ def test_noise_has_its_covariance(make_study, shape):
     assert np.all(np.abs(z.mean(axis=1)) < 5 * np.sqrt(variance / z.shape[1]))
     error = np.sqrt((np.outer(variance, variance) + expected**2) / z.shape[1])
     assert np.all(np.abs(z @ z.T / z.shape[1] - expected) < 5 * error)
-
-
-def test_noise_does_not_follow_the_direction(make_study):
-    """Noise and direction of a sample are uncorrelated in every pair of components (9 pairs, 5 errors: 5e-6)."""
-    study = make_study(samples=100_000, trials=1, angle=180)
-    draws = draw(study, first_batch(study))
-    correlation = np.corrcoef(np.vstack([unit_vectors(draws)[0], draws.unit_noise[0]]))[:3, 3:]
-    assert np.abs(correlation).max() < 5 / np.sqrt(100_000)

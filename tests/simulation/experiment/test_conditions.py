@@ -44,7 +44,7 @@ def wider(tmp_path_factory, make_text):
     random = {"kind": "random", "trials": 30, "noise": {"law": "log_uniform", "low": 0.01, "high": 0.1}}
     law = {"law": "choice", "values": [0.0, 0.5]}
     plain, top = {"noise": [0.1, 0.2], "trials": 40}, {"estimators": ["gdke", "als"]}
-    posterior = '[posterior]\ntrials = 1\nwhere = { shift = 0.5, family = "other" }\n'
+    posterior = '[posterior]\ntrials = 1\nwalkers = 16\nmax_steps = 100\nwhere = { shift = 0.5, family = "other" }\n'
     configs = {
         "plain": make_text(top, **plain),
         "default": make_text(top, **plain, shift=0, family="normal"),
@@ -62,12 +62,8 @@ def wider(tmp_path_factory, make_text):
     runs = [["run", str(folder / f"{name}.toml"), "--out", str(folder / name), "--jobs", "1"] for name in configs]
     reads = [["summary", str(folder / "both")], ["worst", str(folder / "both")], ["report", str(folder / "both")]]
     reads += [["diff", str(folder / "both"), str(folder / "summary")]]
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(SCRIPT), json.dumps(runs + reads)],
-        cwd=folder,
-        capture_output=True,
-        encoding="utf-8",
-    )
+    command = [sys.executable, "-W", "error", str(SCRIPT), json.dumps(runs + reads)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8")
     assert done.returncode == 0, done.stderr
     said = dict(zip([*configs, *(f"study {verb}" for verb, *_ in reads)], done.stdout.split("\0"), strict=False))
     return said | {"stderr": done.stderr}, folder

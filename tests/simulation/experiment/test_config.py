@@ -131,10 +131,8 @@ def test_constant_law_in_words_or_as_a_number():
 )
 def test_other_meaning_other_digest(change):
     """A change of any number of the run, down to the last bit, changes the digest."""
-    assert parse(BASE.replace(*change)).digest() not in (
-        parse(BASE).digest(),
-        parse(BASE.replace("lls", "gdke")).digest(),
-    )
+    others = [parse(text).digest() for text in (BASE, BASE.replace("lls", "gdke"))]
+    assert parse(BASE.replace(*change)).digest() not in others
 
 
 def test_names_and_canonical_forms():
@@ -220,14 +218,10 @@ def test_reached():
 
 def test_one_value_stands_for_a_list_of_one():
     """Noise, likelihood and the values of a condition may be written without brackets, conditions as a table."""
-    bare = with_section(
-        "posterior", 'noise = "known"', 'likelihood = "geometric"', "where = { angle = 90, samples = 20 }"
-    )
-    listed = with_section(
-        "posterior", 'noise = ["known"]', 'likelihood = ["geometric"]', "where = { angle = [90], samples = [20] }"
-    )
-    table = with_section("posterior", 'noise = "known"', "[posterior.where]", "angle = 90", "samples = 20")
-    assert bare == listed == table
+    bare = ('noise = "known"', 'likelihood = "geometric"', "where = { angle = 90, samples = 20 }")
+    listed = ('noise = ["known"]', 'likelihood = ["geometric"]', "where = { angle = [90], samples = [20] }")
+    table = ('noise = "known"', "[posterior.where]", "angle = 90", "samples = 20")
+    assert with_section("posterior", *bare) == with_section("posterior", *listed) == with_section("posterior", *table)
 
 
 CELL = Cell(samples=20, noise=0.1, angle=60.0, radius=2.0, center=(3.0, 0.0, 0.0))
@@ -310,7 +304,6 @@ def test_the_file_that_is_meant(monkeypatch, tmp_path):
 def test_a_wrong_name(name):
     """It is answered with the nearest name and the list."""
     words = "known are" if name == "zzz" else "did you mean 'paper'? Known are"
-    with pytest.raises(
-        ConfigError, match=re.escape(f"{name}: neither a file nor a shipped config; {words} anisotropic, ")
-    ):
+    said = re.escape(f"{name}: neither a file nor a shipped config; {words} anisotropic, ")
+    with pytest.raises(ConfigError, match=said):
         config.shipped_config(name)

@@ -76,18 +76,16 @@ NAME = "small letters, digits and hyphens"
 DEFINITE = "symmetric, positive definite 3 × 3"
 NUMBER = "every value must be a number"
 WHERE = "[posterior]\nwhere = "
-WHOLE = (
-    "posterior.likelihood: whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
-)
+WHOLE = "posterior.likelihood: whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = "
 FEW = "posterior.noise: an unknown noise needs at least 5 samples, not 4; choose with where"
 TARGET = "[precision]\ntarget = 1.0\n"
 MOMENTS = 'estimators = ["gdke"]\n^ route = "moments"'
+SHAPED = "^ noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, 4]]"
+MEMORY = "samples are too many for memory"
+MANY_SAMPLES = ('"uniform", low = 5, high = 1e12', '"constant", value = 1e300', '"choice", values = [9, 1e10]')
 MANY_CELLS = "design: 200,000,000 cells; at most 10,000,000 are allowed"
 CASES = [
-    ("gr", 'name = "../x"', "name = '../x'", NAME),
-    ("gr", 'name = "a/b"', "name = 'a/b'", NAME),
-    ("gr", 'name = ""', "name = ''", NAME),
-    ("gr", 'name = "a\\n"', r"name = 'a\n'", NAME),
+    *(("gr", f'name = "{name}"', f"name = '{name}'", NAME) for name in ("../x", "a/b", "", "a\\n")),
     ("gr", "name = 7", "name = 7", "string"),
     ("gr", "seed = -1", "seed = -1", "greater than or equal to 0"),
     ("gr", "seed = 1.5", "seed = 1.5", "integer"),
@@ -103,8 +101,7 @@ CASES = [
     ("gr", 'estimators = ["lls", "lls"]', "estimators", "'lls' given more than once; give each value once"),
     ("gr", "^ noise_shape = [[1, 0], [0, 1]]", "noise_shape = [[1, 0], [0, 1]]", DEFINITE),
     ("gr", "^ noise_shape = [[1, 2, 0], [0, 1, 0], [0, 0, 1]]", DEFINITE),
-    ("gr", "^ noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]", DEFINITE),
-    ("gr", "^ noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, 0]]", DEFINITE),
+    *(("gr", f"^ noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, {last}]]", DEFINITE) for last in (-1, 0)),
     ("gr", "^ noise_shape = [[26, 13, -23], [13, 13, -19], [-23, -19, 29]]", DEFINITE),  # singular but for rounding
     ("gr", HUGE_SHAPE, "noise_shape"),
     ("gr", "^ noise_shape = [[1, 0, 0], [0, 1, 0]]", "3 × 3 matrix"),
@@ -116,23 +113,18 @@ CASES = [
     ("gr", "trials = 2.0", "design.trials = 2.0", "integer"),
     ("gr", "samples = 10.5", "design.samples = 10.5|10.5 not allowed", "whole number"),
     ("gr", "samples = 3", "design.samples", "3 samples are too few: a sphere in dimension 3 needs at least 4"),
-    ("gr", "samples = 0", "a sphere in dimension 3 needs at least 4"),
-    ("gr", "samples = -1", "a sphere in dimension 3 needs at least 4"),
+    *(("gr", f"samples = {few}", "a sphere in dimension 3 needs at least 4") for few in (0, -1)),
     ("gr", "samples = 1e300", "samples are too many for memory: at most 1,000,000,000 are allowed"),
-    ("gr", "samples = 1_000_000_001", "samples are too many for memory"),
-    ("g", "samples = [10, 2e9]", "samples are too many for memory"),
-    ("g", "samples = { logspace = [10, 1e10, 3] }", "samples are too many for memory"),
-    ("r", 'samples = { law = "uniform", low = 5, high = 1e12 }', "samples are too many for memory"),
-    ("r", 'samples = { law = "constant", value = 1e300 }', "samples are too many for memory"),
-    ("r", 'samples = { law = "choice", values = [9, 1e10] }', "samples are too many for memory"),
+    ("gr", "samples = 1_000_000_001", MEMORY),
+    *(("g", f"samples = {many}", MEMORY) for many in ("[10, 2e9]", "{ logspace = [10, 1e10, 3] }")),
+    *(("r", f"samples = {{ law = {law} }}", MEMORY) for law in MANY_SAMPLES),
     ("gr", "noise > ", "line 5: design: give noise or noise_over_radius, one of the two (found neither)"),
     ("gr", "noise_over_radius = 1", "line 5: design: ", "one of the two (found noise and noise_over_radius)"),
     ("gr", "noise = -0.1", "design.noise = -0.1|-0.1 not allowed", "above 0"),
     ("gr", "noise = 0", "design.noise = 0|0 not allowed", "above 0"),
     ("gr", 'noise = "a"', "design.noise = 'a'", "above 0|law"),
     ("gr", "noise = true", "design.noise = True", "number|every value"),
-    ("gr", "noise = nan", "design.noise = nan", "finite|every value"),
-    ("gr", "noise = inf", "design.noise = inf", "finite|every value"),
+    *(("gr", f"noise = {value}", f"design.noise = {value}", "finite|every value") for value in ("nan", "inf")),
     ("gr", "noise = 1979-05-27", "design.noise = datetime", "above 0|law"),
     ("gr", "angle = 0", "design.angle = 0|0 not allowed", "above 0 and at most 180 degrees"),
     ("gr", "angle = 180.1", "design.angle = 180.1|180.1 not allowed", "above 0 and at most 180 degrees"),
@@ -187,16 +179,8 @@ CASES = [
     ("g", '^ keep = "summary"\n^ keep_points = 1', "keep_points", "does not store"),
     ("r", '^ keep = "summary"', 'keep: a random design has one trial in a cell: keep = "errors"'),
     ("r", 'estimators = ["gdke"]\n^ route = "moments"', "route: a random design draws every trial for one level"),
-    (
-        "g",
-        MOMENTS + "\n^ noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, 2]]",
-        'the route "moments" is for isotropic noise',
-    ),
-    (
-        "g",
-        '^ route = "moments"\nestimators = ["gdke", "mle", "lls"]',
-        "mle, lls need the points; the moments suffice for ",
-    ),
+    ("g", f"{MOMENTS}\n{SHAPED}", 'the route "moments" is for isotropic noise'),
+    ("g", '^ route = "moments"\nestimators = ["gdke", "mle", "lls"]', "mle, lls need the points; the moments s"),
     ("g", 'law = "cauchy"', "'cauchy' not allowed: every value must be normal, laplace, ", "student(ν) with ν above 2"),
     ("g", 'law = "student(2)"', "design.law = 'student(2)'", "such as student(5)"),
     ("g", "law = 3", "design.law = 3: 3 not allowed"),
@@ -210,11 +194,7 @@ CASES = [
     ("g", 'dimension = 4\ndirections = "spaced"', "design.directions: spaced and path are directions of circles"),
     ("g", MOMENTS + '\nlaw = "laplace"', 'line 1: route: the route "moments" takes no account of law: take it out'),
     ("g", MOMENTS + "\nstated_variance = 0.5", "line 1: route: ", "takes no account of stated_variance: take it out"),
-    (
-        "g",
-        'law = "radial"\n^ noise_shape = [[1, 0, 0], [0, 2, 0], [0, 0, 1]]',
-        "is the covariance of normal noise: take law",
-    ),
+    ("g", f'law = "radial"\n{SHAPED}', "is the covariance of normal noise: take law"),
     ("g", "outlier_share = 0.1\n[posterior]", "posterior: its likelihoods are of normal noise without outliers"),
     ("g", "stated_variance = 0.5\n[posterior]", "posterior: its likelihoods are of the true σ"),
     ("g", "noise > noise_over_radius = 1e-250\nradius = 1e-100", "line 9: design.noise_over_radius = 1e-250: with "),
@@ -278,21 +258,14 @@ CASES = [
     ("l", 'samples = { law = "uniform", low = 4, high = 9 }\n[posterior]\nnoise = ["known", "unknown"]', FEW),
     ("c", "dimension = 2\nsamples = [3, 20]\n[posterior]\nnoise = 'unknown'", "needs at least 4 samples, not 3;"),
     ("g", "dimension = 5\nsamples = [6, 20]\n[posterior]\nnoise = 'unknown'", "needs at least 7 samples, not 6;"),
-    ("c", "^ noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, 4]]\n[posterior]", "of isotropic noise: take noise_shape out"),
-    ("g", "[precision]\ntarget = 0.0", "precision.target = 0.0", "greater than 0"),
-    ("g", "[precision]\ntarget = -1.0", "precision.target = -1.0", "greater than 0"),
-    ("g", "[precision]\ntarget = inf", "precision.target = inf", "finite"),
-    ("g", "[precision]\ntarget = nan", "precision.target = nan", "finite"),
+    ("c", f"{SHAPED}\n[posterior]", "of isotropic noise: take noise_shape out"),
+    *(("g", f"[precision]\ntarget = {v}", f"precision.target = {v}", "greater than 0") for v in ("0.0", "-1.0")),
+    *(("g", f"[precision]\ntarget = {v}", f"precision.target = {v}", "finite") for v in ("inf", "nan")),
     ("g", '[precision]\ntarget = "1 %"', "precision.target = '1 %'", "number"),
     ("g", "[precision]\nrelative_target = 0.0", "precision.relative_target = 0.0", "greater than 0"),
     ("g", "[precision]\nrelative_target = 1.0", "precision.relative_target = 1.0", "less than 1"),
     ("g", TARGET + "relative_target = 0.1", "line 12: precision", "one of the two (found target and relative_target)"),
-    (
-        "g",
-        "[precision]\nfirst = 300",
-        "line 12: precision",
-        "target or relative_target, one of the two (found neither)",
-    ),
+    ("g", "[precision]\nfirst = 300", "line 12: precision", "or relative_target, one of the two (found neither)"),
     ("g", TARGET + "first = 99", "precision.first = 99", "greater than or equal to 100"),
     ("g", TARGET + "first = 250.5", "precision.first = 250.5", "integer"),
     ("g", TARGET + "first = 4001", "precision.first = 4001", "design.trials = 4000 is the cap"),
@@ -345,7 +318,7 @@ RIGHT = [
     ("c", "samples = [4, 20]\n[posterior]\nnoise = 'known'"),
     ("c", "dimension = 2\nsamples = [4, 20]\n[posterior]\nwalkers = 10"),
     ("g", "dimension = 5\nsamples = [7, 20]\n[posterior]\nwalkers = 16"),
-    ("c", "^ noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, 4]]"),
+    ("c", SHAPED),
 ]
 
 
@@ -442,9 +415,7 @@ def test_what_is_not_toml(text):
     with pytest.raises(ConfigError, match=r"^x\.toml: "):  # deeper than the reader can follow
         parse("a = " + 3000 * "[" + 3000 * "]", "x.toml")
     for text, key in (("design = 3", "design"), ("[[design]]\ntrials = 3", "design"), ("[[precision]]", "precision")):
-        with pytest.raises(
-            ConfigError, match=rf"line 1: {key} = .*: must be one table, whose entries follow a line \["
-        ):
+        with pytest.raises(ConfigError, match=rf"line 1: {key} = .*: must be one table, whose entries follow a line"):
             parse(text)
 
 

@@ -1,6 +1,5 @@
 """Small tables with known contents, for the figures to draw."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,39 +8,16 @@ import pytest
 
 from study.simulation.analysis.summary import summary
 from study.simulation.experiment.noise import GaussianNoise
-from study.simulation.figures import FigureModule, NotApplicable, Tables
+from study.simulation.figures import NotApplicable, Tables
 
 ESTIMATORS = ["mle", "lls", "gdke", "ugdk"]
 
 
-def rows(cell: str, estimator: str, error: np.ndarray, **columns: object) -> pd.DataFrame:
-    """Rows of an error table; error is (trials, d)."""
-    trials, d = error.shape
-    data = {
-        "cell": cell,
-        "trial": np.arange(trials),
-        "samples": 100,
-        "noise": 0.05,
-        "angle": 60.0,
-        "radius": 1.0,
-        "center": 0.0,
-        "estimator": estimator,
-        **{f"error_{i + 1}": error[:, i] for i in range(d)},
-        "error": np.linalg.norm(error, axis=1),
-        "radius_error": 0.0,
-        "bound": 0.1,
-        "radius_bound": 0.1,
-        "noise_variance": 0.0025,
-        "status": 0,
-        "condition": np.nan,
-        "iterations": 0,
-    }
-    return pd.DataFrame(data | columns)
-
-
 @pytest.fixture
-def make_rows() -> Callable[..., pd.DataFrame]:
-    return rows
+def make_rows(error_rows):
+    """Rows of an error table of a cell; error is (trials, d)."""
+    usual = {"condition": np.nan}
+    return lambda cell, estimator, error, **columns: error_rows(estimator, error, cell=cell, **usual | columns)
 
 
 @dataclass(frozen=True)
@@ -69,10 +45,10 @@ class MadeTables(Tables):
 
 
 @pytest.fixture
-def make_tables() -> Callable[..., MadeTables]:
+def make_tables():
     """Tables of a run with the given error table."""
 
-    def make(errors: pd.DataFrame, design: str, points: pd.DataFrame | None = None) -> MadeTables:
+    def make(errors, design, points=None):
         d = 3 if "error_3" in errors else 2
         law, short = GaussianNoise(d), summary(errors, design == "random")
         return MadeTables("test-0123456789", d, design, law, rows=errors, summary=short, points=points)
@@ -81,20 +57,18 @@ def make_tables() -> Callable[..., MadeTables]:
 
 
 @pytest.fixture
-def random_tables(make_tables: Callable[..., MadeTables]) -> MadeTables:
+def random_tables(make_rows, make_tables):
     """400 trials of a random design over 20 decades: errors are an eighth of the noise, the bound is half of it."""
     rng = np.random.default_rng(1)
     noise = 10.0 ** rng.uniform(-10, 10, 400)
     direction = np.array([[1.0, 0.0, 0.0]])
-    parts = [
-        rows("c", name, 0.25 * noise[:, None] * direction, noise=2.0 * noise, radius=2.0, bound=noise, trial=range(400))
-        for name in ESTIMATORS
-    ]
+    columns = {"noise": 2.0 * noise, "radius": 2.0, "bound": noise}
+    parts = [make_rows("c", name, 0.25 * noise[:, None] * direction, **columns) for name in ESTIMATORS]
     return make_tables(pd.concat(parts, ignore_index=True), "random")
 
 
 @pytest.fixture
-def circle_tables(make_tables: Callable[..., MadeTables]) -> MadeTables:
+def circle_tables(make_rows, make_tables, kept_points):
     """Circles of radius 2 about (3, 4): GDKE's errors are Gaussian about (1, 0), the others' about (0, 0)."""
     rng = np.random.default_rng(2)
     trials, kept, n = 3000, 5, 100
@@ -104,26 +78,15 @@ def circle_tables(make_tables: Callable[..., MadeTables]) -> MadeTables:
         if name == "gdke":
             error = parts[1][["error_1", "error_2"]].to_numpy()  # that of lls
         condition = np.linspace(0.3, 0.9, trials) if name == "ugdk" else np.nan
-        parts.append(rows("c", name, error, radius=2.0, center=5.0, condition=condition, noise=0.1))
+        parts.append(make_rows("c", name, error, radius=2.0, center=5.0, condition=condition, noise=0.1))
     parts[3].loc[3, "condition"] = 0.55  # trial 3 is the nearest of the five that are kept
     theta = rng.uniform(-0.5, 0.5, (kept, n))
-    points = pd.DataFrame(
-        {
-            "cell": "c",
-            "trial": np.repeat(np.arange(kept), n),
-            "sample": np.tile(np.arange(n), kept),
-            "x_1": 3.0 + 2.0 * np.cos(theta.ravel()),
-            "x_2": 4.0 + 2.0 * np.sin(theta.ravel()),
-            "center_1": 3.0,
-            "center_2": 4.0,
-            "radius": 2.0,
-        }
-    )
+    points = kept_points("c", np.stack([3.0 + 2.0 * np.cos(theta), 4.0 + 2.0 * np.sin(theta)], axis=2), 2.0, [3.0, 4.0])
     return make_tables(pd.concat(parts, ignore_index=True), "grid", points)
 
 
 @pytest.fixture
-def power_tables(make_tables: Callable[..., MadeTables]) -> MadeTables:
+def power_tables(make_rows, make_tables):
     """Six numbers of samples: the errors of MLE and UGDK fall as N^-1/2, those of LLS and GDKE stop at 0.05."""
     rng = np.random.default_rng(3)
     parts = []
@@ -132,15 +95,15 @@ def power_tables(make_tables: Callable[..., MadeTables]) -> MadeTables:
         biased = 0.1 * unit + [0.05, 0.0, 0.0]
         for name, error in zip(ESTIMATORS, (0.1 * unit, biased, biased, 0.11 * unit), strict=True):
             bound = 0.1 * np.sqrt(3.0 / samples)
-            parts.append(rows(f"c{samples}", name, error, samples=samples, bound=bound, noise=0.02))
+            parts.append(make_rows(f"c{samples}", name, error, samples=samples, bound=bound, noise=0.02))
     return make_tables(pd.concat(parts, ignore_index=True), "grid")
 
 
 @pytest.fixture(scope="session")
-def refused() -> Callable[..., None]:
+def refused():
     """Hold that a figure cannot be fed by tables, or by these with changes, for a reason with these words."""
 
-    def hold(figure: FigureModule, tables: Tables, words: str, **changes: object) -> None:
+    def hold(figure, tables, words, **changes):
         with pytest.raises(NotApplicable, match=words):
             figure.prepare(replace(tables, **changes))
 

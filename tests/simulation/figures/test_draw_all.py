@@ -180,14 +180,6 @@ def test_draws_what_applies_and_says_why_the_rest_does_not(drawn, kind):
         assert "3 values of law in the grid, with normal among them" in reasons["fig_robustness"]
 
 
-def test_draws_what_is_asked_for(circles, tmp_path):
-    """Named figures are drawn, in that order, and no other; one that does not apply is told."""
-    paths, reasons = figures.draw_all([circles], tmp_path, ["fig7_power_law", "fig6_mgdk", "fig5_methods"])
-    assert [path.stem for path in paths[::2]] == ["fig7_power_law", "fig5_methods"]
-    assert list(reasons) == ["fig6_mgdk"]
-    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
-
-
 def test_several_runs_feed_a_figure_each(circles, random, drawn, tmp_path):
     """A figure comes from the first run that has the tables for it; where none has them, each run's reason is told."""
     names = ["fig2_error", "fig5_methods", "fig6_mgdk", "fig_posterior"]
@@ -195,11 +187,10 @@ def test_several_runs_feed_a_figure_each(circles, random, drawn, tmp_path):
     alone = {path.name: path.read_bytes() for kind in ("random", "circles") for path in drawn[kind][0]}
     assert [path.stem for path in paths[::2]] == names[:2]
     assert all(path.read_bytes() == alone[path.name] for path in paths)
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
     assert list(reasons) == names[2:]
-    apart = [
-        f"{drawn[kind][1]['fig6_mgdk']} ({Tables.of(run).name})"
-        for kind, run in (("random", random), ("circles", circles))
-    ]
+    both = (("random", random), ("circles", circles))
+    apart = [f"{drawn[kind][1]['fig6_mgdk']} ({Tables.of(run).name})" for kind, run in both]
     assert reasons["fig6_mgdk"] in ("; ".join(apart), drawn["random"][1]["fig6_mgdk"])
     assert reasons["fig_posterior"] == drawn["random"][1]["fig_posterior"] == drawn["circles"][1]["fig_posterior"]
 
@@ -220,24 +211,6 @@ def test_files_are_equal_to_the_byte(elsewhere, drawn):
     for path in paths:
         digests = [hashlib.sha256(each.read_bytes()).digest() for each in (path, folder / path.name)]
         assert digests[0] == digests[1], path.name
-
-
-def test_a_broken_figure_does_not_cost_the_others(circles, tmp_path, monkeypatch):
-    """Its failure is told, and the rest is drawn."""
-
-    class Broken:
-        def prepare(self, tables):
-            raise ZeroDivisionError("no such luck")
-
-        def draw(self, frame):
-            raise AssertionError
-
-    monkeypatch.setattr(figures, "FIGURES", {"broken": Broken(), "fig5_methods": FIGURES["fig5_methods"]})
-    paths, reasons = figures.draw_all([circles], tmp_path)
-    assert [path.name for path in paths] == ["fig5_methods.png", "fig5_methods.svg"]
-    assert list(reasons) == ["broken"]
-    place = "test_draw_all.py, line "
-    assert reasons["broken"].startswith(f"failed: ZeroDivisionError('no such luck') at {place}")
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -360,14 +333,9 @@ def test_spread_leaves_labels_that_have_room():
     ("value", "text"), [(0.5284, "0.528"), (-0.0276, "−0.0276"), (1e-5, "1 × $10^{-5}$"), (2.5e13, "2.5 × $10^{13}$")]
 )
 def test_number(value, text):
-    """Three digits, powers of ten in words that a paper would print."""
+    """Three digits, powers of ten in words that a paper would print; minus zero is zero."""
     assert style.number(value) == text
-
-
-def test_decimals_has_no_negative_zero():
-    """Minus zero is zero."""
-    assert style.decimals(-0.0004, 2) == "0.00"
-    assert style.decimals(-0.516, 2) == "−0.52"
+    assert [style.decimals(number, 2) for number in (-0.0004, -0.516)] == ["0.00", "−0.52"]
 
 
 def test_joined_breaks_between_names_only():

@@ -1,6 +1,7 @@
 """The figure of ranks and coverage, from tables whose answers are known."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pandas as pd
@@ -8,42 +9,25 @@ import pytest
 from scipy import stats
 
 from study import style
-from study.fits import Status
 from study.simulation.experiment.config import ChainStatus
 from study.simulation.figures import NotApplicable, fig_calibration
 
-KEYS = ["cell", "trial", "likelihood", "noise_is"]
-RANKS = ["rank_1", "rank_2", "rank_3", "rank_radius"]
 BOTH = ("known", "unknown")
 
 
 @pytest.fixture
-def small(make_rows, make_tables):
+def small(make_rows, make_tables, chains, beside, as_stored):
     """Tables of so many trials of two cells, the second of which may be too flat; ranks and levels are uniform."""
 
     def make(count=30, likelihoods=("geometric",), noises=("known",), flat=0.001, change=lambda p: p, **columns):
         rng = np.random.default_rng(3)
-        chains = []
-        for cell, flatness in (("a", 0.001), ("b", flat)):
-            for likelihood in likelihoods:
-                for noise_is in noises:
-                    part = {"cell": cell, "trial": np.arange(count), "likelihood": likelihood, "noise_is": noise_is}
-                    part |= {name: rng.random(count) for name in (*RANKS, "level")}
-                    part["rank_noise"] = rng.random(count) if noise_is == "unknown" else np.nan
-                    chains.append(pd.DataFrame(part | {"flatness": flatness, "status": int(ChainStatus.OK)} | columns))
-        posterior = pd.concat(chains, ignore_index=True)
-        answers = []
-        for name in ("mle", "gdke"):
-            part = posterior[KEYS].assign(estimator=name, status=int(Status.OK))
-            answers.append(part.assign(**{c: rng.random(len(part)) for c in (*RANKS, "level")}))
+        words = {"likelihoods": likelihoods, "noises": noises, "ranks": ("1", "2", "3", "radius")}
+        cells = [{"cell": "a", "flatness": 0.001}, {"cell": "b", "flatness": flat}]
+        parts = [chains(rng, count, **words, **cell | columns) for cell in cells]
+        posterior = pd.concat(parts, ignore_index=True)
         base = make_tables(make_rows("a", "mle", rng.normal(size=(4, 3))), "grid")
-        made = dataclasses.replace(base, posterior=change(posterior), answers=pd.concat(answers, ignore_index=True))
-        words = [*KEYS[:1], *KEYS[2:]]  # as they come back from a file
-        return dataclasses.replace(
-            made,
-            posterior=made.posterior.astype(dict.fromkeys(words, "category")),
-            answers=made.answers.astype(dict.fromkeys([*words, "estimator"], "category")),
-        )
+        tables = {"posterior": as_stored(change(posterior)), "answers": as_stored(beside(rng, posterior))}
+        return dataclasses.replace(base, **tables)
 
     return make
 
@@ -53,13 +37,8 @@ def test_curves(small):
     tables = small(noises=BOTH, likelihoods=("geometric", "whole_sphere"))
     frame = fig_calibration.prepare(tables)
     kinds = {(c.likelihood, c.noise_is, c.parameter) for c in frame.curves}
-    assert kinds == {
-        (likelihood, noise, parameter)
-        for likelihood in ("geometric", "whole_sphere")
-        for noise in BOTH
-        for parameter in ("1", "2", "radius", "noise")
-        if parameter != "noise" or noise == "unknown"
-    }
+    every = itertools.product(("geometric", "whole_sphere"), BOTH, ("1", "2", "radius", "noise"))
+    assert kinds == {kind for kind in every if kind[1:] != ("known", "noise")}
     assert len(frame.curves) == 14
     for curve in frame.curves:
         found = tables.posterior
@@ -105,13 +84,9 @@ def test_stamp(small):
 def test_reasons(small, refused):
     """Each thing that is missing is told in a sentence that names the remedy, or the number."""
     made = small()
+    words = r"needs posteriors: \[posterior\] in the config, then `study posterior"
     for name in ("posterior", "answers"):
-        refused(
-            fig_calibration,
-            made,
-            r"needs posteriors: \[posterior\] in the config, then `study posterior",
-            **{name: None},
-        )
+        refused(fig_calibration, made, words, **{name: None})
     refused(fig_calibration, made, 'independent of each other: draws = "independent" in the config', independent=False)
     few = "needs at least 20 chains of each kind with σ²/v < 0.02, not"
     refused(fig_calibration, small(count=9), f"{few} 18")
@@ -177,9 +152,8 @@ def test_drawn(small, likelihoods):
     assert sorted(names) == sorted([*posteriors, style.label("mle"), style.label("gdke")])
     shown = sorted(line.get_xdata()[0] for line in right.lines if len(line.get_xdata()) == 1)
     np.testing.assert_allclose(shown, np.sort(frame.coverage["share"]))
-    spans = sorted(
-        tuple(line.get_xdata()) for line in right.lines if line.get_linewidth() == 1.0 == line.get_zorder() / 3
-    )
+    thin = [line for line in right.lines if line.get_linewidth() == 1.0 == line.get_zorder() / 3]
+    spans = sorted(tuple(line.get_xdata()) for line in thin)
     told = sorted(zip(frame.coverage["low"], frame.coverage["high"], strict=True))
     np.testing.assert_allclose([s for s in spans if len(s) == 2], told)
     low, high = right.get_xlim()
@@ -197,15 +171,10 @@ def test_every_row_is_under_its_own_name(small):
     """The marks at the height of a method's name are its shares."""
     frame = fig_calibration.prepare(small(noises=BOTH))
     ax = fig_calibration.draw(frame).axes[1]
-    labels = dict(
-        zip(["posterior", "mle", "gdke"], ["posterior", style.label("mle"), style.label("gdke")], strict=True)
-    )
+    labels = {"posterior": "posterior", "mle": style.label("mle"), "gdke": style.label("gdke")}
     for place, text in zip(ax.get_yticks(), ax.get_yticklabels(), strict=True):
         method = next(m for m, label in labels.items() if label == text.get_text())
-        near = [
-            line.get_xdata()[0]
-            for line in ax.lines
-            if len(line.get_xdata()) == 1 and abs(line.get_ydata()[0] - place) < 0.5
-        ]
+        marks = [line for line in ax.lines if len(line.get_xdata()) == 1]
+        near = [mark.get_xdata()[0] for mark in marks if abs(mark.get_ydata()[0] - place) < 0.5]
         told = frame.coverage.loc[frame.coverage["method"] == method, "share"]
         np.testing.assert_allclose(sorted(near), sorted(told))

@@ -11,6 +11,8 @@ from scipy import stats
 
 import study
 from study import style
+from study.fits.cap import cap_moments
+from study.simulation.analysis.regret import gdke_leaves, noise_at_kappa, ugdk_leaves
 from study.simulation.experiment.noise import gaussian
 from study.simulation.figures import fig2_error, fig_efficiency, fig_map, fig_robustness
 
@@ -22,20 +24,30 @@ ANISOTROPIC = gaussian(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0)), 3)
 
 
 @pytest.fixture
-def small(make_rows, make_tables):
-    """Tables of two angles, five levels of noise and three estimators, of seven trials each, and what they hold."""
+def made(make_rows, make_tables):
+    """Tables of a grid with so many trials in each cell, in which the first fits of some estimators have no number."""
 
-    def make(names=NAMES, angles=ANGLES, levels=LEVELS, change=lambda errors: errors, **columns):
+    def make(axes, names, trials, lost=lambda name, cell: 0, change=lambda errors: errors, **columns):
         rng, parts = np.random.default_rng(1), []
-        for angle, (place, level) in product(angles, enumerate(levels)):
-            bound = rng.uniform(0.5, 2.0, TRIALS)
-            conditions = {"samples": 100, "radius": 2.0, "noise": 2.0 * level, "angle": angle, "bound": bound} | columns
+        for values in product(*axes.values()):
+            cell = dict(zip(axes, values, strict=True)) | {"bound": rng.uniform(0.5, 2.0, trials)} | columns
+            level = {"noise": cell["radius"] * cell["level"]} if "level" in cell else {}
             for name in names:
-                error = rng.normal(size=(TRIALS, 3)) * rng.uniform(0.5, 20.0)
-                parts.append(make_rows(f"{angle}-{place}", name, error, **conditions))
-        return make_tables(change(pd.concat(parts, ignore_index=True)), "grid")
+                status = (np.arange(trials) < lost(name, cell)).astype(int)
+                error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(trials, 3)))
+                parts.append(make_rows(str(values), name, error, **{"status": status} | cell | level))
+        return make_tables(change(pd.concat(parts, ignore_index=True).drop(columns="level", errors="ignore")), "grid")
 
     return make
+
+
+@pytest.fixture
+def small(made):
+    """Tables of two angles, five levels of noise and three estimators, of seven trials each."""
+    usual = {"samples": 100, "radius": 2.0}
+    return lambda names=NAMES, angles=ANGLES, levels=LEVELS, **more: made(
+        {"angle": angles, "level": levels}, names, TRIALS, **usual | more
+    )
 
 
 def unit(angle):
@@ -66,10 +78,8 @@ def test_medians(small):
 def test_an_efficient_estimator_is_at_one(make_rows, make_tables):
     """Gaussian errors at the bound have ratio 1 within 4.5 Monte-Carlo errors (5 levels: 3 in 10⁵)."""
     rng = np.random.default_rng(3)
-    parts = [
-        make_rows(f"c{level}", "mle", rng.normal(size=(4000, 3)), noise=level, angle=180.0, bound=math.sqrt(3.0))
-        for level in LEVELS
-    ]
+    sphere = {"angle": 180.0, "bound": math.sqrt(3.0)}
+    parts = [make_rows(f"c{level}", "mle", rng.normal(size=(4000, 3)), noise=level, **sphere) for level in LEVELS]
     curves = fig_efficiency.prepare(make_tables(pd.concat(parts, ignore_index=True), "grid")).curves
     assert np.all(np.abs(curves["ratio"] - 1.0) < 4.5 * curves["error"])
     assert np.all(curves["error"] < 0.02)
@@ -112,17 +122,12 @@ def test_statuses_do_not_matter(small):
 
 @pytest.mark.parametrize("samples", [100, 10_000])
 def test_marks(small, samples):
-    """GDKE leaves at s* = r√(Kₐ/N)/m₁, UGDK at σ² = v/2, and fails at κ = (v/σ²)√(N/2) = 3, with v = r²Kₐ."""
+    """GDKE leaves at s* = r√(Kₐ/N)/m₁, never on the whole sphere; UGDK at σ² = v/2, and fails at κ = 3."""
     marks = fig_efficiency.prepare(small(angles=[20.0, 60.0, 90.0, 180.0], samples=samples)).marks
     for _, row in marks.iterrows():
-        c = math.cos(math.radians(row["angle"]))
-        m1, along = 0.5 * (1.0 + c), (1.0 - c) ** 2 / 12.0
-        if row["angle"] < 180.0:
-            assert row["gdke"] == pytest.approx(math.sqrt(along / samples) / m1, rel=1e-9)
-        else:
-            assert row["gdke"] == math.inf  # without bias it does not leave
-        assert row["ugdk"] ** 2 == pytest.approx(along / 2.0, rel=1e-9)
-        assert along / row["fails"] ** 2 * math.sqrt(samples / 2.0) == pytest.approx(3.0, rel=1e-9)
+        moments = cap_moments(math.radians(row["angle"]), 3)
+        places = [gdke_leaves(samples, moments), ugdk_leaves(moments), noise_at_kappa(3.0, samples, moments)]
+        assert list(row[["gdke", "ugdk", "fails"]]) == places
     if samples == 100:  # s* of theory §3, rounded
         np.testing.assert_allclose(marks["gdke"][:3], [1.8e-3, 1.9e-2, 5.8e-2], rtol=0.03)
 
@@ -161,16 +166,12 @@ def test_drawn(small):
             np.testing.assert_allclose(line.get_xydata(), curve[["level", "ratio"]])
             assert low < curve["ratio"].min()
             assert curve["ratio"].max() < high
-        assert {text.get_text() for text in ax.texts} == {"$σ^2=v/2$", "$κ=3$"} | (
-            {"$s^*$"} if angle < 180.0 else set()
-        )
+        marks = {"$σ^2=v/2$", "$κ=3$", "$s^*$"} - {"$s^*$" if angle == 180.0 else ""}
+        assert {text.get_text() for text in ax.texts} == marks
         assert f"{angle:g}°" in ax.get_title(loc="left")
     (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [
-        *(style.label(name) for name in NAMES),
-        "attainable bound",
-        "Cramér-Rao bound",
-    ]
+    words = [*map(style.label, NAMES), "attainable bound", "Cramér-Rao bound"]
+    assert [text.get_text() for text in legend.get_texts()] == words
     alone = fig_efficiency.draw(fig_efficiency.prepare(small(names=["mle"], angles=[45.0])))
     assert [text.get_text() for text in alone.axes[0].texts] == []
 
@@ -200,19 +201,13 @@ TRIALS_FIG_MAP = 5
 
 
 @pytest.fixture
-def grid(make_rows, make_tables):
+def grid(made):
     """Tables of two radii, sample counts, angles and estimators and three levels, where some fits have no number."""
 
     def make(levels=LEVELS_FIG_MAP, angles=ANGLES_FIG_MAP):
-        rng, parts = np.random.default_rng(1), []
-        for radius, count, angle, level, name in product((2.0, 3.0), COUNTS, angles, levels, ("mle", "ugdk")):
-            status = np.zeros(TRIALS_FIG_MAP, dtype=int)
-            status[: 3 if name == "ugdk" and level == 10.0 else 1] = 1
-            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_MAP, 3)))
-            conditions = {"samples": count, "angle": angle, "noise": radius * level, "radius": radius}
-            cell = f"{radius}-{count}-{angle}-{level}"
-            parts.append(make_rows(cell, name, error, status=status, **conditions))
-        return make_tables(pd.concat(parts, ignore_index=True), "grid")
+        axes = {"radius": (2.0, 3.0), "samples": COUNTS, "angle": angles, "level": levels}
+        lost = lambda name, cell: 3 if name == "ugdk" and cell["level"] == 10.0 else 1  # noqa: E731
+        return made(axes, ("mle", "ugdk"), TRIALS_FIG_MAP, lost)
 
     return make
 
@@ -285,18 +280,13 @@ TRIALS_FIG_ROBUSTNESS = 9
 
 
 @pytest.fixture
-def grid_of_fig_robustness(make_rows, make_tables):
+def grid_of_fig_robustness(made):
     """Tables of two angles, two radii, five laws, three shares and two estimators; some fits have no number."""
 
     def make(laws=LAWS, shares=SHARES, **more):
-        rng, parts = np.random.default_rng(1), []
-        for angle, radius, law, share, name in product((180.0, 60.0), (1.0, 2.0), laws, shares, ("mle", "gdke")):
-            conditions = {"angle": angle, "radius": radius, "law": law, "outlier_share": share} | more
-            status = np.zeros(TRIALS_FIG_ROBUSTNESS, dtype=int)
-            status[: 6 if name == "gdke" and share == 0.3 else 0] = 1
-            error = np.where(status[:, None] == 1, np.nan, rng.normal(size=(TRIALS_FIG_ROBUSTNESS, 3)))
-            parts.append(make_rows(f"{angle}-{radius}-{law}-{share}", name, error, status=status, **conditions))
-        return make_tables(pd.concat(parts, ignore_index=True), "grid")
+        axes = {"angle": (180.0, 60.0), "radius": (1.0, 2.0), "law": laws, "outlier_share": shares}
+        lost = lambda name, cell: 6 if name == "gdke" and cell["outlier_share"] == 0.3 else 0  # noqa: E731
+        return made(axes, ("mle", "gdke"), TRIALS_FIG_ROBUSTNESS, lost, **more)
 
     return make
 

@@ -91,35 +91,8 @@ def test_shares_and_moments_of_nothing():
 RANKS = ["rank_1", "rank_2", "rank_radius"]
 
 
-def chains(rng, count, likelihoods=("geometric",), noises=("known",), **columns):
-    """A posterior table of so many trials in each kind; ranks and levels are uniform, all is ok."""
-    parts = []
-    for likelihood in likelihoods:
-        for noise_is in noises:
-            part = {"cell": "c", "trial": np.arange(count), "likelihood": likelihood, "noise_is": noise_is}
-            part |= {name: rng.random(count) for name in (*RANKS, "level")}
-            part["rank_noise"] = rng.random(count) if noise_is == "unknown" else np.nan
-            parts.append(pd.DataFrame(part | {"flatness": 0.001, "status": int(ChainStatus.OK)} | columns))
-    return pd.concat(parts, ignore_index=True)
-
-
-def beside(rng, posterior, names=("mle", "gdke"), **columns):
-    """Answers to it."""
-    parts = []
-    for name in names:
-        part = posterior[KEYS].assign(estimator=name, status=int(Status.OK))
-        parts.append(part.assign(**{c: rng.random(len(part)) for c in (*RANKS, "level")}).assign(**columns))
-    return pd.concat(parts, ignore_index=True)
-
-
-def as_stored(frame):
-    """The table as it comes back from a file: words are categories."""
-    words = [name for name in ("cell", "likelihood", "noise_is", "estimator") if name in frame]
-    return frame.astype(dict.fromkeys(words, "category"))
-
-
 @pytest.mark.parametrize("stored", [False, True])
-def test_a_row_per_chain_and_method(rng, stored):
+def test_a_row_per_chain_and_method(rng, chains, beside, as_stored, stored):
     """Chains and fits stand in one table with the flatness of their trial, and whether they are ok."""
     posterior = chains(rng, 9, noises=("known", "unknown"))
     posterior["flatness"] = np.linspace(0.001, 0.1, len(posterior))
@@ -143,7 +116,7 @@ def test_a_row_per_chain_and_method(rng, stored):
 
 
 @pytest.mark.parametrize("order", [("geometric", "whole_sphere"), ("whole_sphere", "geometric")])
-def test_estimators_are_not_counted_twice(rng, order):
+def test_estimators_are_not_counted_twice(rng, chains, beside, order):
     """A fit stands beside the chain of each likelihood, and is one fit."""
     posterior = chains(rng, 12, likelihoods=order, noises=("known", "unknown"))
     found = trials(posterior, beside(rng, posterior))
@@ -157,7 +130,7 @@ def test_estimators_are_not_counted_twice(rng, order):
 
 
 @pytest.mark.parametrize(("inside", "count"), [(0, 7), (7, 7), (5, 7), (61, 100), (950, 1000), (1, 1)])
-def test_intervals_are_clopper_and_pearsons(rng, inside, count):
+def test_intervals_are_clopper_and_pearsons(rng, chains, beside, inside, count):
     """The share, its exact interval from quantiles of the beta law, and the exact test, by their definitions."""
     posterior = chains(rng, count)
     posterior["level"] = np.where(np.arange(count) < inside, 0.3, 0.99)
@@ -173,7 +146,7 @@ def test_intervals_are_clopper_and_pearsons(rng, inside, count):
         assert row["p"] == pytest.approx(min(chances[chances <= chances[inside] * (1 + 1e-7)].sum(), 1.0), rel=1e-9)
 
 
-def test_those_that_failed_are_outside(rng):
+def test_those_that_failed_are_outside(rng, chains, beside):
     """A chain or a fit that is not ok, or has no level, does not hold the truth, whatever its level is."""
     posterior = chains(rng, 50, level=0.1)
     posterior.loc[:9, "status"] = [int(s) for s in (ChainStatus.NOT_CONVERGED, ChainStatus.AT_PRIOR)] * 5
@@ -188,7 +161,7 @@ def test_those_that_failed_are_outside(rng):
         assert (row["trials"], row["failed"], row["share"]) == (50, 5, 45 / 50)
 
 
-def test_coverage_of_what_is_calibrated(rng):
+def test_coverage_of_what_is_calibrated(rng, chains, beside):
     """Of 1000 uniform levels the test is passed at 1 in 10⁴ for each of 4 methods and levels; of squares it is not."""
     posterior = chains(rng, 1000)
     answers = beside(rng, posterior, names=("mle", "gdke"))
@@ -207,7 +180,7 @@ def test_coverage_of_what_is_calibrated(rng):
     assert table.loc[("gdke", 0.68), "high"] < 0.68
 
 
-def test_uniform_ranks_pass_and_shifted_ones_fail(rng):
+def test_uniform_ranks_pass_and_shifted_ones_fail(rng, chains, beside):
     """At a false-alarm rate of 10⁻⁴ for each of seven; ranks shifted by 0.1 of 1000, or pulled to the middle, fail."""
     posterior = chains(rng, 1000, noises=("known", "unknown"))
     unknown = posterior["noise_is"] == "unknown"
@@ -224,7 +197,7 @@ def test_uniform_ranks_pass_and_shifted_ones_fail(rng):
     assert table.loc[wrong[1], "mean"] == pytest.approx(0.5, abs=0.03)  # which a mean does not show
 
 
-def test_distances_are_kolmogorovs(rng):
+def test_distances_are_kolmogorovs(rng, chains, beside):
     """The largest difference between the ranks' distribution and the diagonal, by its definition; p is scipy's."""
     posterior = chains(rng, 40)
     row = uniformity(trials(posterior, beside(rng, posterior))).iloc[0]
@@ -237,7 +210,7 @@ def test_distances_are_kolmogorovs(rng):
     assert row["mean"] == pytest.approx(ranks.mean())
 
 
-def test_ranks_of_those_that_failed_do_not_count(rng):
+def test_ranks_of_those_that_failed_do_not_count(rng, chains, beside):
     """A chain that is not ok has no say on uniformity, and neither has a rank that is no number; one alone neither."""
     posterior = chains(rng, 30)
     posterior.loc[:9, "status"] = int(ChainStatus.NOT_CONVERGED)
@@ -249,7 +222,8 @@ def test_ranks_of_those_that_failed_do_not_count(rng):
     assert (table["p"] > 1e-3).all()
 
 
-def cells(rng):
+@pytest.fixture
+def cells(rng, chains, beside):
     """Chains of two cells and their answers, with what `by_cell` compares: shifts, deviations, bounds and times."""
     posterior = pd.concat([chains(rng, 5, noises=("known", "unknown"), cell=cell) for cell in "ba"], ignore_index=True)
     posterior = posterior.assign(samples=100, noise=0.1, angle=60.0, radius=2.0, tau=rng.random(20))
@@ -260,14 +234,13 @@ def cells(rng):
     return posterior, answers
 
 
-def test_cell_by_cell(rng):
+def test_cell_by_cell(rng, cells):
     """Largest shift of the MLE, least and most of sd over bound, longest τ, of the chains that are ok."""
-    posterior, answers = cells(rng)
+    posterior, answers = cells
     posterior.loc[[0, 7, 8], "status"] = int(ChainStatus.NOT_CONVERGED)
     found = by_cell(posterior, answers.sample(frac=1.0, random_state=1))
-    assert [tuple(key) for key in found[["cell", "noise_is"]].to_numpy()] == [
-        (cell, noise) for cell in "ba" for noise in ("known", "unknown")
-    ]
+    keys = [[cell, noise] for cell in "ba" for noise in ("known", "unknown")]
+    assert found[["cell", "noise_is"]].to_numpy().tolist() == keys
     for row in found.itertuples():
         mine = posterior[(posterior["cell"] == row.cell) & (posterior["noise_is"] == row.noise_is)]
         ok = mine[mine["status"] == 0]
@@ -281,9 +254,9 @@ def test_cell_by_cell(rng):
         assert row.tau == ok["tau"].max()
 
 
-def test_cells_without_an_mle_or_a_chain_that_is_ok(rng):
+def test_cells_without_an_mle_or_a_chain_that_is_ok(rng, cells):
     """A value that the chains do not determine is NaN."""
-    posterior, answers = cells(rng)
+    posterior, answers = cells
     without = by_cell(posterior, answers[answers["estimator"] != "mle"])
     assert without["shift"].isna().all()
     assert without[["least", "most", "tau"]].notna().all(axis=None)
@@ -292,7 +265,7 @@ def test_cells_without_an_mle_or_a_chain_that_is_ok(rng):
     assert none[["shift", "least", "most", "tau"]].isna().all(axis=None)
 
 
-def test_what_is_printed(rng):
+def test_what_is_printed(rng, chains, beside):
     """A line per method with coverage and uniformity of chains that are not too flat, and the number of these."""
     posterior = chains(rng, 60)
     posterior.loc[40:, "flatness"] = FLAT

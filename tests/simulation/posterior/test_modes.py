@@ -211,13 +211,3 @@ def test_many_spheres_at_once(rng, d, likelihood):
     assert found.shape == (40,)
     each = [likelihood(reference, offsets[i : i + 1], log_noise[i : i + 1])[0] for i in range(40)]
     np.testing.assert_array_equal(found, each)
-
-
-def test_reference(rng, d):
-    """A reference holds the points less the centre, their lengths, and the lengths less the radius."""
-    points, center, radius, _, _ = scene(rng, d)
-    reference = Reference.of(points, center, radius)
-    np.testing.assert_array_equal(reference.away, points - center[:, None])
-    np.testing.assert_allclose(reference.distance, np.linalg.norm(reference.away, axis=0), rtol=1e-15)
-    np.testing.assert_array_equal(reference.excess, reference.distance - radius)
-    assert reference.radius == radius

@@ -329,9 +329,8 @@ def test_answers_without_spare_samples(tmp_path):
     ((key, found),) = [(k, r) for k, r in rows(run, "answers").iterrows() if k[4] == "mle"]
     points = find(run.study, key[0], 0).samples.x[0].T
     fit = study.fit(points, "mle")
-    assert found["rank_radius"] == pytest.approx(
-        stats.cauchy.cdf((1.0 - fit.radius) / fit.standard_errors[2]), rel=1e-6
-    )
+    rank = stats.cauchy.cdf((1.0 - fit.radius) / fit.standard_errors[2])
+    assert found["rank_radius"] == pytest.approx(rank, rel=1e-6)
 
 
 @pytest.mark.usefixtures("short")
@@ -411,6 +410,8 @@ def test_chains_of_one_config_share_no_numbers(small):
 
 
 SAME = config(2, samples=8, angle=90, noise=[0.1, 0.2])
+APART = "{ noise = 0.1, noise_over_radius = 0.1, radius = 2 }"
+"""Values that cells have, but no cell has together."""
 
 
 @pytest.fixture(scope="module")
@@ -479,9 +480,8 @@ def test_interrupted_and_resumed(alone, let_pass, tmp_path):
     assert len(rest.shares) == 8 - kept[1]
     assert sum(rest.shares) == pytest.approx(1.0)
     assert stored(run) == stored(alone)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
-        [*(f"{name}.parquet" for name in NAMES), "config.toml", "manifest.json"]
-    )
+    stored_names = {f"{name}.parquet" for name in NAMES} | {"config.toml", "manifest.json"}
+    assert {path.name for path in tmp_path.iterdir()} == stored_names
 
 
 def test_again_computes_nothing(alone):
@@ -611,12 +611,7 @@ def test_a_part_is_named_by_all_that_determines_it():
     ("text", "words"),
     [
         (SAME[: SAME.index("[posterior]")], r"has no \[posterior\]; add one, as in configs/posterior.toml"),
-        (
-            config(
-                2, {"where": "{ noise = 0.1, noise_over_radius = 0.1, radius = 2 }"}, noise=[0.1, 0.2], radius=[1, 2]
-            ),
-            "chooses none of its cells",  # values that cells have, but no cell has together
-        ),
+        (config(2, {"where": APART}, noise=[0.1, 0.2], radius=[1, 2]), "chooses none of its cells"),
     ],
     ids=["no section", "no cell"],
 )

@@ -143,3 +143,25 @@ def read():
 def document(page):
     """The page about two runs, read."""
     return Document(page)
+
+
+def is_of_the_page(request):
+    """True for the page itself and for what is in it."""
+    return request.is_navigation_request() or request.url.startswith(("data:", "blob:"))
+
+
+@pytest.fixture
+def heard(tab):
+    """What a tab complains of, and what it asks of others than the page's own file, while a test runs."""
+    said = []
+    listeners = {
+        "console": lambda message: said.append(f"{message.type}: {message.text}"),
+        "pageerror": lambda error: said.append(f"error: {error}"),
+        "requestfailed": lambda request: said.append(f"failed: {request.url[:80]}"),
+        "request": lambda request: is_of_the_page(request) or said.append(f"request: {request.url}"),
+    }
+    for event, listener in listeners.items():
+        tab.on(event, listener)
+    yield said
+    for event, listener in listeners.items():
+        tab.remove_listener(event, listener)

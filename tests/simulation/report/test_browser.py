@@ -51,31 +51,18 @@ def tab(new_tab):
 
 
 @pytest.fixture
-def show(tab, tmp_path):
+def show(tab, heard, tmp_path):
     """Show a page at a width, on a screen or as on paper; what the browser says of it, if anything, comes back."""
-    said = []
     file = tmp_path / "page.html"
-    listeners = {
-        "console": lambda message: said.append(f"{message.type}: {message.text}"),
-        "pageerror": lambda error: said.append(f"error: {error}"),
-        "requestfailed": lambda request: said.append(f"failed: {request.url[:80]}"),
-        "request": lambda request: (
-            None if request.url.startswith((file.as_uri(), "data:")) else said.append(f"request: {request.url}")
-        ),
-    }
-    for event, listener in listeners.items():
-        tab.on(event, listener)
 
     def shown(text, width, media="screen", scheme="light"):
         file.write_text(text, encoding="utf-8")
         tab.set_viewport_size({"width": width, "height": 800})
         tab.emulate_media(media=media, color_scheme=scheme)
         tab.goto(file.as_uri())
-        return said
+        return heard
 
-    yield shown
-    for event, listener in listeners.items():
-        tab.remove_listener(event, listener)
+    return shown
 
 
 @pytest.fixture
@@ -234,19 +221,9 @@ def test_by_keyboard(tab, show, page, wait_for):
         (".scroll { overflow-x: auto;", ".scroll { overflow-x: hidden;", "screen", "cut off:"),
         ('tabindex="0" aria-label="Error', 'aria-label="Error', "screen", "cut off:"),
         ("width: auto; max-width: 100%;", "width: 1360px;", "print", "pixels too wide"),
-        (
-            "img { display: block; width: 100%;",
-            "img { display: block; width: 100%; height: 9px !important;",
-            "screen",
-            "shape",
-        ),
+        ("img { display: block;", "img { display: block; height: 9px !important;", "screen", "shape"),
         ("<main>", '<main><img alt="" src="https://example.invalid/a.png">', "screen", "error: "),
-        (
-            "<meta http-equiv=",
-            '<link rel="stylesheet" href="https://example.invalid/a.css"><meta x=',
-            "screen",
-            "request: https",
-        ),
+        ("<meta http-equiv=", '<link rel="stylesheet" href="https://a.invalid/b"><meta x=', "screen", "request: https"),
         ("</main>", "</main>\n", "screen", None),
         ("<main>", "<main><script>1</script>", "screen", "error: "),
         (".note { display: block; color: var(--quiet);", ".note { display: block; color: #999;", "screen", "faint: "),

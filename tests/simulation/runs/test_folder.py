@@ -35,18 +35,6 @@ def test_what_a_run_leaves(start, files_of, make_text):
     assert list(again.table("errors", ["trial", "error"])) == ["trial", "error"]
 
 
-@pytest.mark.parametrize("change", [{"top": {"seed": 2}}, {"trials": 4}, {"noise": [0.05]}], ids=str)
-def test_a_folder_refuses_another_config(start, files_of, change):
-    """The folder of another config is refused by name, and left as it is."""
-    run = start()
-    before = files_of(run.folder)
-    with pytest.raises(RunError, match="holds a run of another config") as caught:
-        start(folder=run.folder, **change)
-    assert run.study.run_name() in str(caught.value)
-    assert "--out" in str(caught.value)
-    assert files_of(run.folder) == before
-
-
 def test_a_foreign_folder(start, tmp_path, files_of):
     """A file is not overwritten, and nothing is made below one; a folder with other things is left as it is.
 
@@ -92,17 +80,13 @@ def test_a_folder_whose_config_is_broken(start, files_of):
 
 
 def test_what_is_not_there(start, tmp_path):
-    """The message for a folder that is no run says how to make one; a table that is missing or cut short is named."""
+    """The message for a folder that is no run says how to make one; a table that is missing is named."""
     for path in (tmp_path, tmp_path / "none"):
         with pytest.raises(RunError, match=r"no config\.toml in it"):
             Run.open(path)
     run = start()
     with pytest.raises(RunError, match=r"summary\.parquet: missing"):
         run.table("summary")
-    path = run.path("errors")
-    path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(RunError, match=r"errors\.parquet: damaged"):
-        run.table("errors")
 
 
 def test_a_unit_is_named_by_its_content(make_text):
@@ -161,15 +145,6 @@ def test_one_writer_at_a_time(other, tmp_path):
         raise ZeroDivisionError
     assert holder(tmp_path) is None
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_run_that_is_written_to_is_left_alone(start, tmp_path, files_of):
-    """A second run of the same config is refused, and nothing in the folder is touched."""
-    run = start()
-    before = files_of(run.folder)
-    with writing(run.folder), pytest.raises(RunError, match=f"process {os.getpid()} on .* is writing to it"):
-        start(folder=run.folder)
-    assert files_of(run.folder) == before
 
 
 def test_a_lock_without_words(tmp_path):

@@ -78,13 +78,6 @@ def test_a_study_of_millions_of_units(make_text, monkeypatch):
     assert made.units == math.ceil(10**7 / 3)
 
 
-def test_shared_draws_are_drawn_once(make_text):
-    """Cells that share draws need fewer of them than samples are fitted; independent ones do not."""
-    shared = plan(parse(make_text({"estimators": ["lls"]}, center=[0, 1])), 1)
-    apart = plan(parse(make_text({"estimators": ["lls"]}, center=[0, 1], draws="independent")), 1)
-    assert shared.samples == apart.samples == apart.draws == 4 * shared.draws
-
-
 def test_bytes_are_of_the_right_size(start, make_text):
     """The predicted storage is that of the stored tables within a factor of two, for 10⁵ rows and points."""
     entries = {"top": {"estimators": ["lls", "ugdk"], "keep_points": 50}, "trials": 5000, "draws": "independent"}
