@@ -118,7 +118,7 @@ def read_design(path: Path) -> CoverageDesign:
 
 def _faults(design: CoverageDesign) -> Iterator[Fault]:
     """Faults of a design whose entries are fine by themselves."""
-    least = min(relative_noise(*each) for each in product(design.samples, design.angle, design.kappa))
+    least = min(relative_noise(*cell) for cell in product(design.samples, design.angle, design.kappa))
     if least > design.largest_noise:
         words = f"leaves no cell, as the least noise is {least:.3g} radii; raise it, or kappa"
         yield Fault(("largest_noise",), words, design.largest_noise)

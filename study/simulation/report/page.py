@@ -364,8 +364,8 @@ def figures_section(material: Material) -> Iterable[Section]:
     if material.undrawn:
         runs = len(material.records)
         reasons = [f"{name}: {gathered(reasons, runs)}" for name, reasons in material.undrawn.items()]
-        some = f"{len(reasons)} figure{'s' * (len(reasons) > 1)} not drawn, and why"
-        content.append(html.folded(some, html.items(reasons)))
+        title = f"{len(reasons)} figure{'s' * (len(reasons) > 1)} not drawn, and why"
+        content.append(html.folded(title, html.items(reasons)))
     yield Section("Figures", "figures", content)
 
 
