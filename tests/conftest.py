@@ -4,9 +4,11 @@ Factories are session fixtures that return functions, so that hypothesis tests c
 """
 
 import contextlib
+import io
 import itertools
 import pkgutil
 import shutil
+import sys
 import threading
 import time
 from pathlib import Path
@@ -75,6 +77,34 @@ def copied(tmp_path):
 def files_of():
     """All files under a folder with their bytes."""
     return lambda folder: {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture
+def call_here(monkeypatch, capsys):
+    """Run a command within this process, which takes no time: exit code and both outputs; what is not caught, fails."""
+    from study import cli
+
+    def run(folder, *arguments, stdin=""):
+        monkeypatch.chdir(folder)
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode())))
+        monkeypatch.setattr(sys, "argv", ["study", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def well(call_here):
+    """Run a command within this process that ends with code 0 and complains of nothing; its output."""
+
+    def run(folder, *arguments, **options):
+        code, said, complained = call_here(folder, *arguments, **options)
+        assert (code, complained) == (0, "")
+        return said
+
+    return run
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 import study
-from study import cli
 from study.fits.jit import COMPILING
 
 CONFIG = """name = "tiny"
@@ -85,32 +84,6 @@ def finished(call, config, tmp_path_factory):
     folder = tmp_path_factory.mktemp("cli")
     (folder / "tiny.toml").write_text(config)
     return folder, call(folder, "run", "tiny.toml", "--out", "out")
-
-
-@pytest.fixture
-def call_here(monkeypatch, capsys):
-    """Run a command as `call` does, but within this process, which takes no time; what is not caught, fails."""
-
-    def run(folder, *arguments):
-        monkeypatch.chdir(folder)
-        monkeypatch.setattr(sys, "argv", ["study", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
-
-
-@pytest.fixture
-def well(call_here):
-    """Run a command within this process that ends with code 0 and complains of nothing; its output."""
-
-    def run(folder, *arguments):
-        code, said, complained = call_here(folder, *arguments)
-        assert (code, complained) == (0, "")
-        return said
-
-    return run
 
 
 @pytest.fixture

@@ -297,6 +297,7 @@ def test_other_columns_with_the_right_digest(mutant, call_here, name, change):
     run = Run.open(mutant / "out")
     pq.write_table(COLUMNS[change](pq.read_table(run.path(name))), run.path(name))
     run.record(name)
+    assert not run.valid(name)
     with pytest.raises(RunError, match=rf"{name}\.parquet: not a table of this version: [^\n]*; `study [^\n]*$"):
         run.table(name)
     assert call_here(mutant, "verify", "out", "--share", "0")[0] == 1

@@ -241,16 +241,6 @@ def test_efficient_at_small_noise(rng, on_cap):
         assert abs(np.sqrt(np.mean(found) / np.mean(bounds)) - 1) < 0.03, name
 
 
-@pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize("estimator", ["gdke", "lls", "mle"])
-def test_noise_variance_is_unbiased(rng, on_cap, assert_mean, estimator, d):
-    """Estimates of σ² at σ = 0.01 r have mean σ²: 5000 trials of 30 samples, a standard error of 0.4 %."""
-    for angle in (60.0, 180.0):
-        fit = study.fit(on_cap(rng, 30, angle, d, noise=0.01, sets=5000)[0], estimator)
-        assert np.all(fit.own_status == Status.OK)
-        assert_mean(fit.noise_variance / 0.01**2, 1.0)
-
-
 @pytest.mark.parametrize(
     ("d", "limit"), [(2, 1 - (2 - np.sqrt(2)) / 4), (3, 1 - (np.pi - 2 * np.sqrt(2)) / (4 * np.pi))]
 )

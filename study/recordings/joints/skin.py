@@ -312,8 +312,7 @@ class SkinErrors:
         if np.isnan(found):
             return _UNSEEN * mean
         shown = 3 * len(self.departures[segment]) - 6
-        known = shown + _PRIOR
-        return (shown * found + _PRIOR * mean) / (known - 1.0)
+        return (shown * found + _PRIOR * mean) / (shown + _PRIOR)
 
     def _radius_slope(self, estimate: Estimate, angles: Floats) -> float:
         """β² of the skin below the markers of a sphere fit, by the change of their radii, (m/rad)²; 0 if unknown."""

@@ -1,41 +1,24 @@
 """Commands as a user calls them, in a folder of their own, and the recording of a synthetic body as a file."""
 
-import io
+import functools
 import json
-import sys
 
 import pytest
 
-from study import cli
 from study.recordings.formats.write import write_recording
 from study.recordings.synthetic.make import Recipe, synthesize
 
 
 @pytest.fixture
-def call(monkeypatch, capsys, tmp_path):
+def call(call_here, tmp_path):
     """Run a command on a standard input; exit code, standard output and standard error come back."""
-
-    def run(*arguments, stdin=""):
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode())))
-        monkeypatch.setattr(sys, "argv", ["study", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
+    return functools.partial(call_here, tmp_path)
 
 
 @pytest.fixture
-def works(call):
+def works(well, tmp_path):
     """Run a command that ends well and complains of nothing; its standard output comes back."""
-
-    def run(*arguments, **options):
-        code, said, complained = call(*arguments, **options)
-        assert (code, complained) == (0, "")
-        return said
-
-    return run
+    return functools.partial(well, tmp_path)
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from study.fits import Status
 from study.simulation.analysis.summary import summarise, summary
 from study.simulation.analysis.summary_text import (
     ROWS,
@@ -201,17 +200,6 @@ def test_summarising_again_changes_nothing(run):
     before = path.read_bytes()
     summarise(run)
     assert path.read_bytes() == before
-
-
-def test_nothing_is_lost(run):
-    """Every fit of the error table is counted once, in its group and under its status."""
-    errors, stored = run.table("errors"), run.table("summary")
-    assert stored["planned"].sum() == len(errors)
-    for status in Status:
-        assert stored[status.name.lower()].sum() == (errors["status"] == status).sum()
-    assert not stored.duplicated(["group", "estimator"]).any()
-    for _, part in stored.groupby("group"):
-        assert list(part["estimator"]) == ["lls", "ugdk"]
 
 
 def test_every_value_has_its_error(run):

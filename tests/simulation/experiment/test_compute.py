@@ -95,29 +95,13 @@ def test_bounds_are_of_the_realised_directions(make_study, d, shaped):
         np.testing.assert_allclose(found["radius_bound"][here], np.sqrt(crlb[:, d, d]), rtol=1e-10)
 
 
-@pytest.mark.parametrize("name", list(study.ESTIMATORS))
-@pytest.mark.parametrize("shaped", [False, True])
-def test_rows_are_fits_of_the_stored_points(make_study, name, shaped):
-    """Fitting the stored points with the library gives the stored errors: same points, same noise, same truth."""
-    shape = [[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]] if shaped else None
-    top = {"estimators": [name], "keep_points": 5, "noise_shape": shape}
-    made = make_study(top, trials=3, samples=30, noise=0.05, center=2)
-    noise = 0.05 if shape is None else 0.05**2 * np.array(shape)
-    try:
-        study.fit(np.eye(4, 3), name, noise)
-    except ValueError:  # an estimator that takes no covariance says so in a run, too
-        result = compute(made, next(units(made)))
-        assert set(result.errors["status"]) == {study.Status.FAILED}
-        assert all(message.startswith("ValueError: ") for message in result.failures["message"])
-        return
+def test_an_estimator_that_takes_no_covariance(make_study):
+    """It says so in a run, too."""
+    shape = [[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    made = make_study({"estimators": ["hinge"], "noise_shape": shape}, trials=3, samples=30, noise=0.05)
     result = compute(made, next(units(made)))
-    x = np.stack([result.points[f"x_{i + 1}"] for i in range(3)], axis=-1).reshape(3, 30, 3)
-    fit = study.fit(x, name, noise)
-    truth = np.array([result.points[f"center_{i + 1}"][0] for i in range(3)])
-    for i in range(3):
-        expected = fit.center[:, i] - truth[i]
-        np.testing.assert_allclose(result.errors[f"error_{i + 1}"], expected, rtol=1e-9, atol=1e-12)
-    np.testing.assert_array_equal(result.errors["status"], fit.status)
+    assert set(result.errors["status"]) == {study.Status.FAILED}
+    assert all(message.startswith("ValueError: ") for message in result.failures["message"])
 
 
 def test_order_and_number_of_rows(make_study):

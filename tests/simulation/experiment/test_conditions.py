@@ -44,7 +44,7 @@ def wider(tmp_path_factory, make_text):
     random = {"kind": "random", "trials": 30, "noise": {"law": "log_uniform", "low": 0.01, "high": 0.1}}
     law = {"law": "choice", "values": [0.0, 0.5]}
     plain, top = {"noise": [0.1, 0.2], "trials": 40}, {"estimators": ["gdke", "als"]}
-    posterior = '[posterior]\ntrials = 1\nwhere = { shift = 0.5, family = "other" }\n'
+    posterior = '[posterior]\ntrials = 1\nwalkers = 16\nmax_steps = 100\nwhere = { shift = 0.5, family = "other" }\n'
     configs = {
         "plain": make_text(top, **plain),
         "default": make_text(top, **plain, shift=0, family="normal"),

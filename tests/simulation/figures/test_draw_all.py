@@ -335,14 +335,9 @@ def test_spread_leaves_labels_that_have_room():
     ("value", "text"), [(0.5284, "0.528"), (-0.0276, "−0.0276"), (1e-5, "1 × $10^{-5}$"), (2.5e13, "2.5 × $10^{13}$")]
 )
 def test_number(value, text):
-    """Three digits, powers of ten in words that a paper would print."""
+    """Three digits, powers of ten in words that a paper would print; minus zero is zero."""
     assert style.number(value) == text
-
-
-def test_decimals_has_no_negative_zero():
-    """Minus zero is zero."""
-    assert style.decimals(-0.0004, 2) == "0.00"
-    assert style.decimals(-0.516, 2) == "−0.52"
+    assert [style.decimals(number, 2) for number in (-0.0004, -0.516)] == ["0.00", "−0.52"]
 
 
 def test_joined_breaks_between_names_only():

@@ -80,17 +80,13 @@ def test_a_folder_whose_config_is_broken(start, files_of):
 
 
 def test_what_is_not_there(start, tmp_path):
-    """The message for a folder that is no run says how to make one; a table that is missing or cut short is named."""
+    """The message for a folder that is no run says how to make one; a table that is missing is named."""
     for path in (tmp_path, tmp_path / "none"):
         with pytest.raises(RunError, match=r"no config\.toml in it"):
             Run.open(path)
     run = start()
     with pytest.raises(RunError, match=r"summary\.parquet: missing"):
         run.table("summary")
-    path = run.path("errors")
-    path.write_bytes(path.read_bytes()[:200])
-    with pytest.raises(RunError, match=r"errors\.parquet: damaged"):
-        run.table("errors")
 
 
 def test_a_unit_is_named_by_its_content(make_text):

@@ -88,7 +88,7 @@ def test_error_table_knows_software_and_nothing_else(stored):
 def test_error_table_is_whole(stored, d):
     """A row for every cell, trial and estimator, in the order of the config, none twice.
 
-    The error is the norm of its components; an ok fit has a finite error; bounds are positive.
+    An ok fit has a finite error; bounds are positive.
     """
     frame = stored[d].table("errors")
     assert len(frame) == 2 * 2 * 2 * 30 * 4
@@ -97,8 +97,6 @@ def test_error_table_is_whole(stored, d):
         assert sorted(part["trial"]) == list(range(30))
     assert list(dict.fromkeys(frame["samples"])) == [8, 40]
     assert list(dict.fromkeys(frame["estimator"])) == ["mle", "lls", "gdke", "ugdk"]
-    parts = frame[[f"error_{i + 1}" for i in range(d)]].to_numpy()
-    np.testing.assert_allclose(frame["error"], np.sqrt((parts**2).sum(axis=1)), rtol=1e-14)
     ok = frame["status"] == Status.OK
     assert ok.any()
     assert np.isfinite(frame.loc[ok, ["error", "radius_error"]]).all(axis=None)
