@@ -112,9 +112,8 @@ def test_displayed_formulas_of_theory_are_in_latex():
     assert len(numbers) == len(set(numbers))
 
 
-PUBLIC = [
-    name for name in study.__all__ if inspect.isclass(getattr(study, name)) or inspect.isfunction(getattr(study, name))
-]
+CALLED = (inspect.isclass, inspect.isfunction)
+PUBLIC = [name for name in study.__all__ if any(is_kind(getattr(study, name)) for is_kind in CALLED)]
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.DONT_ACCEPT_TRUE_FOR_1
 
 

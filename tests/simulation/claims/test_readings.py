@@ -85,11 +85,7 @@ design = { law = "laplace" }
         ('words = "one"', 'words = "one"\nrules = { far = 3.0 }', "is the one used, and must change nothing"),
         ('runs = ["bias"]\n', "", "must change runs or rules"),
         ('law = "laplace"', 'law = "lapalce"', "law read as b: bias.*design.law = 'lapalce'"),
-        (
-            'words = "one"',
-            'word = "one"',
-            r"line 10: .*\.reading\[0\]\.word = 'one': unknown key; did you mean 'wor",
-        ),
+        ('words = "one"', 'word = "one"', r"line 10: .*\.reading\[0\]\.word = 'one': unknown key; did you mean 'wor"),
         ('["bias"]', '["bais"]', "bais: neither a file nor a shipped config; did you mean"),
     ],
 )
