@@ -232,8 +232,9 @@ def test_frame(small):
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
 def test_texts(claim):
     """Every claim says what the paper says, what is measured, by what rule, and what a reader should know."""
-    for text in (claim.section, claim.statement, claim.quantity, claim.criterion, claim.remark):
-        assert text == text.strip() != ""
+    for name in ("section", "statement", "quantity", "criterion", "remark"):
+        text = getattr(claim, name)
+        assert text == text.strip() != "", f"{name}: empty, or with blanks at an end"
     for verdict in (Verdict.REPRODUCED, Verdict.PARTLY, Verdict.NOT_REPRODUCED):
         assert str(verdict) in claim.criterion.lower()
     assert claim.statement.endswith(".")

@@ -48,7 +48,9 @@ def drawn(conditions, d=3, n=40_000, trials=2):
 
 def test_every_law_is_tested():
     """The laws of covariance σ² I are those above; the others depend on the direction or on neighbours."""
-    assert {word.partition("(")[0] for word in MARGINALS} == {name for name in laws.LAWS if name not in WITH_DIRECTION}
+    stated = {word.partition("(")[0] for word in MARGINALS} | WITH_DIRECTION
+    assert stated == set(laws.LAWS), "a law has its distribution in MARGINALS, or its name in WITH_DIRECTION"
+    assert [name for name in laws.LAWS if name not in laws.RULE] == [], "RULE, which tells a user the laws, lacks them"
     assert all(map(has_equal_covariance, MARGINALS))
     assert not any(map(has_equal_covariance, ["radial", "rim(3)", "memory(0.9)", "form(0.4, 1)"]))
 
