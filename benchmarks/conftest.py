@@ -5,11 +5,11 @@ unit's, both the fastest of many rounds in the same run. ``extra_info["items"]``
 ``extra_info["aim"]`` what the ratio should be. No ratio fails a test: machines differ, and this one may be busy.
 """
 
-import csv
 import os
 import platform
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from study import instruction_set
@@ -71,7 +71,4 @@ def pytest_terminal_summary(terminalreporter, config):
         list(Path(__file__).parent.glob("test_*.py"))
     ):
         RESULTS.parent.mkdir(exist_ok=True)
-        with RESULTS.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(table)
+        pd.DataFrame(table).to_csv(RESULTS, index=False, lineterminator="\n")

@@ -5,6 +5,7 @@ import random
 import warnings
 from operator import attrgetter
 
+import naive
 import numpy as np
 import pytest
 from scipy import optimize
@@ -81,7 +82,7 @@ def half_sphere(rng, shape, noise):
 
 def levenberg_marquardt(x):
     """Scipy's least squares with an analytic Jacobian, from the algebraic answer."""
-    centre, radius = algebraic(x)
+    centre, radius = naive.lls(x)
 
     def residuals(p):
         return np.sqrt(((x - p[:3]) ** 2).sum(axis=1)) - p[3]
@@ -95,17 +96,10 @@ def levenberg_marquardt(x):
 
 def orthogonal_distance(x):
     """scipy.odr of the implicit sphere, which SciPy has deprecated."""
-    centre, radius = algebraic(x)
+    centre, radius = naive.lls(x)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         from scipy import odr
 
         model = odr.Model(lambda p, v: ((v - p[:3, None]) ** 2).sum(axis=0) - p[3] ** 2, implicit=True)
         return odr.ODR(odr.Data(x.T, 1), model, beta0=np.append(centre, radius)).run().beta[:3]
-
-
-def algebraic(x):
-    """Centre and radius by linear least squares."""
-    design = np.hstack([2.0 * x, np.ones((len(x), 1))])
-    beta = np.linalg.lstsq(design, (x**2).sum(axis=1), rcond=None)[0]
-    return beta[:3], np.sqrt(beta[3] + beta[:3] @ beta[:3])

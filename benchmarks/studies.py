@@ -4,10 +4,10 @@ import math
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from study.fits import cap
+from study.simulation.coverage import draws
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch
@@ -41,12 +41,7 @@ def caps(rng, sets, n, angle, noise, dimension=3):
 
 def clean(state, sets, n, angle, noise, dimension=3):
     """The same by the generator of the studies, in parts (b, d, n)."""
-    while sets > 0:
-        size = min(sets, max(TOGETHER // n, 1))
-        sets -= size
-        directions, unit_noise = np.empty((size, dimension, n)), np.empty((size, dimension, n))
-        cap.draw(state, math.radians(angle), directions, unit_noise)
-        directions[:, 0] = 1.0 - directions[:, 0]  # heights to cosines
+    for directions, unit_noise in draws(state, sets, (dimension, n), angle, TOGETHER):
         yield directions + noise * unit_noise
 
 

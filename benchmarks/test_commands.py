@@ -1,4 +1,7 @@
-"""Times of whole commands: short ones over the start of Python, long ones over NumPy's normal numbers.
+"""Times of whole programs: short ones over the start of Python, long ones over NumPy's normal numbers.
+
+The unit of a first answer is a program that calls a compiled function of one line, from its cache: nothing compiled
+starts sooner.
 
 `make smoke` and `make paper` run in a folder of their own, with the compiled code of this installation.
 """
@@ -20,19 +23,54 @@ SHORT = {
     "study run --help": ["-m", "study.cli", "run", "--help"],
     "study fit --help": ["-m", "study.cli", "fit", "--help"],
 }
+LINE = """
+import numpy, numba
+@numba.njit(cache=True)
+def total(x):
+    s = 0.0
+    for value in x:
+        s += value
+    return s
+total(numpy.ones(4))
+"""
+POINTS = (
+    "import numpy as np; u = np.random.default_rng(0).normal(size=(40, 3)); u /= np.linalg.norm(u, axis=1)[:, None]"
+)
+FIRST = f"{POINTS}; import study; fit = study.fit(u + 0.01 * u[::-1])"
+PROGRAMS = {
+    "one compiled line": ["line.py"],
+    "import numba, numpy": ["-c", "import numba, numpy"],
+    "import numba, pandas": ["-c", "import numba, pandas"],
+    "a first study.fit": ["-c", FIRST],
+    "a first study.fit, and its status": ["-c", f"{FIRST}; fit.ok"],
+    "study fit FILE": ["-m", "study.cli", "fit", "points.csv"],
+}
 NORMALS = 10**8
 ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "MAKE"))}
 USED = ("Makefile", "configs", "results/paper", "results/bench.csv")
 
 
+def start(arguments, folder, environment=None):
+    """Run a program to its end."""
+    command = [sys.executable, *arguments]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True, env=environment)
+
+
 @pytest.mark.parametrize("what", SHORT)
 def test_short_commands(timed, what):
     """A help text takes little more than the start of Python."""
-    command = [sys.executable, *SHORT[what]]
     unit = what == "start of Python"
-    run = {"check": True, "capture_output": True, "env": ENVIRONMENT}
-    aim = "" if unit else "0.25 s"
-    timed("short commands", what, lambda: subprocess.run(command, **run), unit=unit, aim=aim)
+    timed("short commands", what, start, SHORT[what], ROOT, ENVIRONMENT, unit=unit, aim="" if unit else "0.25 s")
+
+
+@pytest.mark.parametrize("what", PROGRAMS)
+def test_first_answer(timed, tmp_path, what):
+    """A first fit takes little more than the first call of anything compiled, from its cache."""
+    (tmp_path / "line.py").write_text(LINE)
+    exec(POINTS, names := {})  # the points of the other programs
+    names["np"].savetxt(tmp_path / "points.csv", names["u"] + 0.01 * names["u"][::-1], delimiter=",")
+    unit, aim = what == "one compiled line", "≤ 1.3" if "study" in what else ""
+    timed("first answer of a program", what, start, PROGRAMS[what], tmp_path, unit=unit, aim=aim, rounds=5)
 
 
 def test_normal_numbers(timed):

@@ -7,6 +7,7 @@ Like those of `docs/number_tables.py`, functions yield rows and paragraphs.
 import inspect
 import json
 import math
+from functools import partial
 from typing import Any, get_args
 
 import griffe
@@ -28,31 +29,6 @@ MEDIAN_VARIANCES = (0.316, 1.36)
 """n times the squared relative error of a median of n trials, for |z| of a normal z in three dimensions and in one."""
 OWN_READERS = ("coverage", "readings")
 """Configs that are no studies."""
-
-
-def config_study() -> Rows:
-    """The keys at the top of a config."""
-    return _keys(Study, {"design", "posterior", "precision"})
-
-
-def config_grid() -> Rows:
-    """The keys of a grid besides its conditions."""
-    return _keys(GridDesign, set(CONDITIONS))
-
-
-def config_random() -> Rows:
-    """The keys of a random design besides its conditions."""
-    return _keys(RandomDesign, set(CONDITIONS))
-
-
-def config_precision() -> Rows:
-    """The keys of ``[precision]``."""
-    return _keys(Precision)
-
-
-def config_posterior() -> Rows:
-    """The keys of ``[posterior]``."""
-    return _keys(Posterior)
 
 
 def config_laws() -> Rows:
@@ -170,3 +146,11 @@ def _described(model: type[BaseModel]) -> dict[str, str]:
                     meanings |= {field.name: field.description for field in section.value}
             meanings |= {name: field.docstring.value for name, field in source.attributes.items() if field.docstring}
     return {name: " ".join(text.split()) for name, text in meanings.items()}
+
+
+config_study = partial(_keys, Study, {"design", "posterior", "precision"})
+"""The keys at the top of a config."""
+config_grid, config_random = (partial(_keys, design, set(CONDITIONS)) for design in (GridDesign, RandomDesign))
+"""The keys of a design besides its conditions."""
+config_precision, config_posterior = partial(_keys, Precision), partial(_keys, Posterior)
+"""The keys of the other sections."""

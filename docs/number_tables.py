@@ -149,9 +149,9 @@ def coverage_short(tables: Tables) -> Rows:
 
 def coverage_summary(tables: Tables) -> Rows:
     """Coverage by each method over all cells."""
-    yield coverage.TITLES
     table = tables("coverage")
-    yield from (coverage.summary(table, name) for name in table["method"].unique())
+    rows = [coverage.summary(table, name) for name in table["method"].unique()]
+    yield from (list(rows[0]), *(list(row.values()) for row in rows))
 
 
 def coverage_cells(tables: Tables) -> Rows:

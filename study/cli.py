@@ -231,7 +231,7 @@ def fit(
     if plot is not None:
         (only,) = results
         _plot(only.table.points, only.fits, only.table.names, plot)
-    _end(complaints, all(each.ok() for each in results), ExitCode.TOO_MANY_FAILURES)
+    _end(complaints, all(result.ok() for result in results), ExitCode.TOO_MANY_FAILURES)
 
 
 def _fit_spheres(
@@ -285,7 +285,7 @@ def certify(
     echo(certify.printed(results, limit))
     if table is not None:
         save_frame(certify.frame(results, limit), table)
-    _end(complaints, all(one.passes(limit) for each in results.values() for one in each), ExitCode.FAILURE)
+    _end(complaints, all(one.passes(limit) for sets in results.values() for one in sets), ExitCode.FAILURE)
 
 
 def plan_fit(

@@ -15,7 +15,7 @@ import socket
 import stat
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
@@ -171,6 +171,30 @@ def regular(path: Path) -> Path:
     if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):  # to open a folder fails by itself, with the system's words
         raise OSError(errno.EINVAL, "not a regular file; store what the pipe or device gives in one")
     return path
+
+
+def stored_csv(path: Path, columns: Sequence[str], what: str, as_text: bool = False) -> "pd.DataFrame":
+    """Read a CSV table of some columns.
+
+    Args:
+        path: the file.
+        columns: all of its columns.
+        what: the table in words, and the command that makes it: "table of readings; `study readings` makes it".
+        as_text: leave every cell a text.
+
+    Raises:
+        RunError: if it cannot be read, has other columns, or has no rows.
+    """
+    import pandas as pd
+
+    name, _, remedy = what.partition("; ")
+    try:
+        table: pd.DataFrame = pd.read_csv(regular(path), dtype=str if as_text else None, keep_default_na=not as_text)
+    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}; {remedy}") from None
+    if list(table.columns) != list(columns) or table.empty:
+        raise RunError(f"{path}: no {name}: needs the columns {', '.join(columns)}; {remedy}")
+    return table
 
 
 _SETTLED = 0.1

@@ -8,7 +8,7 @@ import pathlib
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -17,6 +17,9 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from study.text import did_you_mean, nearest
 
 Path = tuple[str | int, ...]
+Keys = tuple[str, ...]
+M = TypeVar("M", bound=BaseModel)
+Check = Callable[[M], Iterable["Fault"]]
 _MISSING = object()
 _MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"
 """The mark with which some editors begin a file in UTF-8."""
@@ -80,6 +83,28 @@ def toml_tables(text: str, source: str, kind: type[ConfigError] = ConfigError) -
         raise kind(f"{source}: not TOML: {error}") from None
 
 
+def read_document(path: pathlib.Path, model: type[M], known: Mapping[Keys, list[str]], check: Check[M]) -> M:
+    """Read a TOML file.
+
+    Args:
+        path: the file.
+        model: its model.
+        known: known keys by the path of their table.
+        check: finds entries that do not go together, where each is fine by itself.
+
+    Raises:
+        ConfigError: with every fault, its place and its value.
+    """
+    text = toml_text(path)
+    try:
+        document = model.model_validate(toml_tables(text, str(path)))
+    except ValidationError as error:
+        raise ConfigError.listing(str(path), text, report(error, known)) from None
+    if faults := list(check(document)):
+        raise ConfigError.listing(str(path), text, faults)
+    return document
+
+
 _PLAINLY = {
     "too_short": "must have a value",
     # of a name, which becomes one of a folder
@@ -89,14 +114,14 @@ _PLAINLY = {
 
 def report(
     error: ValidationError,
-    known: Mapping[tuple[str, ...], list[str]],
+    known: Mapping[Keys, list[str]],
     path_of: Callable[[Sequence[str | int]], Path] = tuple,
 ) -> list[Fault]:
     """Turn the errors of a schema into faults, with the nearest known key for each unknown one.
 
     Args:
         error: the errors.
-        known: known keys by the path of their table.
+        known: known keys by the path of their table, without the numbers of entries in lists.
         path_of: the path in the file for a location in the schema, which also names members of unions.
     """
     faults: dict[Path, Fault] = {}
@@ -107,7 +132,7 @@ def report(
         wants: tuple[Path, ...] = ()
         means = None
         if entry["type"] == "extra_forbidden":
-            names = known.get(tuple(str(part) for part in path[:-1]), [])
+            names = known.get(tuple(part for part in path[:-1] if isinstance(part, str)), [])
             key = str(path[-1])
             known_elsewhere = "unknown key: not one of this kind of design"
             words = known_elsewhere if key in names else f"unknown key; {did_you_mean(key, names)}"

@@ -45,6 +45,19 @@ def test_dead_links_are_found():
     assert list(dead(page, text)) == ["nowhere.md#", "theory.md#nothing"]
 
 
+def test_what_contributing_names_is_there():
+    """A file that it names exists, and a name of a class or a table stands in the code."""
+    named = re.findall(r"`([^`\n]+)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
+    files = [name for name in named if re.fullmatch(r"(study|tests|docs|configs|article)/[\w./-]*", name)]
+    sources = [*ROOT.glob("study/**/*.py"), *ROOT.glob("tests/**/*.py")]
+    code = "\n".join(path.read_text(encoding="utf-8") for path in sources)
+    words = [name for name in named if re.fullmatch(r"_?[A-Z]\w+", name)]
+    assert len(files) > 30
+    assert len(words) > 10
+    assert [name for name in files if not (ROOT / name).exists()] == []
+    assert [name for name in words if not re.search(rf"\b{name}\b", code)] == []
+
+
 def test_outputs_in_the_readme_are_those_of_a_page_that_is_run():
     """Each line that the README says a command prints stands in a page of the site, whose commands are run."""
     pages = "\n".join(path.read_text(encoding="utf-8") for path in ROOT.glob("docs/*.md"))
@@ -99,9 +112,8 @@ def test_displayed_formulas_of_theory_are_in_latex():
     assert len(numbers) == len(set(numbers))
 
 
-PUBLIC = [
-    name for name in study.__all__ if inspect.isclass(getattr(study, name)) or inspect.isfunction(getattr(study, name))
-]
+CALLED = (inspect.isclass, inspect.isfunction)
+PUBLIC = [name for name in study.__all__ if any(is_kind(getattr(study, name)) for is_kind in CALLED)]
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.DONT_ACCEPT_TRUE_FOR_1
 
 

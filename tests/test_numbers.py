@@ -148,9 +148,8 @@ def test_formats(value, spec, text):
 
 def test_the_numbers_of_findings():
     """Findings of claims are split into quantity, value and error; lines without a number are left out."""
-    claims = pd.DataFrame(
-        {"name": ["a"], "verdict": ["partly"], "finding": ["share, φ = 20°: 0.5 ± 0.01\nneeds: more\nat 3: -2e-06"]}
-    )
+    finding = "share, φ = 20°: 0.5 ± 0.01\nneeds: more\nat 3: -2e-06"
+    claims = pd.DataFrame({"name": ["a"], "verdict": ["partly"], "finding": [finding]})
     table = bound_numbers.findings(claims)
     assert list(table["quantity"]) == ["share, φ = 20°", "at 3"]
     assert list(table["value"]) == [0.5, -2e-06]

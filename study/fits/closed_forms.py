@@ -3,7 +3,7 @@
 Kåsa's fit minimises the algebraic distance (paper eq. 1) and has a closed form in the first moments of the data. Its
 bias comes from one term alone: noise adds Σ to the sample covariance C (eq. 10) while S stays unbiased (eq. 12, exact
 at every n). Subtracting the noise again removes the bias. All members share the formulas below and differ in what
-they subtract: here nothing (GDKE) or the known noise (UGDK); in `algebraic.py`, noise found in the points themselves.
+they subtract: nothing (GDKE), the known noise (UGDK), or noise found in the points themselves.
 
 About an origin o that is not the centroid, with y = x - o and q = Cov(y, |y|²), the same fit is
 

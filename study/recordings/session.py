@@ -442,12 +442,13 @@ def session_lines(session: Session) -> Iterator[str]:
     yield "x, y, z: centre in its parent; error: largest standard error; apart: farthest reliable trial; all in mm"
     yield from session.calibration.reasons()
     yield from session.calibration.warnings()
+    left_out: dict[str, list[str]] = {}
     for place in joints:
-        if place.status not in USABLE:
-            continue
         parts = sorted(session.parts[place.joint.name], key=lambda part: part.rank)
-        if left := [part for part in parts if not set(part.trials) <= set(place.trials)]:
-            yield f"{place.joint.name}: not from {', '.join(map(_left_out, left))}"
+        left = ", ".join(_left_out(part) for part in parts if not set(part.trials) <= set(place.trials))
+        if left and place.status in USABLE:
+            left_out.setdefault(left, []).append(place.joint.name)
+    yield from (f"{', '.join(names)}: not from {left}" for left, names in left_out.items())
 
 
 def session_table(session: Session) -> pd.DataFrame:

@@ -21,11 +21,11 @@ from joblib import Parallel, delayed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import AfterValidator, Field
 from scipy.special import stdtrit
 
 from study import style
-from study.arrays import Bools, Floats
+from study.arrays import Bools, Floats, Words
 from study.fits import ESTIMATORS, Samples, Status, cap
 from study.fits.bounds import Cap, attainable_bound, cramer_rao, crlb
 from study.fits.intervals import intervals
@@ -33,7 +33,7 @@ from study.fits.random import lanes
 from study.fits.registry import fit_samples
 from study.simulation.experiment.config import EstimatorNames, FolderName
 from study.text import columns
-from study.toml import ConfigError, Distinct, Fault, Frozen, report, toml_tables, toml_text
+from study.toml import Distinct, Fault, Frozen, read_document
 
 
 def _without_noise(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -113,20 +113,12 @@ def read_design(path: Path) -> CoverageDesign:
     Raises:
         ConfigError: with every fault, its place and its value.
     """
-    text = toml_text(path)
-    try:
-        design = CoverageDesign.model_validate(toml_tables(text, str(path)))
-    except ValidationError as error:
-        known: dict[tuple[str, ...], list[str]] = {(): list(CoverageDesign.model_fields)}
-        raise ConfigError.listing(str(path), text, report(error, known)) from None
-    if faults := list(_faults(design)):
-        raise ConfigError.listing(str(path), text, faults)
-    return design
+    return read_document(path, CoverageDesign, {(): list(CoverageDesign.model_fields)}, _faults)
 
 
 def _faults(design: CoverageDesign) -> Iterator[Fault]:
     """Faults of a design whose entries are fine by themselves."""
-    least = min(relative_noise(*each) for each in product(design.samples, design.angle, design.kappa))
+    least = min(relative_noise(*cell) for cell in product(design.samples, design.angle, design.kappa))
     if least > design.largest_noise:
         words = f"leaves no cell, as the least noise is {least:.3g} radii; raise it, or kappa"
         yield Fault(("largest_noise",), words, design.largest_noise)
@@ -170,17 +162,32 @@ def _cell(design: CoverageDesign, cell: CoverageCell) -> list[dict[str, object]]
     """Rows of a cell, one per method."""
     state = lanes(design.seed, "coverage", cell.samples, cell.angle, cell.kappa)
     result: dict[str, list[Floats]] = {name: [] for name in (*design.estimators, INTERVAL)}
-    left = cell.trials
-    while left > 0:
-        batch = min(left, max(_BATCH // cell.samples, 1))
-        left -= batch
-        directions, noise = np.empty((batch, 3, cell.samples)), np.empty((batch, 3, cell.samples))
-        cap.draw(state, math.radians(cell.angle), directions, noise)
-        directions[:, 0] = 1.0 - directions[:, 0]
+    for directions, noise in draws(state, cell.trials, (3, cell.samples), cell.angle):
         samples = Samples(directions + cell.sigma * noise)
         for name, outcome in _outcomes(design, samples, directions, cell.sigma).items():
             result[name].append(outcome)
     return [_row(cell, name, np.concatenate(parts)) for name, parts in result.items()]
+
+
+def draws(
+    state: Words, sets: int, shape: tuple[int, int], angle: float, together: int = _BATCH
+) -> Iterator[tuple[Floats, Floats]]:
+    """Draw unit directions and unit noise (b, d, n) of so many sets of points on a cap, some at a time.
+
+    Args:
+        state: of the generator.
+        sets: their number.
+        shape: d and n.
+        angle: half-angle of the cap, in degrees.
+        together: number of samples that are drawn at a time.
+    """
+    while sets > 0:
+        batch = min(sets, max(together // shape[1], 1))
+        sets -= batch
+        directions, noise = np.empty((batch, *shape)), np.empty((batch, *shape))
+        cap.draw(state, math.radians(angle), directions, noise)
+        directions[:, 0] = 1.0 - directions[:, 0]  # heights to cosines
+        yield directions, noise
 
 
 def _outcomes(design: CoverageDesign, samples: Samples, directions: Floats, sigma: float) -> dict[str, Floats]:
@@ -258,7 +265,8 @@ def printed(table: pd.DataFrame) -> Iterator[str]:
     yield f"Coverage of the radius over all fits: {' / '.join(methods)}"
     yield from columns(rows, head)
     yield ""
-    yield from columns([summary(table, name) for name in methods], TITLES)
+    summaries = [summary(table, name) for name in methods]
+    yield from columns([list(row.values()) for row in summaries], list(summaries[0]))
 
 
 def by_cell(table: pd.DataFrame, methods: list[str]) -> list[list[str]]:
@@ -274,38 +282,25 @@ def by_cell(table: pd.DataFrame, methods: list[str]) -> list[list[str]]:
     return rows
 
 
-TITLES = [
-    "method",
-    "σ < .2 r: mean",
-    "within .93-.97",
-    "least",
-    "σ ≤ .5 r: least",
-    "centre: least",
-    "ok fits: mean",
-    "ok fits: least",
-    "width at κ=100, N ≥ 40",
-]
-
-
-def summary(table: pd.DataFrame, name: str) -> list[str]:
-    """Coverage by one method over the cells, in the order of `TITLES`."""
+def summary(table: pd.DataFrame, name: str) -> dict[str, str]:
+    """Coverage by one method over the cells, by the titles of the columns."""
     part = table[table["method"] == name]
     little, moderate = part[part["sigma"] < _LITTLE], part[part["sigma"] <= _MUCH]
     inside = little["radius"].between(0.93, 0.97)
     often = part[(part["ok"] >= 0.2) & (part["sigma"] < 0.35)]
     clear = part[(part["kappa"] == 100.0) & (part["samples"] >= 40) & (part["sigma"] < _LITTLE)]["width_attainable"]
     center = np.minimum(moderate["axis"], moderate["across"])
-    return [
-        "interval" if name == INTERVAL else f"{name} ± t s.e.",
-        _three_digits(little["radius"].mean()),
-        f"{100.0 * inside.mean():.0f} %",
-        _three_digits(little["radius"].min()),
-        _three_digits(moderate["radius"].min()),
-        _three_digits(center.min()),
-        _three_digits(often["radius_ok"].mean()),
-        _three_digits(often["radius_ok"].min()),
-        f"{clear.min():.2f}-{clear.max():.2f}" if len(clear) else "-",
-    ]
+    return {
+        "method": "interval" if name == INTERVAL else f"{name} ± t s.e.",
+        "σ < .2 r: mean": _three_digits(little["radius"].mean()),
+        "within .93-.97": f"{100.0 * inside.mean():.0f} %",
+        "least": _three_digits(little["radius"].min()),
+        "σ ≤ .5 r: least": _three_digits(moderate["radius"].min()),
+        "centre: least": _three_digits(center.min()),
+        "ok fits: mean": _three_digits(often["radius_ok"].mean()),
+        "ok fits: least": _three_digits(often["radius_ok"].min()),
+        "width at κ=100, N ≥ 40": f"{clear.min():.2f}-{clear.max():.2f}" if len(clear) else "-",
+    }
 
 
 def _three_digits(value: float) -> str:

@@ -289,6 +289,14 @@ def test_a_side_is_no_prefix_and_the_first_of_two_spellings_counts():
     assert (found.labels["C7"], found.extra) == ("c_7", ("C.7",))
 
 
+def test_a_label_is_one_marker():
+    """Of two markers that it could be, by an alias or by its spelling, it is the first; the other one is lacking."""
+    leg = MarkerSet(name="leg", segments=(PELVIS, THIGH), joints=(HIP,), aliases={"D": ("b-",), "E": ("C_",)})
+    found = match(leg, recording(["A", "b", "c"]))
+    assert found.labels == {"A": "A", "B": "b", "C": "c"}
+    assert found.lacking == {"thigh": ("D", "E")}
+
+
 @pytest.mark.parametrize(
     "labels",
     ["~ASIS ~PSIS ~TH1 ~TH2 ~TH3", "~ASI ~PSI LTH1 LTH2 LTH3", "~ASI ~PSI ~TH1 ~TH2 ~TH3 ~TB1 ~TB2 ~TB3 CLAV"],

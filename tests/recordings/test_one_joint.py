@@ -250,12 +250,12 @@ def test_wrong_labels_are_answered_with_the_nearest(parent, child, words):
 
 @pytest.mark.parametrize("side", ["L", "R"])
 def test_functional_trial(shared_file, side):
-    """Hips moved on purpose are ok, to 6 mm."""
+    """Hips moved on purpose are ok, to 9 mm."""
     recording = read_recording(shared_file("functional_hips.c3d"))
     clusters = find_clusters(recording, PARENT, ",".join(f"{side}TH{i}" for i in (1, 2, 3)))
     found = fit_one_joint(recording, clusters)
     assert found.ok, found.doubts
-    assert found.error < 0.007  # its markers' radii change with the angle by 4 mm/rad
+    assert found.error < 0.009  # its markers' radii change with the angle by 4 mm/rad, which three of them show
     assert found.compared == ()
 
 

@@ -61,10 +61,7 @@ def test_faults(tmp_path):
     """A config that cannot be used is refused with every fault and its line; the mark of UTF-8 does no harm."""
     path = tmp_path / "wrong.toml"
     for text, words in (
-        (
-            SMALL.replace("als", "alz").replace("= 400", "= 4"),
-            r"2 faults\n  line 4: .* mean 'als'.*\n  line 8: ",
-        ),
+        (SMALL.replace("als", "alz").replace("= 400", "= 4"), r"2 faults\n  line 4: .* mean 'als'.*\n  line 8: "),
         ("a = " + 3000 * "[" + 3000 * "]", "not TOML"),
     ):
         path.write_text(text, encoding="utf-8")

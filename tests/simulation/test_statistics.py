@@ -26,21 +26,12 @@ from scipy import integrate, stats
 from stopping import LAWS, studies
 
 import study
+from study.simulation import statistics
 from study.simulation.analysis.summary import summary
 from study.simulation.experiment.compute import Errors, compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.sampling import units
-from study.simulation.statistics import (
-    UNKNOWN,
-    inside,
-    moments_exist,
-    of_errors,
-    power_law,
-    quantile,
-    robust_sd,
-    tail_index,
-    theil_sen,
-)
+from study.simulation.statistics import inside, moments_exist, power_law, quantile, robust_sd, tail_index, theil_sen
 
 X = np.logspace(1, 5, 13)
 
@@ -216,7 +207,7 @@ def test_errors_by_hand():
     for failed, expected in ((49, math.inf), (46, math.inf), (40, 5.0)):
         assert quantile(np.where(values >= 100 - failed, np.inf, values), 0.5).error == pytest.approx(expected)
     assert quantile(np.where(values >= 20, np.inf, values), 0.5) == (math.inf, math.inf)
-    assert all(math.isnan(v) for v in (*quantile(np.array([]), 0.5), *UNKNOWN))
+    assert all(math.isnan(v) for v in (*quantile(np.array([]), 0.5), *statistics.UNKNOWN))
 
 
 @pytest.mark.parametrize("scale", [1e-13, 2.0, 1e9])
@@ -251,14 +242,13 @@ GRID = {"kind": "grid", "trials": 70, "samples": 5, "noise": [0.05, 3.0], "angle
 
 def test_rows_from_memory_are_rows_from_a_table():
     """From errors in memory, with fits that are not ok, come the rows that `summary` makes of their table."""
-    study = Study.model_validate(
-        {"name": "test", "seed": 1, "estimators": ["ugdk", "mle"], "keep": "summary", "design": GRID}
-    )
+    head = {"name": "test", "seed": 1, "estimators": ["ugdk", "mle"], "keep": "summary"}
+    study = Study.model_validate(head | {"design": GRID})
     made = [Errors.joined(compute(study, unit).blocks) for unit in units(study)]
     assert len(made) == 2
     for errors in made:
         expected = summary(pd.DataFrame(errors.columns()), by_decade=False)
-        rows = pd.DataFrame(of_errors(errors))
+        rows = pd.DataFrame(statistics.of_errors(errors))
         assert (rows["ok"] < rows["planned"]).any()
         pd.testing.assert_frame_equal(rows, expected, check_exact=True)
 

@@ -48,10 +48,10 @@ def results_folder(name: str, out: Path | None = None) -> Path:
     return folder
 
 
-def print_match(match: "Match") -> None:
-    """Print the notes about a recording, and how the marker set fits it."""
+def print_match(match: "Match", calibrated: bool = False) -> None:
+    """Print the notes about a recording, and how the marker set, or that of a calibration, fits it."""
     print_lines(f"note: {note}" for note in match.source.notes)
-    print_lines(match.lines())
+    print_lines(match.lines(calibrated))
 
 
 def print_lines(lines: Iterable[object]) -> None:

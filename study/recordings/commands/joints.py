@@ -165,11 +165,11 @@ def joints(
         table = report.joint_table(calibration).merge(compared, on="joint")
         table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
         further["without_pose"] = calibration.without_pose
+    save_frame(table, folder / "joints.parquet")  # first: what reads the lines may stop reading, as `head` does
+    paths = [folder / "joints.parquet", library.save_calibration(calibration, folder / "calibration.json")]
     if not as_json:
         print_match(match)
         print_lines([*lines, *library.regression_hint(calibration, match.source)])
-    save_frame(table, folder / "joints.parquet")
-    paths = [folder / "joints.parquet", library.save_calibration(calibration, folder / "calibration.json")]
     head = {"recording": match.source.name, "notes": list(match.source.notes), "markerset": match.data()}
     data = head | {"joints": table.to_dict("records")} | further | {"files": paths}
     print_lines([json_text(data)] if as_json else paths)

@@ -218,7 +218,7 @@ def skeleton(
     source = library.read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
     match, used = library.with_joints(source, calibration, markerset, hips)
     if not as_json:
-        print_match(match)
+        print_match(match, calibration is not None)
         print_lines([*used.lines(), *(library.regression_hint(used, source) if calibration is None else [])])
     remarks = library.overruled(used, match.recording, refit) if force else []
     if calibration is not None and not force:

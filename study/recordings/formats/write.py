@@ -188,6 +188,7 @@ def _write_c3d(recording: Recording, path: Path) -> None:
     points = np.ones((4, *recording.positions.shape[::2]))
     points[:3] = 1000 * recording.positions.transpose(1, 0, 2)
     file["data"]["points"] = points
+    file["data"]["meta_points"]["residuals"] = np.where(recording.seen(), 0.0, -1.0)[None]  # else zero, beside nan
     file.write(str(path))
 
 

@@ -113,7 +113,8 @@ def joint_lines(joints: Calibration) -> Iterator[str]:
             two = f"{place.joint.parent} and {place.joint.child}"
             yield f"{place.joint.name}: no place in its parent: no frame has poses of both {two}"
     yield from joints.reasons()
-    yield from (f"no pose of its own: {reason}" for reason in joints.without_pose.values())
+    poseless = joints.without_pose.items()  # why a joint without any marker cannot be found is said above
+    yield from (f"no pose of its own: {why}" for name, why in poseless if joints.markerset.segment(name).markers)
 
 
 def _joint_row(place: JointPlace) -> list[str]:

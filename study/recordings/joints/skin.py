@@ -7,7 +7,8 @@ in whose axes the centre is fitted, each marker's own.
 
 The slope β of a segment's skin, m/rad, is how far its markers leave their rigid template as a joint rotates. It is
 measured where three markers of its own fix its pose (`skin_slope`), and drawn to the mean of those that were measured
-in the body so far; a segment without such a pose, as a thigh with two markers, gets that mean. `sphere_skin`,
+in the body so far; a segment without such a pose, as a thigh with two markers, gets that mean. Few coordinates show β
+badly, and markers differ in it, so errors are those of Student's law. `sphere_skin`,
 `pair_skin` and `image_skin` turn the slope into a covariance. Skin that does not follow the angle makes the centre from
 frames in which the joint bends differ from that of frames in which it straightens.
 """
@@ -209,6 +210,8 @@ _LAG = 0.05
 """Seconds before and after a frame whose angles decide which way the joint rotates in it."""
 _PRIOR = 3.0
 """Coordinates that a segment's markers must show for its own slope to weigh as much as the mean of the body's."""
+_LOST = 3.0
+"""Coordinates less in a mean square that few show: Student's variance, where k of them are 2k/3 degrees of freedom."""
 _UNSEEN = 1.5
 """Factor on the mean for a segment that shows none of its slope, as the others scatter about their mean."""
 _FLOOR = 0.005
@@ -312,8 +315,7 @@ class SkinErrors:
         if np.isnan(found):
             return _UNSEEN * mean
         shown = 3 * len(self.departures[segment]) - 6
-        known = shown + _PRIOR
-        return (shown * found + _PRIOR * mean) / (known - 1.0)
+        return (shown * found + _PRIOR * mean) / (shown + _PRIOR - _LOST)
 
     def _radius_slope(self, estimate: Estimate, angles: Floats) -> float:
         """β² of the skin below the markers of a sphere fit, by the change of their radii, (m/rad)²; 0 if unknown."""

@@ -300,9 +300,8 @@ def _with_names(key: str, tables: object, faults: list[Fault]) -> list[object]:
 def _known_keys(sections: Mapping[str, list[object]]) -> dict[tuple[str, ...], list[str]]:
     """The keys that each table of a document may have."""
     keys: dict[tuple[str, ...], list[str]] = {(): list(MarkerSetParts.model_fields)}
-    for section, tables in sections.items():
-        allowed = [key for key in _TABLES[section].model_fields if key != "name"]
-        keys |= {(section, str(i)): allowed for i in range(len(tables))}
+    for section in sections:
+        keys[section,] = [key for key in _TABLES[section].model_fields if key != "name"]
     return keys
 
 

@@ -186,11 +186,12 @@ class Match:
         used = set(self.labels.values())
         return tuple(marker for marker in self.source.markers if marker not in used)
 
-    def lines(self) -> list[str]:
-        """The match in lines of text."""
+    def lines(self, calibrated: bool = False) -> list[str]:
+        """The match in lines of text; ``calibrated`` if the marker set is that of a calibration, and was not chosen."""
+        name = self.whole.name + " of the calibration" * calibrated
         lines = [
-            f"marker set {self.whole.name}: {len(self.labels)} of the recording's {len(self.source.markers)} markers "
-            f"belong to it, {len(self.joints)} of {len(self.whole.joints)} joints can be found"
+            f"marker set {name}: {len(self.labels)} of the recording's {len(self.source.markers)} markers belong "
+            f"to it, {len(self.joints)} of {len(self.whole.joints)} joints can be found"
         ]
         renamed = [f"{label} is {marker}" for marker, label in self.labels.items() if label != marker]
         lines += [f"labels: {', '.join(renamed)}"] * bool(renamed)
@@ -203,9 +204,11 @@ class Match:
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
         outputs = [label for label in self.extra if is_output(label)]
         others = [label for label in self.extra if label not in outputs]
-        lines += [f"not in the marker set: {_listed(others, _LISTED)}"] * bool(others)
+        lines += [f"not in the {'calibration' if calibrated else 'marker set'}: {_listed(others, _LISTED)}"] * bool(
+            others
+        )
         lines += [f"of another program's model, not markers: {_listed(outputs, _FEW)}"] * bool(outputs)
-        unused = clusters(self.extra)
+        unused = [] if calibrated else clusters(self.extra)
         lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
         return [*lines, *self.remarks]
 

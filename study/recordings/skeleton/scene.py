@@ -81,8 +81,10 @@ class Scene:
             frames), m².
         orientations: of the principal directions, as quaternions x, y, z, w (joints, frames, 4); NaN where unknown.
         notes: remarks for the viewer.
-        anatomy: orientations of the anatomical axes of the segments that rotate about the joints (joints, frames, 4);
-            NaN where there are none.
+        roots: for each segment with anatomical axes and no joint above, such as the pelvis, the numbers of the joints
+            in whose middle its axes are drawn.
+        anatomy: orientations of the anatomical axes of the segments that rotate about the joints, then of the roots
+            (joints and roots, frames, 4); NaN where there are none.
     """
 
     name: str
@@ -101,13 +103,14 @@ class Scene:
     bridging: Floats
     orientations: Floats
     notes: tuple[str, ...] = ()
+    roots: tuple[tuple[int, ...], ...] = ()
     anatomy: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         frames = self.centers.shape[-1]
         count = len(self.joints)
         if not self.anatomy.size:
-            object.__setattr__(self, "anatomy", np.full((count, frames, 4), np.nan))
+            object.__setattr__(self, "anatomy", np.full((count + len(self.roots), frames, 4), np.nan))
         wanted = {
             "places": (len(self.markers), 3, frames),
             "centers": (count, 3, frames),
@@ -116,7 +119,7 @@ class Scene:
             "errors": (count, 3),
             "bridging": (count, 3, frames),
             "orientations": (count, frames, 4),
-            "anatomy": (count, frames, 4),
+            "anatomy": (count + len(self.roots), frames, 4),
         }
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
@@ -234,9 +237,13 @@ def make_scene(
         _orientations(upright, skeleton.rotation(place.joint.parent), axes)
         for place, (_, axes) in zip(shown, principal, strict=True)
     ]
-    children = [place.joint.child for place in shown]
-    axes = [skeleton.calibration.shape(name).anatomy for name in children]
-    anatomy = [_orientations(upright, skeleton.rotation(name), x) for name, x in zip(children, axes, strict=True)]
+    axes = {shape.segment: shape.anatomy for shape in skeleton.calibration.shapes}
+    roots = {}
+    for segment in markerset.segments:
+        below = [i for i, place in enumerate(shown) if place.joint.parent == segment.name]
+        if segment.parent is None and below and not np.isnan(axes[segment.name]).any():
+            roots[segment.name] = tuple(i for i in below if side(names[i])) or tuple(below)
+    turning = [*(place.joint.child for place in shown), *roots]
     return Scene(
         name=recording.name,
         source=source,
@@ -254,7 +261,8 @@ def make_scene(
         bridging=upright**2 @ skeleton.bridging[known],
         orientations=np.stack(orientations),
         notes=(*notes, *remarks),
-        anatomy=np.stack(anatomy),
+        roots=tuple(roots.values()),
+        anatomy=np.stack([_orientations(upright, skeleton.rotation(name), axes[name]) for name in turning]),
     )
 
 

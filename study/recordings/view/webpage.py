@@ -42,7 +42,8 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
         (frames, markers, 3) and ``points`` (frames, joints and tips, 3) in steps from ``origin``, -32768 if unknown;
         ``turns`` (frames, joints, 4), quaternions x, y, z, w times 32767 that rotate an ellipsoid's axes to the
         world's; ``axes``, the same for the anatomical axes of the segments that move about the joints, if any has
-        some; and ``flags`` (frames, joints) in bytes, as `Flag`.
+        some; ``root_axes``, the same for the segments without a joint above, in the middle of the joints whose numbers
+        ``roots`` has; and ``flags`` (frames, joints) in bytes, as `Flag`.
     """
     shown = scene.at_most(rate)
     places = np.concatenate([shown.places, shown.points])
@@ -52,9 +53,8 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
     step = max(float((high - low).max()) / (2 * _LARGEST), 1e-6)
     counts = _rounded((places - origin[:, None]) / step).transpose(2, 0, 1)
     half = np.where(np.isnan(shown.errors), np.nan, half_axes(shown))
-    axes = {}
-    if not np.isnan(shown.anatomy).all():
-        axes = {"axes": _base64(_rounded(_LARGEST * shown.anatomy).transpose(1, 0, 2))}
+    turns, count = _rounded(_LARGEST * shown.anatomy).transpose(1, 0, 2), len(shown.joints)
+    axes = {"axes": turns[:, :count], "root_axes": turns[:, count:]}
     joints = [
         {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(lengths)}
         for name, doubt, errors, lengths in zip(shown.joints, shown.doubts, shown.errors, half, strict=True)
@@ -75,6 +75,7 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
         "tips": list(shown.tips),
         "sides": list(shown.sides()),
         "bones": [list(bone) for bone in shown.bones],
+        "roots": [list(root) for root in shown.roots],
         "level": LEVEL,
         "exaggeration": exaggeration(shown),
         "step": step,
@@ -84,7 +85,7 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
             "points": _base64(counts[:, len(shown.markers) :]),
             "turns": _base64(_rounded(_LARGEST * shown.orientations).transpose(1, 0, 2)),
             "flags": base64.b64encode(np.ascontiguousarray(shown.flags.T).tobytes()).decode(),
-            **axes,
+            **{name: _base64(part) for name, part in axes.items() if (part != MISSING).any()},
         },
     }
 

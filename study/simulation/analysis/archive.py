@@ -6,6 +6,7 @@ runs, one action for each run.
 
 import json
 import math
+import shutil
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
@@ -338,8 +339,7 @@ def _copy(file: zipfile.ZipFile, path: Path, name: str) -> None:
     entry = _entry(name)
     entry.compress_type, entry.file_size = kind, path.stat().st_size
     with open(path, "rb") as source, file.open(entry, "w") as target:
-        while piece := source.read(1 << 20):
-            target.write(piece)
+        shutil.copyfileobj(source, target)
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

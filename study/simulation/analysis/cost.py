@@ -102,26 +102,21 @@ def cost_table(dimension: int = 3, samples: int = 1000) -> pd.DataFrame:
         A row per estimator: FLOPs of a fit by the paper, FLOPs per sample here, seconds of a fit in vector and in
         scalar code, and each of them over GDKE's (``…_over_gdke``).
     """
+    entries = [ESTIMATORS[name] for name in PAPER]
     vector, scalar = timed(dimension, samples), timed_scalar(dimension, samples)
-    rows = []
-    for name, paper in PAPER.items():
-        entry = ESTIMATORS[name]
-        rows.append(
-            {
-                "estimator": name,
-                "samples": samples,
-                "paper_flops": paper(samples, dimension),
-                "flops_per_sample": float(entry.flops(dimension)) if entry.flops else math.nan,
-                "flops_of": entry.flops_of or "a fit",
-                "vector_seconds": vector[name],
-                "scalar_seconds": scalar[name],
-            }
-        )
-    frame = pd.DataFrame(rows)
+    frame = pd.DataFrame(
+        {
+            "estimator": list(PAPER),
+            "samples": samples,
+            "paper_flops": [paper(samples, dimension) for paper in PAPER.values()],
+            "flops_per_sample": [float(entry.flops(dimension)) if entry.flops else math.nan for entry in entries],
+            "flops_of": [entry.flops_of or "a fit" for entry in entries],
+            "vector_seconds": [vector[name] for name in PAPER],
+            "scalar_seconds": [scalar[name] for name in PAPER],
+        }
+    )
     base = frame[frame["estimator"] == "gdke"].iloc[0]
-    for column in _COSTS:
-        frame[f"{column}_over_gdke"] = frame[column] / base[column]
-    return frame
+    return frame.assign(**{f"{column}_over_gdke": frame[column] / base[column] for column in _COSTS})
 
 
 def printed(frame: pd.DataFrame) -> Iterator[str]:

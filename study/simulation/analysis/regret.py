@@ -205,7 +205,7 @@ def joint_markers(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[JointM
         if len(mine) > 1:
             sets = [point_sets(by_name, cell) for cell in mine["cell"]]
             count = min(map(len, sets))
-            markers = [each[:count] for each in sets]
+            markers = [x[:count] for x in sets]
             stated = math.sqrt(mine[STATED_VARIANCE.name].iloc[0]) if STATED_VARIANCE.name in mine else 1.0
             yield JointMarkers(float(mine["noise"].iloc[0]) * stated, mine["radius"].to_numpy(), markers)
 
@@ -238,7 +238,7 @@ def fit_joints(markers: Sequence[Floats], sigma: float, weighted: bool = False) 
         weighted: weigh markers by 1/r̂².
     """
     # contiguous, as a study's points are: its compiled code serves here, too
-    joint = MarkersMoments.of([Moments.of(np.ascontiguousarray(each.swapaxes(1, 2))) for each in markers])
+    joint = MarkersMoments.of([Moments.of(np.ascontiguousarray(x.swapaxes(1, 2))) for x in markers])
     noise = sigma**2 * np.eye(joint.mean.shape[2])
     center, weights = joint.known(noise, weighted)
     subtracted = joint.subtracted(noise)

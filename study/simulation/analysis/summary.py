@@ -6,7 +6,7 @@ is read by group and estimator, a part at a time, so that any length fits in mem
 """
 
 from collections.abc import Collection, Iterable, Iterator
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -126,16 +126,7 @@ class Grouped:
         return rows.groupby(["group", "estimator"], sort=False, observed=True)
 
 
-class TableReader(Protocol):
-    """Reader of stored tables, as a run is."""
-
-    def table(
-        self, name: str, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
-    ) -> pd.DataFrame:
-        """Read a table, or some of its columns and some estimators' rows."""
-
-
-def stored_summary(run: TableReader, has_errors: bool, by_decade: bool) -> pd.DataFrame:
+def stored_summary(run: Run, has_errors: bool, by_decade: bool) -> pd.DataFrame:
     """Read the summary of a run, with the measures of all trials even if an earlier version stored it without them.
 
     They are computed from the errors. Without errors they are those with failures last where every fit is ok, and

@@ -12,7 +12,6 @@ quotients and extremes that are made of them.
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import pairwise
 from pathlib import Path
@@ -73,11 +72,10 @@ class Rules(Frozen):
     fits: Literal["all", "ok"] = "all"
 
 
-@dataclass(frozen=True)
 class Evidence:
-    """The runs that claims are judged by.
+    """The runs that claims are judged by; what is read of them is read once.
 
-    Attributes:
+    Args:
         runs: runs by the name of their config: ``paper`` of configs/paper.toml.
         cost: the table of `study cost`, or None.
         recordings: spreads of joints from case studies, or None; columns as in
@@ -85,13 +83,17 @@ class Evidence:
         rules: the rules of judging.
     """
 
-    runs: Mapping[str, Run]
-    cost: pd.DataFrame | None = None
-    recordings: pd.DataFrame | None = None
-    rules: Rules = field(default_factory=Rules)
-    _read: dict[tuple[str, str], pd.DataFrame] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _order: dict[str, Ints] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _joints: dict[str, list[JointMarkers]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    def __init__(
+        self,
+        runs: Mapping[str, Run],
+        cost: pd.DataFrame | None = None,
+        recordings: pd.DataFrame | None = None,
+        rules: Rules | None = None,
+    ) -> None:
+        self.runs, self.cost, self.recordings, self.rules = runs, cost, recordings, rules or Rules()
+        self._read: dict[tuple[str, str], pd.DataFrame] = {}
+        self._order: dict[str, Ints] = {}
+        self._joints: dict[str, list[JointMarkers]] = {}
 
     @classmethod
     def of(
@@ -112,7 +114,7 @@ class Evidence:
             if name in named:
                 raise RunError(f"{named[name].folder} and {run.folder}: both are runs named {name!r}; give one of them")
             named[name] = run
-        return cls(named, None if cost is None else _read_cost(cost), recordings, rules or Rules())
+        return cls(named, None if cost is None else _read_cost(cost), recordings, rules)
 
     def table(self, config: str, name: str) -> pd.DataFrame:
         """A table of the run of a config, read once.

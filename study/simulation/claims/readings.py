@@ -7,22 +7,23 @@ is read otherwise at a time. A claim is judged again if a reading changes a run 
 
 import json
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from study.files import RunError, regular
+from study.files import stored_csv
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import NAMED, Claim, Evidence, Rules, Verdict, evaluate, frame
 from study.simulation.experiment.config import parse, shipped_config
 from study.simulation.runs import runner
 from study.simulation.runs.run_folder import Run
 from study.text import columns, did_you_mean
-from study.toml import ConfigError, Fault, Frozen, Listed, report, toml_tables, toml_text
+from study.toml import Fault, Frozen, Listed, read_document, toml_text
 
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
 Sentence = Annotated[str, Field(min_length=1)]
@@ -116,22 +117,9 @@ def read(path: Path) -> list[OpenChoice]:
     Raises:
         ConfigError: with every fault, its place and its value.
     """
-    text = toml_text(path)
-    try:
-        choices = list(_Document.model_validate(toml_tables(text, str(path))).choice)
-    except ValidationError as error:
-        models = {
-            (): ["choice"],
-            ("choice",): [*OpenChoice.model_fields],
-            ("choice", "reading"): [*Reading.model_fields],
-        }
-        known = {}
-        for entry in error.errors():  # of each place the keys that it may have, by their names without the numbers
-            place = entry["loc"][:-1]
-            known[tuple(map(str, place))] = models.get(tuple(part for part in place if isinstance(part, str)), [])
-        raise ConfigError.listing(str(path), text, report(error, known)) from None
-    if faults := [fault for place, choice in enumerate(choices) for fault in _faults(place, choice, choices)]:
-        raise ConfigError.listing(str(path), text, faults)
+    keys: dict[tuple[str, ...], list[str]] = {(): ["choice"], ("choice",): [*OpenChoice.model_fields]}
+    keys["choice", "reading"] = [*Reading.model_fields]
+    choices = list(read_document(path, _Document, keys, _faults).choice)
     for choice in choices:
         for reading in choice.reading:
             for name in reading.runs:
@@ -139,23 +127,25 @@ def read(path: Path) -> list[OpenChoice]:
     return choices
 
 
-def _faults(place: int, choice: OpenChoice, choices: Sequence[OpenChoice]) -> Iterator[Fault]:
-    """Entries of a choice that do not go together."""
-    names = [reading.name for reading in choice.reading]
-    if [other.name for other in choices].count(choice.name) > 1:
-        yield Fault(("choice", place, "name"), "is that of another choice", choice.name)
-    if choice.used not in names:
-        yield Fault(("choice", place, "used"), f"is no reading; {did_you_mean(choice.used, names)}", choice.used)
-    for number, reading in enumerate(choice.reading):
-        path, used = ("choice", place, "reading", number), reading.name == choice.used
-        changes = bool(reading.runs) or reading.rules != Rules()
-        if names.count(reading.name) > 1:
-            yield Fault((*path, "name"), "is that of another reading", reading.name)
-        if used == changes:
-            words = "is the one used, and must change nothing" if used else "must change runs or rules"
-            yield Fault((*path, "name"), words, reading.name)
-        if not used and not reading.clause:
-            yield Fault((*path, "clause"), "required for a reading that is not used, but missing")
+def _faults(document: _Document) -> Iterator[Fault]:
+    """Entries of choices that do not go together."""
+    choices = Counter(choice.name for choice in document.choice)
+    for place, choice in enumerate(document.choice):
+        names = [reading.name for reading in choice.reading]
+        if choices[choice.name] > 1:
+            yield Fault(("choice", place, "name"), "is that of another choice", choice.name)
+        if choice.used not in names:
+            yield Fault(("choice", place, "used"), f"is no reading; {did_you_mean(choice.used, names)}", choice.used)
+        for number, reading in enumerate(choice.reading):
+            path, used = ("choice", place, "reading", number), reading.name == choice.used
+            changes = bool(reading.runs) or reading.rules != Rules()
+            if names.count(reading.name) > 1:
+                yield Fault((*path, "name"), "is that of another reading", reading.name)
+            if used == changes:
+                words = "is the one used, and must change nothing" if used else "must change runs or rules"
+                yield Fault((*path, "name"), words, reading.name)
+            if not used and not reading.clause:
+                yield Fault((*path, "clause"), "required for a reading that is not used, but missing")
 
 
 class _Otherwise:
@@ -273,13 +263,7 @@ class Readings:
         Raises:
             RunError: if it cannot be read, or is no such table.
         """
-        remedy = f"`study readings --out {path}` makes it"
-        try:
-            table = pd.read_csv(regular(path))
-        except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-            raise RunError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}; {remedy}") from None
-        if tuple(table.columns) != COLUMNS:
-            raise RunError(f"{path}: no table of readings: needs the columns {', '.join(COLUMNS)}; {remedy}")
+        table = stored_csv(path, COLUMNS, f"table of readings; `study readings --out {path}` makes it")
         return cls(read(shipped_config("readings")), table)
 
     def reading(self, row: Any) -> Reading:

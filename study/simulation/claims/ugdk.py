@@ -280,7 +280,7 @@ def _circles(known: list[JointMarkers]) -> Number:
     words = "median error of all fits: eq. 22 over the better circle, in the setting of figure 6"
     if not known:
         return Number.unknown(words)
-    best = min((quantile(each, 0.5) for each in _alone(known[0])), key=lambda m: m.value)
+    best = min((quantile(errors, 0.5) for errors in _alone(known[0])), key=lambda m: m.value)
     joint = _together(known[0])
     return Number.of(words, ratio(quantile(joint, 0.5), best), len(joint))
 
@@ -310,7 +310,7 @@ class MarkersAveraged(Claim):
         much: tuple[list[Floats], list[Floats]] = ([], [])
         for joint in known:
             alone, unit = _alone(joint), joint.sigma
-            order = np.argsort([quantile(each, 0.5).value for each in alone])
+            order = np.argsort([quantile(errors, 0.5).value for errors in alone])
             best.append(alone[order[0]] / unit)
             worst.append(alone[order[-1]] / unit)
             both.append(_together(joint) / unit)

@@ -1,6 +1,6 @@
 """Registry of the figures, and the pictures that runs can feed.
 
-To add a figure, write a module as `study.simulation.figures.figure` describes it, and its name in `FIGURES`.
+To add a figure, write a module as `study.simulation.figures.figure` describes it, and its name in `_MODULES`.
 """
 
 from collections.abc import Collection, Sequence

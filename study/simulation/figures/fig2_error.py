@@ -108,10 +108,10 @@ def _robust_limits(error: Floats, left_out: float = 0.002) -> tuple[int, int]:
 
 def _panel(name: str, part: pd.DataFrame, sloped: pd.DataFrame, limits: tuple[int, int]) -> dict[str, object]:
     """One estimator's slope, of its fits in trials that all estimators share, and counts of all of its fits."""
-    some = sloped.iloc[:_MOST_FOR_SLOPE]  # trials are exchangeable
+    used = sloped.iloc[:_MOST_FOR_SLOPE]  # trials are exchangeable
     slope = low = high = math.nan
-    if len(some) >= 3:
-        slope, low, high = theil_sen(np.log10(some["noise"].to_numpy()), np.log10(some["error"].to_numpy()))
+    if len(used) >= 3:
+        slope, low, high = theil_sen(np.log10(used["noise"].to_numpy()), np.log10(used["error"].to_numpy()))
     on_scale = (part["error"] >= 10.0 ** limits[0]) & (part["error"] <= 10.0 ** limits[1])
     return {
         "estimator": name,

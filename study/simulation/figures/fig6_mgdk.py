@@ -67,7 +67,7 @@ def prepare(tables: Tables) -> Frame:
     if count < _LEAST_TRIALS:
         raise NotApplicable(f"needs at least {_LEAST_TRIALS} trials with points kept, not {count}")
     joints = [mgdk([a, b]) for a, b in zip(outer, inner, strict=False)]
-    alone = [fit(each[:count], "als") for each in (outer, inner)]
+    alone = [fit(marker[:count], "als") for marker in (outer, inner)]
     cloud = np.stack([alone[0].center, alone[1].center, np.array([joint.center for joint in joints])])
     distances = np.nan_to_num(np.linalg.norm(cloud, axis=2), nan=np.inf)
     shown = _typical(distances)
@@ -78,7 +78,7 @@ def prepare(tables: Tables) -> Frame:
         radii=(float(alone[0].radius[shown]), float(alone[1].radius[shown]), tuple(joints[shown].radii)),
         true_radii=(float(radii[-1]), float(radii[0])),
         distances=distances,
-        medians=tuple(quantile(each, 0.5) for each in distances),
+        medians=tuple(quantile(errors, 0.5) for errors in distances),
         stamp=f"{tables.name} · trial {shown} of {count}; medians over {count} trials",
         caption=f"$N$ = {cell['samples']} each, $σ$ = {cell['noise']:g}, $φ$ = {cell['angle']:g}°",
     )

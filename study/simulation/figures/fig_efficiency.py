@@ -25,16 +25,8 @@ from study import style
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import gdke_leaves, median_attainable, noise_at_kappa, ugdk_leaves
 from study.simulation.claims.claim import error_over
-from study.simulation.figures.figure import (
-    Frame,
-    NotApplicable,
-    Tables,
-    at_first,
-    behind_medians,
-    handle,
-    log_axes,
-    look,
-)
+from study.simulation.figures import figure as shared
+from study.simulation.figures.figure import Frame, NotApplicable, Tables
 from study.simulation.statistics import quantile
 
 _LEAST_LEVELS = 4
@@ -63,7 +55,7 @@ def prepare(tables: Tables) -> Frame:
     tables.require_directions_by_area()
     tables.require_errors()
     cells = tables.summary.drop_duplicates("group")  # the conditions of each cell, where the error table repeats them
-    cells = at_first(cells[cells["samples"] == cells["samples"].max()], besides=("noise", "angle"))
+    cells = shared.at_first(cells[cells["samples"] == cells["samples"].max()], besides=("noise", "angle"))
     level = cells["noise"] / cells["radius"]
     if level.nunique() < _LEAST_LEVELS:
         raise NotApplicable(f"needs at least {_LEAST_LEVELS} levels of noise in the grid, not {level.nunique()}")
@@ -91,7 +83,7 @@ def prepare(tables: Tables) -> Frame:
         attainable=levels.assign(ratio=reached / tables.efficient(levels["angle"])),
         marks=pd.DataFrame(marks, columns=["angle", "gdke", "ugdk", "fails"]),
         samples=samples,
-        stamp=behind_medians(tables, curves["trials"].min(), curves).replace(" · ", others, 1),
+        stamp=shared.behind_medians(tables, curves["trials"].min(), curves).replace(" · ", others, 1),
     )
 
 
@@ -112,7 +104,8 @@ def draw(frame: Frame) -> Figure:
         ax.set_ylabel("median error,\nCramér-Rao = 1")
     names = list(dict.fromkeys(frame.curves["estimator"]))
     attainable = Line2D([], [], color="black", linewidth=1.0, linestyle=(0, (4, 2)), label="attainable bound")
-    handles = [*map(handle, names), attainable, Line2D([], [], color="black", linewidth=0.8, label="Cramér-Rao bound")]
+    bound = Line2D([], [], color="black", linewidth=0.8, label="Cramér-Rao bound")
+    handles = [*map(shared.handle, names), attainable, bound]
     title = (
         "ticks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
     )
@@ -125,7 +118,7 @@ def draw(frame: Frame) -> Figure:
 def _panel(ax: Axes, frame: Frame, angle: float) -> None:
     """Draw the panel of one angle."""
     mine = frame.curves[frame.curves["angle"] == angle]
-    log_axes(ax)
+    shared.log_axes(ax)
     ratios = frame.curves["ratio"][np.isfinite(frame.curves["ratio"])]
     ax.set_ylim(min(_LOW, 0.9 * ratios.min()) / 1.8, max(_HIGH, 1.3 * ratios.max()))  # with room for the marks
     ax.axhline(1.0, color="black", linewidth=0.8)
@@ -135,7 +128,7 @@ def _panel(ax: Axes, frame: Frame, angle: float) -> None:
     for place, (name, curve) in enumerate(curves):
         shown = curve.sort_values("level")
         size = 1.0 - place / len(curves)  # larger marks first: later ones do not hide them
-        marked = look(str(name), 2.2 + 2.4 * size)
+        marked = shared.look(str(name), 2.2 + 2.4 * size)
         ax.plot(shown["level"], shown["ratio"], **marked, linewidth=0.7 + 0.9 * size, zorder=3)
     marks = frame.marks[frame.marks["angle"] == angle].iloc[0]
     low, high = mine["level"].min(), mine["level"].max()

@@ -19,17 +19,8 @@ from matplotlib.figure import Figure
 from study import style
 from study.simulation.experiment.conditions import DIRECTIONS, LAW
 from study.simulation.experiment.noise import NORMAL, has_equal_covariance
-from study.simulation.figures.figure import (
-    Frame,
-    NotApplicable,
-    Tables,
-    at_first,
-    behind_medians,
-    finite,
-    handle,
-    plain_ticks,
-    side_by_side,
-)
+from study.simulation.figures import figure as shared
+from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
 _MOST = 4
 """Angles and laws of directions that are shown, the first ones."""
@@ -56,7 +47,7 @@ def prepare(tables: Tables) -> Frame:
     if NORMAL not in laws or all(map(has_equal_covariance, laws)):
         raise NotApplicable(f"needs {LAW.name} with {NORMAL} and one of structure, such as memory(0.9), in the grid")
     tables.require_all_trials("relative_median")
-    rows = at_first(tables.summary, besides=("angle", LAW.name, DIRECTIONS.name))
+    rows = shared.at_first(tables.summary, besides=("angle", LAW.name, DIRECTIONS.name))
     medians = pd.DataFrame(
         {
             "directions": rows[DIRECTIONS.name].astype(str) if DIRECTIONS.name in rows else str(DIRECTIONS.default),
@@ -77,7 +68,7 @@ def prepare(tables: Tables) -> Frame:
         medians=medians.drop(columns=["median", "share"]).assign(ratio=ratio, error=error).reset_index(drop=True),
         samples=int(rows["samples"].iloc[0]),
         noise=float(rows["noise"].iloc[0] / rows["radius"].iloc[0]),
-        stamp=behind_medians(tables, int(rows["planned"].min())),
+        stamp=shared.behind_medians(tables, int(rows["planned"].min())),
     )
 
 
@@ -97,12 +88,12 @@ def draw(frame: Frame) -> Figure:
         for ax, angle in zip(row, angles, strict=True):
             part = frame.medians[(frame.medians["directions"] == law) & (frame.medians["angle"] == angle)]
             part = part.assign(at=part["law"].map(laws.index))
-            side_by_side(ax, part, names, _DODGE, 3.2, linestyle="")
+            shared.side_by_side(ax, part, names, _DODGE, 3.2, linestyle="")
             ax.set_title(f"$φ$ = {angle:g}°, directions: {law}", loc="left")
             ax.set_xticks(range(len(laws)), laws, rotation=50, ha="right", rotation_mode="anchor")
         row[0].set_ylabel("median error,\nwhite noise = 1")
-    largest = float(np.nanmax(finite(frame.medians["ratio"])))
-    plain_ticks(axes[0, 0], (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0), 0.0, max(3.0, 1.2 * largest))
-    figure.legend(handles=list(map(handle, names)), loc="upper center", ncols=8, columnspacing=1.2)
+    largest = float(np.nanmax(shared.finite(frame.medians["ratio"])))
+    shared.plain_ticks(axes[0, 0], (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0), 0.0, max(3.0, 1.2 * largest))
+    figure.legend(handles=list(map(shared.handle, names)), loc="upper center", ncols=8, columnspacing=1.2)
     style.stamp(figure, f"$N$ = {frame.samples:,}, $σ/r$ = {frame.noise:g} · {frame.stamp}")
     return figure

@@ -25,17 +25,8 @@ from matplotlib.lines import Line2D
 from study import style
 from study.simulation.experiment.conditions import LAW, OUTLIER_SHARE, OUTLIER_SIZE
 from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom, has_equal_covariance
-from study.simulation.figures.figure import (
-    Frame,
-    NotApplicable,
-    Tables,
-    at_first,
-    behind_medians,
-    finite,
-    handle,
-    plain_ticks,
-    side_by_side,
-)
+from study.simulation.figures import figure as shared
+from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
 _LEAST = 3
 _MOST_ROWS = 4
@@ -69,7 +60,7 @@ def prepare(tables: Tables) -> Frame:
             raise NotApplicable(f"needs at least {_LEAST} values of {name} in the grid, with {least} among them")
     tables.require_directions_by_area()
     tables.require_all_trials("ratio_median")
-    rows = at_first(tables.summary, besides=("angle", law, share))
+    rows = shared.at_first(tables.summary, besides=("angle", law, share))
     unit = tables.efficient(rows["angle"])
     medians = pd.DataFrame(
         {
@@ -91,7 +82,7 @@ def prepare(tables: Tables) -> Frame:
         size=float(rows[size].iloc[0]) if size in rows else float(OUTLIER_SIZE.default or 0.0),
         dimension=tables.dimension,
         samples=int(rows["samples"].iloc[0]),
-        stamp=behind_medians(tables, int(rows["planned"].min())),
+        stamp=shared.behind_medians(tables, int(rows["planned"].min())),
     )
 
 
@@ -116,30 +107,29 @@ def draw(frame: Frame) -> Figure:
         shares = frame.shares[frame.shares["angle"] == angle]
         values = list(shares["share"].unique())
         marks: style.Marks = {"size": 3.6, "linewidth": 0.5, "zorder": 3}
-        side_by_side(left, shares.assign(at=shares["share"].map(values.index)), names, _DODGE, **marks)
+        shared.side_by_side(left, shares.assign(at=shares["share"].map(values.index)), names, _DODGE, **marks)
         as_noise = [math.sqrt(1.0 + share * frame.size**2 / frame.dimension) for share in values]
         left.plot(range(len(values)), as_noise, color="black", linewidth=0.8, linestyle="--", zorder=2)
         left.set_xticks(range(len(values)), [f"{100.0 * share:.3g} %" for share in values])
         tails = frame.tails[frame.tails["angle"] == angle]
         laws = list(tails["law"].unique())
-        side_by_side(right, tails.assign(at=tails["law"].map(laws.index)), names, _DODGE, **marks)
+        shared.side_by_side(right, tails.assign(at=tails["law"].map(laws.index)), names, _DODGE, **marks)
         right.set_xticks(range(len(laws)), [_law_label(word) for word in laws])
         left.set_ylabel("median error,\nefficient = 1")
         left.set_title(f"$φ$ = {angle:g}°, $N$ = {frame.samples:,}, normal noise", loc="left")
         right.set_title(f"$φ$ = {angle:g}°, no outliers", loc="left")
-    finite_shares, finite_tails = finite(frame.shares["ratio"]), finite(frame.tails["ratio"])
+    finite_shares, finite_tails = shared.finite(frame.shares["ratio"]), shared.finite(frame.tails["ratio"])
     low, high = min(0.85, 0.9 * np.nanmin(finite_shares)), max(4.0, 1.25 * np.nanmax(finite_shares))
-    plain_ticks(axes[0, 0], _TICKS, low, high)
+    shared.plain_ticks(axes[0, 0], _TICKS, low, high)
     axes[0, 0].set_ylim(low, high)
     # the laws have a linear axis of their own, on which small differences can be seen
     axes[0, 1].set_ylim(min(0.85, np.nanmin(finite_tails) - 0.1), max(1.2, np.nanmax(finite_tails) + 0.1))
     axes[-1, 0].set_xlabel(f"share of outliers, each displaced by {frame.size:g} $σ$")
     axes[-1, 1].set_xlabel("law of the noise, and its excess kurtosis")
     dashed = Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="outliers taken for noise")
-    rows = -(-(len(names) + 1) // 8)  # eight in a row fill the page
-    figure.legend(
-        handles=[*map(handle, names), dashed], loc="upper center", ncols=-(-(len(names) + 1) // rows), columnspacing=1.2
-    )
+    handles = [*map(shared.handle, names), dashed]
+    rows = -(-len(handles) // 8)  # eight in a row fill the page
+    figure.legend(handles=handles, loc="upper center", ncols=-(-len(handles) // rows), columnspacing=1.2)
     style.stamp(figure, frame.stamp)
     return figure
 

@@ -23,7 +23,7 @@ from study.arrays import Floats
 from study.files import RunError
 from study.fits.cap import cap_moments
 from study.simulation.analysis.regret import median_at_bound
-from study.simulation.analysis.summary import TableReader, stored_summary
+from study.simulation.analysis.summary import stored_summary
 from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
 from study.simulation.experiment.noise import GaussianNoise
 from study.simulation.runs.run_folder import Run
@@ -89,7 +89,7 @@ class Tables:
     dimension: int
     design: str
     noise_law: GaussianNoise
-    reader: TableReader
+    reader: Run
     stored: frozenset[str]
     used: tuple[str, ...] | None = None
     independent: bool = True

@@ -41,6 +41,7 @@ S = Σ(R - R̄)². So (r - R̄)/√S and log σ - log √S take their places; r 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import emcee
@@ -192,38 +193,33 @@ class Prior:
     known: bool
 
 
-@dataclass(frozen=True)
-class LogPosterior:
-    """The log-posterior of walkers, which are offsets from a start scaled by a matrix.
+def log_posterior(
+    prior: Prior, name: str, reference: Reference, origin: Floats, spread: Floats, walkers: Floats
+) -> Floats:
+    """Log-posteriors of walkers, which are offsets from a start scaled by a matrix.
 
-    Attributes:
+    Args:
         prior: the range of the parameters.
         name: name of the likelihood, in `LIKELIHOODS`.
         reference: the points, prepared about the start.
         origin: parameters of the start: centre, radius, and log σ if σ is unknown (p,).
         spread: matrix from walkers to offsets (p, p).
+        walkers: (k, p).
+
+    Returns:
+        The log-posterior of each (k,), up to a constant; -∞ outside the prior's range.
     """
-
-    prior: Prior
-    name: str
-    reference: Reference
-    origin: Floats
-    spread: Floats
-
-    def __call__(self, walkers: Floats) -> Floats:
-        """Log-posteriors of walkers (k, p), up to a constant; -∞ outside the prior's range."""
-        prior, origin, offsets = self.prior, self.origin, walkers @ self.spread.T
-        d = len(prior.center)
-        center, radius = origin[:d] + offsets[:, :d], origin[d] + offsets[:, d]
-        allowed = (np.abs(center - prior.center) < prior.width).all(axis=1) & (radius > 0.0) & (radius < prior.radius)
-        if prior.known:
-            log_noise = np.full(len(offsets), math.log(prior.noise))
-        else:
-            log_noise = origin[d + 1] + offsets[:, d + 1]  # 1/σ is flat in log σ
-            allowed &= np.abs(log_noise - math.log(prior.noise)) < math.log(NOISE_RANGE)
-        value = np.full(len(offsets), -np.inf)
-        value[allowed] = LIKELIHOODS[self.name](self.reference, offsets[allowed, : d + 1], log_noise[allowed])
-        return value
+    offsets, d = walkers @ spread.T, len(prior.center)
+    center, radius = origin[:d] + offsets[:, :d], origin[d] + offsets[:, d]
+    allowed = (np.abs(center - prior.center) < prior.width).all(axis=1) & (radius > 0.0) & (radius < prior.radius)
+    if prior.known:
+        log_noise = np.full(len(offsets), math.log(prior.noise))
+    else:
+        log_noise = origin[d + 1] + offsets[:, d + 1]  # 1/σ is flat in log σ
+        allowed &= np.abs(log_noise - math.log(prior.noise)) < math.log(NOISE_RANGE)
+    value = np.full(len(offsets), -np.inf)
+    value[allowed] = LIKELIHOODS[name](reference, offsets[allowed, : d + 1], log_noise[allowed])
+    return value
 
 
 _LEAST = 1e-12
@@ -527,15 +523,15 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
     origin, spread = start
     parameters = len(spread)
     reference = Reference.of(samples.x[0], origin[: parameters - 2 + prior.known], origin[-2 + prior.known])
-    log_posterior = LogPosterior(prior, name, reference, origin, spread)
+    density = partial(log_posterior, prior, name, reference, origin, spread)
     first = random.standard_normal((walkers, parameters))
     moves = [(FittedMove(), _FITTED), (emcee.moves.DEMove(), 1.0 - _FITTED)]
     rays = RayCoordinates(samples.x[0], origin, spread)
-    if other_modes_possible(rays, prior.width, log_posterior):
+    if other_modes_possible(rays, prior.width, density):
         first = spread_out(rays, first, prior.width, random)
         moves = [(FittedMove(rays), _FITTED - _MIRRORED), (MirrorMove(rays), _MIRRORED), moves[1]]
-    first = _inside(first, log_posterior)
-    sampler = _Sampler(walkers, parameters, log_posterior, moves=moves)
+    first = _inside(first, density)
+    sampler = _Sampler(walkers, parameters, density, moves=moves)
     state = emcee.State(first, random_state=random.get_state())
     status, tau = _until_long_enough(sampler, state, max_steps)
     taken = sampler.get_chain().shape[0]
@@ -608,10 +604,10 @@ def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
     return None
 
 
-def _inside(walkers: Floats, log_posterior: LogPosterior) -> Floats:
+def _inside(walkers: Floats, log_density: Callable[[Floats], Floats]) -> Floats:
     """Halve the offsets of walkers outside the prior's range until they are inside, as the start is."""
     for _ in range(60):
-        outside = np.isneginf(log_posterior(walkers))
+        outside = np.isneginf(log_density(walkers))
         if not outside.any():
             break
         walkers[outside] *= 0.5

@@ -217,29 +217,22 @@ class Record:
         run: the folder; what else is stored in it can be read from there.
         name: its name.
         manifest: what ran on what.
-        config: the config, as it was given.
         estimators: names, in the config's order.
         trials, samples: data sets of all cells, and the points in them.
-        summary, timings: the stored tables.
+        summary: the stored table.
         worst: the worst trials; see `study.simulation.analysis.summary`. None where the study kept its summary alone.
         worst_of_groups: the worst trial of each group of the summary and estimator, likewise.
-        main: name of the table that the study kept: errors, or else summary.
-        fingerprint: SHA-256 of that table's file, which equal runs have in common.
     """
 
     run: Run
     name: str
     manifest: Finished
-    config: str
     estimators: list[str]
     trials: int
     samples: int
     summary: pd.DataFrame
-    timings: pd.DataFrame
     worst: pd.DataFrame | None
     worst_of_groups: pd.DataFrame | None
-    main: str
-    fingerprint: str
 
     @classmethod
     def of(cls, run: Run, tables: Tables) -> Self:
@@ -252,21 +245,17 @@ class Record:
         samples = int((one["planned"] * one["samples"]).sum())
         if tables.design == "random" and "errors" in tables.stored:  # a row of the summary has many numbers of samples
             samples = int(tables.some_errors(["samples"], tables.estimators[:1])["samples"].sum())
-        main, (worst, of_groups) = run.study.keep, worst_of_run(run) if "errors" in tables.stored else (None, None)
+        worst, of_groups = worst_of_run(run) if "errors" in tables.stored else (None, None)
         return cls(
             run=run,
             name=tables.name,
             manifest=run.facts(),
-            config=(run.folder / "config.toml").read_text(encoding="utf-8"),
             estimators=tables.estimators,
             trials=int(one["planned"].sum()),
             samples=samples,
             summary=tables.summary,
-            timings=run.table("timings"),
             worst=worst,
             worst_of_groups=of_groups,
-            main=main,
-            fingerprint=run.fingerprint(main) or "",
         )
 
 

@@ -26,7 +26,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from study import style
-from study.files import RunError, explained, regular, write
+from study.files import explained, stored_csv, write
 from study.fits import Status
 from study.simulation.claims import Verdict
 from study.simulation.claims.readings import Readings
@@ -330,14 +330,7 @@ def read_bench(path: Path) -> pd.DataFrame:
     Raises:
         RunError: if it cannot be read, or is no such table.
     """
-    try:
-        result = pd.read_csv(regular(path), dtype=str, keep_default_na=False)
-    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise RunError(f"{path}: cannot be read: {why}; make bench writes it") from None
-    if tuple(result.columns) != COLUMNS or result.empty:
-        raise RunError(f"{path}: no table of ratios: needs the columns {', '.join(COLUMNS)}; make bench writes it")
-    return result
+    return stored_csv(path, COLUMNS, "table of ratios; make bench writes it", as_text=True)
 
 
 def speed_section(material: Material) -> Iterable[Section]:
@@ -371,8 +364,8 @@ def figures_section(material: Material) -> Iterable[Section]:
     if material.undrawn:
         runs = len(material.records)
         reasons = [f"{name}: {gathered(reasons, runs)}" for name, reasons in material.undrawn.items()]
-        some = f"{len(reasons)} figure{'s' * (len(reasons) > 1)} not drawn, and why"
-        content.append(html.folded(some, html.items(reasons)))
+        title = f"{len(reasons)} figure{'s' * (len(reasons) > 1)} not drawn, and why"
+        content.append(html.folded(title, html.items(reasons)))
     yield Section("Figures", "figures", content)
 
 

@@ -104,7 +104,7 @@ _STEPS = {
 
 def times(record: Record) -> list[Markup]:
     """Seconds of each step, and nanoseconds per sample, in all and by the number of samples."""
-    frame = record.timings.assign(step=record.timings["step"].astype(str))
+    frame = record.run.table("timings").astype({"step": str})
     frame = frame.assign(handled=frame["fits"] * frame["samples"])
     steps = list(dict.fromkeys(frame["step"]))
     rows = []
@@ -155,7 +155,8 @@ def _step(name: str) -> str:
 def provenance(record: Record) -> list[Markup]:
     """Facts on a run's origin, and the command that reproduces it."""
     manifest, folder = record.manifest, record.run.folder
-    software, machine = manifest.software, manifest.machine
+    software, machine, main = manifest.software, manifest.machine, record.run.study.keep
+    config = (folder / "config.toml").read_text(encoding="utf-8")
     commit: Content = "unknown: not run from a checkout"
     if software.commit:
         state = "with changes that were not committed" if software.dirty else "nothing uncommitted"
@@ -174,14 +175,14 @@ def provenance(record: Record) -> list[Markup]:
         ("Started", words.moment(manifest.started)),
         ("Seed", str(record.run.study.seed)),
         ("Digest of the config", html.code(record.run.study.digest())),
-        (f"SHA-256 of {record.main}.parquet", html.code(record.fingerprint)),
+        (f"SHA-256 of {main}.parquet", html.code(record.run.fingerprint(main) or "")),
     ]
     command = ["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs), *plugins(record.run.own())]
     again = shlex.join(command)
     other = shlex.quote(f"{folder}-again")
     return [
         html.facts(facts),
-        html.folded("The config, as it was given", html.verbatim(record.config, f"Config of {record.name}")),
+        html.folded("The config, as it was given", html.verbatim(config, f"Config of {record.name}")),
         html.paragraph(
             "To run it again, into another folder; with the same versions the error table is equal to the byte:"
         ),

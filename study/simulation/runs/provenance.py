@@ -16,6 +16,7 @@ _HOME = Path(__file__).parents[2]
 _COMPUTING = ("arrays.py", "fits/**/*.py", "simulation/experiment/**/*.py", "simulation/statistics.py")
 """Sources that numbers depend on, as patterns of paths in the package."""
 _PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "pandas", "pyarrow", "joblib", "matplotlib")
+"""Libraries that numbers and pictures depend on."""
 _PATIENCE = 10.0
 """Seconds to wait for git."""
 
@@ -28,7 +29,7 @@ def software() -> dict[str, object]:
         "dirty": bool(_git("status", "--porcelain", "--untracked-files=no")),
         **swhids(),
         "python": platform.python_version(),
-        "packages": packages(),
+        "packages": {name: _version(name) for name in _PACKAGES},
         "code_generated_for": os.environ.get("NUMBA_CPU_NAME", "native"),
     }
 
@@ -42,11 +43,6 @@ def swhids() -> dict[str, str | None]:
     """
     commit, tree = _git("rev-parse", "HEAD"), _git("rev-parse", "HEAD^{tree}")
     return {"revision": f"swh:1:rev:{commit}" if commit else None, "directory": f"swh:1:dir:{tree}" if tree else None}
-
-
-def packages() -> dict[str, str | None]:
-    """Versions of the libraries that numbers and pictures depend on."""
-    return {name: _version(name) for name in _PACKAGES}
 
 
 def described(software: Mapping[str, object]) -> str:

@@ -132,14 +132,6 @@ class ManifestNewerError(RunError):
     """A manifest that a newer version of this program wrote."""
 
 
-def save(folder: Path, content: Manifest) -> None:
-    """Write the manifest of a run, with its digest."""
-    rest = _without_digest(content)
-    text = json.dumps(rest | {DIGEST: files.of_json(rest)}, indent=2, ensure_ascii=False) + "\n"
-    with explained(folder):
-        write(folder / NAME, text.encode())
-
-
 def _without_digest(content: Manifest) -> Manifest:
     return {key: value for key, value in content.items() if key != DIGEST}
 
@@ -404,11 +396,8 @@ class Run:
         with explained(self.folder):
             self.path(name).unlink(missing_ok=True)
 
-    def set_aside(self, name: str) -> None:
-        """Move a damaged table to ``parts/damaged``; the manifest still has it, until it is made again."""
-        self._move_aside(self.path(name))
-
-    def _move_aside(self, path: Path) -> None:
+    def set_aside(self, path: Path) -> None:
+        """Move a damaged file to ``parts/damaged``; the manifest still has a table, until it is made again."""
         with explained(self.folder):
             if path.is_file():
                 (self.folder / "parts" / DAMAGED).mkdir(parents=True, exist_ok=True)
@@ -430,7 +419,7 @@ class Run:
         try:
             self._manifest_or_new()
         except ManifestDamagedError as error:
-            self._move_aside(self.folder / NAME)
+            self.set_aside(self.folder / NAME)
             fault = str(error).rsplit("; ", 1)[0]
             warn(f"{fault}; set aside in parts/damaged, and its tables are made again")
         made = ("posterior", "answers", "draws") if self.study.posterior is not None else ()
@@ -438,18 +427,21 @@ class Run:
             if name not in made and name not in self.known().get("tables", {}) and self.has(name):
                 words = f"not in {NAME}; set aside in parts/damaged; {self.again(name)} makes it again"
                 warn(f"{self.path(name)}: {words}")
-                self.set_aside(name)
+                self.set_aside(self.path(name))
         for name in self.damaged():
             ours = name != "claims"  # which may need other runs
             words = "damaged; set aside in parts/damaged" if self.has(name) else "missing"
             warn(f"{self.path(name)}: {words}{', and made again' if ours else f'; {self.again(name)} makes it again'}")
-            self.set_aside(name)
+            self.set_aside(self.path(name))
             if not ours:
                 self.forget(name)
 
     def save_manifest(self, content: Manifest) -> None:
         """Write the manifest, with its digest."""
-        save(self.folder, content)
+        rest = _without_digest(content)
+        text = json.dumps(rest | {DIGEST: files.of_json(rest)}, indent=2, ensure_ascii=False) + "\n"
+        with explained(self.folder):
+            write(self.folder / NAME, text.encode())
 
     def manifest(self) -> Manifest:
         """The manifest.

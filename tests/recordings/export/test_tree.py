@@ -11,7 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings.export import write_file
 from study.recordings.export.tree import RestPose, joint_angles, joint_tree, rest_rotations
-from study.recordings.markersets import MarkerSet, load_markerset
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
+from study.recordings.joints.estimate import JointStatus
+from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset
 from study.recordings.skeleton.calibrate import calibrate, with_checks
 
 SIDES = {"left": 1.0, "right": -1.0}
@@ -223,6 +225,29 @@ def test_standing_pose(figure_calibration):
             start, end = joints[f"{side}_{first}"], joints[f"{side}_{second}"]
             bone = standing[start.joint.child] @ (end.in_parent - start.in_child)
             np.testing.assert_allclose(bone / np.linalg.norm(bone), -UP, atol=1e-9)
+
+
+def test_a_trunk_with_arms_and_legs_stands_between_all_of_them():
+    """A root with hips, shoulders and a neck: both sides' mean joints are level, the neck is above the mean of all."""
+    joints = {
+        "neck": ("head", (5, 0, 50)),
+        "left_hip": ("left_thigh", (-8, 10, 3)),
+        "right_hip": ("right_thigh", (0, -9, 0)),
+    }
+    joints |= {"left_shoulder": ("left_arm", (4, 22, 46)), "right_shoulder": ("right_arm", (2, -20, 44))}
+    parts = [Segment(name="trunk", markers=("A", "B", "C"))]
+    parts += [Segment(name=child, markers=(f"{child} marker",), parent="trunk") for child, _ in joints.values()]
+    made = [Joint(name=name, parent="trunk", child=child) for name, (child, _) in joints.items()]
+    markerset = MarkerSet(name="trunk", segments=tuple(parts), joints=tuple(made))
+    places = [JointPlace(joint, JointStatus.OK, "", in_parent=np.array(joints[joint.name][1]) / 100) for joint in made]
+    shapes = [SegmentShape(part.name, (), np.zeros((0, 3)), np.zeros(0), False, "") for part in parts]
+    calibration = Calibration("trunk", 10, markerset, tuple(shapes), tuple(places))
+    turned = rest_rotations(calibration, np.eye(3), RestPose.STANDING)["trunk"]
+    left, right, middle = np.array([[-2, 16, 24.5], [1, -14.5, 22], [-0.5, 0.75, 23.25]])
+    np.testing.assert_allclose(turned @ (left - right), np.linalg.norm(left - right) * LEFT, atol=1e-12)
+    up = turned @ (np.array([5, 0, 50]) - middle)
+    assert up @ FORWARD == pytest.approx(0.0, abs=1e-12)
+    assert up @ UP > 20.0
 
 
 def test_twist_is_that_of_the_mean_pose(exact):

@@ -9,6 +9,7 @@ import csv
 import json
 import shutil
 import subprocess
+import sys
 import warnings
 from dataclasses import replace
 
@@ -25,6 +26,7 @@ from study.recordings.export import WRITERS, planned_files, write_file
 from study.recordings.formats.read import read_recording
 from study.recordings.formats.write import write_recording
 from study.recordings.recording import Recording, RecordingError
+from study.recordings.synthetic.make import Recipe, synthesize
 
 
 @pytest.fixture
@@ -213,6 +215,42 @@ def test_the_same_bytes_twice_and_nothing_else_in_the_folder(motion, tmp_path, s
     with pytest.raises(RecordingError, match=rf"file/walk{suffix}: cannot be written: ") as caught:
         write_file(motion, tmp_path / "file" / f"walk{suffix}")
     assert "\n" not in str(caught.value)
+
+
+def test_the_residual_of_an_unknown_joint(gappy, rich, exported, figure_calibration, tmp_path):
+    """Beside the points of a C3D file it is -1 where the joint is unknown, and 0 elsewhere."""
+    recording = read_recording(rich)
+    positions = recording.positions.copy()
+    positions[:, :, 20:30] = np.nan
+    own = exported(replace(recording, positions=positions), figure_calibration, source=rich)
+    file = ezc3d.c3d(str(write_file(own, tmp_path / "out.c3d")))
+    assert file["data"]["analogs"].size
+    count = len(recording.markers)
+    wanted = np.where(np.isnan(own.skeleton.centers[:, 0]), -1.0, 0.0)
+    assert (wanted == -1.0).any()
+    np.testing.assert_array_equal(file["data"]["meta_points"]["residuals"][0, count:], wanted)
+
+
+WITHOUT_EZC3D = """
+import sys
+sys.modules["ezc3d"] = None
+sys.argv = ["study", *sys.argv[1:]]
+from study.cli import main
+main()
+"""
+
+
+def test_other_formats_need_no_library_of_c3d(tmp_path):
+    """Where ezc3d cannot be imported, a recording and all formats but C3D are written; C3D names what it needs."""
+    recording, _ = synthesize(Recipe(300, 100.0))
+    write_recording(recording, tmp_path / "walk.csv")
+    formats = ",".join(suffix[1:] for suffix in WRITERS if suffix != ".c3d")
+    for written, code in ((f"{formats}", 0), ("c3d", 2)):
+        command = [sys.executable, "-c", WITHOUT_EZC3D, "skeleton", "walk.csv", "--out", "out", "--write", written]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, encoding="utf-8")
+        assert done.returncode == code, done.stderr
+    assert "out/walk.c3d: writing it needs ezc3d: pip install '.[mocap]'" in done.stderr
+    assert {path.suffix for path in (tmp_path / "out").glob("walk.*")} == set(WRITERS) - {".c3d"}
 
 
 @pytest.mark.parametrize("suffix", [".bvh", ".glb"])

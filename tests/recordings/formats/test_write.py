@@ -194,6 +194,16 @@ def test_another_library_reads_what_was_written(tmp_path, small):
     np.testing.assert_allclose(frames[:, :, :3][seen], wanted[seen], rtol=1e-6)
 
 
+def test_the_residual_of_a_missing_sample(tmp_path, small):
+    """In the bytes it is -1, beside zeros; readers that go by residuals would take anything else for a place."""
+    recording = small()
+    data = write_recording(recording, tmp_path / "a.c3d").read_bytes()
+    start = 512 * (int.from_bytes(data[16:18], "little") - 1)
+    samples = np.frombuffer(data, "<f4", 4 * recording.seen().size, start).reshape(recording.frames, -1, 4)
+    np.testing.assert_array_equal(samples[:, :, 3].T, np.where(recording.seen(), 0.0, -1.0))
+    assert not samples[~recording.seen().T][:, :3].any()
+
+
 def test_a_trc_with_gaps_for_another_reader(tmp_path):
     """Millimetres, and nan for a missing sample: readers that split rows at white space would lose an empty cell."""
     positions = np.array([[[0.1, np.nan], [0.2, np.nan], [0.3, np.nan]], [[1.0, 1.5], [2.0, 2.5], [3.0, 3.5]]])

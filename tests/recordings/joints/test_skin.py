@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from study import mgdk
@@ -11,6 +12,7 @@ from study.recordings.joints.poses import rigid_residual_operator
 from study.recordings.joints.skin import (
     Cluster,
     MarkerResponse,
+    SkinErrors,
     image_skin,
     pair_skin,
     radius_slope,
@@ -18,6 +20,7 @@ from study.recordings.joints.skin import (
     sphere_skin,
 )
 from study.recordings.markersets import load_markerset
+from study.recordings.recording import Recording
 from study.recordings.synthetic.make import Recipe, synthesize
 
 ARMS = np.array([[0.0, 0.05, -0.2], [0.06, 0.0, -0.3], [-0.05, -0.04, -0.25]])
@@ -104,6 +107,19 @@ def test_slope_is_right_on_average():
     rng = np.random.default_rng(1)
     found = [skin_slope(*drawn(0.01, 0.001, rng)) for _ in range(60)]
     assert np.mean(found) == pytest.approx(1e-4, rel=4 * 0.043)
+
+
+def test_a_slope_that_few_coordinates_show():
+    """Errors are those of Student's law: four markers show six coordinates, with three of the body's 2/3 · 9 degrees.
+
+    A segment without a pose of its own gets 1.5 times the mean of the body.
+    """
+    departures, angles = drawn(0.01, 0.0001, np.random.default_rng(8))
+    errors = SkinErrors(Recording("a", ("A",), np.zeros((1, 3, 600)), 100.0), {})
+    errors.departures = {"thigh": departures}
+    one, other = (errors._slope(segment, angles) / skin_slope(departures, angles) for segment in ("thigh", "arm"))
+    assert one == pytest.approx(stats.t(6).var())
+    assert other == pytest.approx(1.5)
 
 
 def test_noise_alone_has_no_slope():

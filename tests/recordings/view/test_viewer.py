@@ -434,7 +434,7 @@ def test_the_motion(scene, page):
 
 
 def test_anatomical_axes_are_drawn(show, tmp_path):
-    """Three rods at each joint of the legs, 12 cm along the child's axes; none where there are no axes."""
+    """Three rods at each joint of the legs, 12 cm along the child's axes, and between the hips along the pelvis'."""
     recording, _ = synthesize(Recipe(240, 60.0, markers="rizzoli"))
     joints = library.find_joints(recording)
     drawn = draw_skeleton(joints, recording)
@@ -449,6 +449,10 @@ def test_anatomical_axes_are_drawn(show, tmp_path):
         child = joints[name].joint.child
         axes = drawn.rotation(child)[:, :, 100] @ joints.shape(child).anatomy
         assert np.allclose(places, scene.centers[number, :, 100] + 0.06 * axes.T, atol=3e-4), name
+    middle = np.mean([scene.centers[scene.joints.index(f"{one}_hip"), :, 100] for one in ("left", "right")], axis=0)
+    axes = drawn.rotation("pelvis")[:, :, 100] @ joints.shape("pelvis").anatomy
+    (places,) = tab.evaluate("viewer.stage.rootTriads.map(rods => rods.map(rod => rod.position.toArray()))")
+    assert np.allclose(places, middle + 0.06 * axes.T, atol=3e-4)
     assert "anatomical axis x, forward" in tab.text_content("#legend")
     assert said == []
 

@@ -11,13 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from study.simulation.analysis.summary import summarise, summary
-from study.simulation.analysis.summary_text import (
-    ROWS,
-    RowChoice,
-    evenly_spread,
-    once_by_scaling,
-    printed,
-)
+from study.simulation.analysis.summary_text import ROWS, RowChoice, evenly_spread, once_by_scaling, printed
 from study.simulation.experiment.config import parse
 from study.simulation.runs import runner, schemas
 

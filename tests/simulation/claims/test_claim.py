@@ -17,21 +17,8 @@ import study
 from study.files import RunError, writing
 from study.simulation import claims, commands
 from study.simulation.claims import CLAIMS, judge_all, save
-from study.simulation.claims.claim import (
-    NAMED,
-    Claim,
-    Evidence,
-    Number,
-    Verdict,
-    error_over,
-    evaluate,
-    exponent,
-    frame,
-    only_known,
-    ratio,
-    rows_of,
-    within,
-)
+from study.simulation.claims import claim as module
+from study.simulation.claims.claim import NAMED, Claim, Evidence, Number, Verdict, evaluate, exponent, ratio, within
 from study.simulation.experiment.config import load, parse
 from study.simulation.runs import runner, schemas
 from study.simulation.runs.run_folder import Run
@@ -174,7 +161,7 @@ def test_number():
 def test_only_known():
     """Numbers that are NaN are left out; an infinite one stays."""
     numbers = [Number(name, value, 0.0, 1) for name, value in (("a", 1.0), ("b", math.nan), ("c", math.inf))]
-    assert [n.words for n in only_known(*numbers)] == ["a", "c"]
+    assert [n.words for n in module.only_known(*numbers)] == ["a", "c"]
 
 
 @pytest.mark.parametrize(
@@ -190,7 +177,7 @@ def test_within(value, error, inside):
 def test_every_fit_counts():
     """A status leaves no fit out; without a number, or a finite bound, an error is infinite."""
     part = pd.DataFrame({"status": [0, 1, 3, 0], "error": [1, 2, math.nan, 1], "bound": [2, 2, 2, math.inf]})
-    assert list(error_over(part, "bound")) == [0.5, 1.0, math.inf, math.inf]
+    assert list(module.error_over(part, "bound")) == [0.5, 1.0, math.inf, math.inf]
 
 
 @pytest.mark.parametrize("power", [-1.0, 0.0, 2.0])
@@ -228,7 +215,7 @@ def test_frame(small):
     several = claim(lambda evidence: [Number("a", 2.0, 0.5, 7), Number("b", 3.0, 0.0, 0), Number("c", 4.0, 0.1, 5)])
     empty = claim(lambda evidence: [], lambda numbers: Verdict.PARTLY, reads=())
     evidence = Evidence.of([small])
-    table = frame(evaluate([several, missing, empty], evidence), evidence)
+    table = module.frame(evaluate([several, missing, empty], evidence), evidence)
     assert list(table.columns) == [column.name for column in schemas.CLAIMS]
     assert list(table["number"]) == [1, 2, 3]
     assert list(table["verdict"]) == ["reproduced", "not evaluated", "partly"]
@@ -245,8 +232,9 @@ def test_frame(small):
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
 def test_texts(claim):
     """Every claim says what the paper says, what is measured, by what rule, and what a reader should know."""
-    for text in (claim.section, claim.statement, claim.quantity, claim.criterion, claim.remark):
-        assert text == text.strip() != ""
+    for name in ("section", "statement", "quantity", "criterion", "remark"):
+        text = getattr(claim, name)
+        assert text == text.strip() != "", f"{name}: empty, or with blanks at an end"
     for verdict in (Verdict.REPRODUCED, Verdict.PARTLY, Verdict.NOT_REPRODUCED):
         assert str(verdict) in claim.criterion.lower()
     assert claim.statement.endswith(".")
@@ -318,7 +306,7 @@ def test_too_few_trials_or_estimators(find, error_rows, claim, names, trials):
 
 def test_an_estimator_whose_rows_are_not_read_is_an_error(small):
     """A claim on an estimator that claims do not name fails with the remedy, instead of finding too few trials."""
-    other = claim(lambda evidence: [Number("rows", len(rows_of(evidence.errors("small", "error"), "pratt")), 0.0, 3)])
+    other = claim(lambda evidence: module.rows_of(evidence.errors("small", "error"), "pratt"))
     with pytest.raises(LookupError, match=r"pratt: its rows are not read; a claim on it adds it to NAMED in claim\.py"):
         evaluate([other], Evidence.of([small]))
 

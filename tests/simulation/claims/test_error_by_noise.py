@@ -134,15 +134,13 @@ def test_gdke_without_numbers_is_not_on_par(find, grid):
     assert found.verdict == Verdict.PARTLY
 
 
-@pytest.mark.parametrize(
-    ("useless", "verdict"), [(PAPERS, Verdict.REPRODUCED), (("ugdk",), Verdict.PARTLY), ((), Verdict.NOT_REPRODUCED)]
-)
-def test_troubles(find, paper, useless, verdict):
+@pytest.mark.parametrize(("lost", "verdict"), [(PAPERS, "reproduced"), (("ugdk",), "partly"), ((), "not reproduced")])
+def test_troubles(find, paper, lost, verdict):
     """Errors beyond half the radius where σ ≥ r, of all methods, of one, or of none; less noise does not count."""
-    table = paper(lambda name, level: 1e20 if level < 1.0 else 100.0 if name in useless else 1e-20)
+    table = paper(lambda name, level: 1e20 if level < 1.0 else 100.0 if name in lost else 1e-20)
     found = find("troubles-beyond-radius", {"paper/errors": table})
-    assert found.verdict is verdict
-    assert [n.value for n in found.numbers] == [float(name in useless) for name in PAPERS]
+    assert str(found.verdict) == verdict
+    assert [n.value for n in found.numbers] == [float(name in lost) for name in PAPERS]
     assert found.numbers[0].trials == 14 * TRIALS
 
 

@@ -85,11 +85,7 @@ design = { law = "laplace" }
         ('words = "one"', 'words = "one"\nrules = { far = 3.0 }', "is the one used, and must change nothing"),
         ('runs = ["bias"]\n', "", "must change runs or rules"),
         ('law = "laplace"', 'law = "lapalce"', "law read as b: bias.*design.law = 'lapalce'"),
-        (
-            'words = "one"',
-            'word = "one"',
-            r"line 10: .*\.reading\[0\]\.word = 'one': unknown key; did you mean 'wor",
-        ),
+        ('words = "one"', 'word = "one"', r"line 10: .*\.reading\[0\]\.word = 'one': unknown key; did you mean 'wor"),
         ('["bias"]', '["bais"]', "bais: neither a file nor a shipped config; did you mean"),
     ],
 )
@@ -214,7 +210,8 @@ def test_the_stored_table(stored, choices):
         if one.name != choice.used and one.concerns(claim)
     }
     table = stored.table
-    assert set(zip(table["choice"], table["reading"], table["claim"], strict=True)) == expected
+    rows = set(zip(table["choice"], table["reading"], table["claim"], strict=True))
+    assert rows == expected, "results/readings.csv is of other claims: `make tables` computes it again"
     assert not table["error"].isna().all()
     assert set(table["verdict"]) <= set(map(str, Verdict))
     assert set(own_configs()) >= {name for choice in choices for one in choice.reading for name in one.runs}

@@ -136,10 +136,7 @@ def test_what_is_shown_besides(judged):
     ("table", "words"),
     [
         (spreads([FAR] * 4, [NEAR] * 4), "share of 4 joints of 1 recording"),
-        (
-            spreads([FAR] * 14, []),
-            "share of 0 joints of 0 recordings with a spread below 1 cm, above 200 samples (",
-        ),
+        (spreads([FAR] * 14, []), "share of 0 joints of 0 recordings with a spread below 1 cm, above 200 samples ("),
         (spreads([], [NEAR] * 14), "up to 200 samples, joint by joint (needs 5 joints)"),
     ],
 )

@@ -17,19 +17,8 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 from scipy import stats
 
-from study.simulation.experiment.conditions import (
-    COLUMNS,
-    CONDITIONS,
-    SILENT,
-    STORED,
-    Choice,
-    Constant,
-    Law,
-    LogUniform,
-    Uniform,
-    distinguishing,
-    label,
-)
+from study.simulation.experiment import conditions as module
+from study.simulation.experiment.conditions import CONDITIONS, Choice, Constant, Law, LogUniform, Uniform
 from study.simulation.experiment.designs import Cell, GridDesign, RandomDesign
 
 SCRIPT = Path(__file__).with_name("one_more_condition.py")
@@ -169,18 +158,18 @@ CELL = Cell(samples=10, noise=0.1, angle=20.0, radius=2.0, center=(3.0, 4.0))
 def test_a_cell_has_every_stored_condition():
     """Its values are those that columns hold: the centre as its distance; σ/r follows from them."""
     placed = {"samples": 10, "noise": 0.1, "angle": 20.0, "radius": 2.0, "center": 5.0}
-    assert CELL.values == placed | {condition.name: condition.default for condition in SILENT}
-    assert list(CELL.values) == [condition.name for condition in STORED]
+    assert CELL.values == placed | {condition.name: condition.default for condition in module.SILENT}
+    assert list(CELL.values) == [condition.name for condition in module.STORED]
     assert CONDITIONS["noise_over_radius"].of(CELL.values) == 0.05
 
 
 def test_labels():
     """N, σ/r and φ are always named, the others where they tell rows apart."""
-    row = {name: CELL.values[name] for name in (condition.name for condition in COLUMNS)}
-    assert label(row) == "N = 10, σ/r = 0.05, φ = 20°"
-    assert label(row | {"outlier_share": 0.1}) == "N = 10, σ/r = 0.05, φ = 20°, outliers = 0.1"
+    row = {name: CELL.values[name] for name in (condition.name for condition in module.COLUMNS)}
+    assert module.label(row) == "N = 10, σ/r = 0.05, φ = 20°"
+    assert module.label(row | {"outlier_share": 0.1}) == "N = 10, σ/r = 0.05, φ = 20°, outliers = 0.1"
     rows = pd.DataFrame([CELL.values, CELL.values | {"center": 1.0}])
-    assert [condition.symbol for condition in distinguishing(rows)] == ["N", "σ/r", "φ", "|c|"]
+    assert [condition.symbol for condition in module.distinguishing(rows)] == ["N", "σ/r", "φ", "|c|"]
 
 
 exact = settings(derandomize=True, deadline=None)

@@ -22,18 +22,15 @@ from study.simulation.experiment.sampling import groups, units
 
 AXES = {"samples": [4, 50], "noise": [0.1, 0.2, 0.3], "angle": [20, 90], "radius": [1, 2], "center": [0, 1, 5]}
 
+uniform = lambda low, high: {"law": "uniform", "low": low, "high": high}  # noqa: E731
+log_uniform = lambda low, high: {"law": "log_uniform", "low": low, "high": high}  # noqa: E731
 STUDIES = {
     "shared": {"trials": 1500, **AXES},
     "independent": {"trials": 1500, **AXES, "draws": "independent"},
     "one trial": {"trials": 1, **AXES},
     "one trial more than a block": {"trials": 1001, "noise": [0.1, 0.2]},
     "relative": {"trials": 7, **AXES, "noise": None, "noise_over_radius": [0.1, 0.2]},
-    "random": {
-        "kind": "random",
-        "trials": 77,
-        "samples": {"law": "log_uniform", "low": 4, "high": 1e4},
-        "radius": {"law": "uniform", "low": 0, "high": 37},
-    },
+    "random": {"kind": "random", "trials": 77, "samples": log_uniform(4, 1e4), "radius": uniform(0, 37)},
 }
 
 
@@ -168,13 +165,8 @@ def test_block_size_depends_on_samples_alone(make_study, samples):
 
 TRIALS = 3000
 ALARM = 1e-5
-LAWS = {
-    "samples": {"law": "log_uniform", "low": 4, "high": 1_000_000},
-    "noise": {"law": "log_uniform", "low": 1e-13, "high": 1e14},
-    "angle": {"law": "uniform", "low": 0, "high": 180},
-    "radius": {"law": "uniform", "low": 0, "high": 37},
-    "center": {"law": "uniform", "low": 0, "high": 2},
-}
+LAWS = {"samples": log_uniform(4, 1_000_000), "noise": log_uniform(1e-13, 1e14), "angle": uniform(0, 180)}
+LAWS |= {"radius": uniform(0, 37), "center": uniform(0, 2)}
 
 
 @pytest.fixture(scope="module")
@@ -224,7 +216,7 @@ def test_samples_follow_their_law(drawn):
 @pytest.mark.parametrize(
     ("name", "law", "weights"),
     [
-        ("samples", {"law": "uniform", "low": 4, "high": 6}, {4: 0.25, 5: 0.5, 6: 0.25}),
+        ("samples", uniform(4, 6), {4: 0.25, 5: 0.5, 6: 0.25}),
         ("angle", {"law": "choice", "values": [30, 90, 180]}, dict.fromkeys((30.0, 90.0, 180.0), 1 / 3)),
     ],
 )
@@ -258,7 +250,7 @@ def test_quantities_are_independent(drawn):
 @pytest.mark.parametrize("changed", list(LAWS))
 def test_a_law_moves_its_own_quantity_alone(cells, drawn, changed):
     """Another law for one quantity leaves every other quantity of every trial as it was."""
-    again = cells(**{changed: {"law": "uniform", "low": 5, "high": 9}})
+    again = cells(**{changed: uniform(5, 9)})
     for quantity in LAWS:
         same = [getattr(c, quantity) for c in again] == [getattr(c, quantity) for c in drawn]
         assert same == (quantity != changed)
@@ -280,8 +272,7 @@ def test_one_trial_alone(make_study, drawn):
 
 def test_relative_noise_is_times_the_radius_random_design(cells):
     """noise_over_radius is drawn for itself and multiplied by the trial's radius."""
-    law = {"law": "log_uniform", "low": 1e-3, "high": 10.0}
-    found = cells(noise=None, noise_over_radius=law)
+    found = cells(noise=None, noise_over_radius=log_uniform(1e-3, 10.0))
     ratio = np.array([cell.noise / cell.radius for cell in found])
     assert stats.kstest(ratio, stats.loguniform(1e-3, 10.0).cdf).pvalue > ALARM
 

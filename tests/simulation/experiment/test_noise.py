@@ -12,19 +12,10 @@ from scipy.spatial.distance import pdist, squareform
 import study
 from study.fits import cap, fit
 from study.fits.random import lanes
+from study.simulation.experiment import noise as laws
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.designs import Batch, Group
-from study.simulation.experiment.noise import (
-    LAWS,
-    GaussianNoise,
-    departures,
-    excess_kurtosis,
-    freedom,
-    gaussian,
-    has_equal_covariance,
-    is_law,
-    place_directions,
-)
+from study.simulation.experiment.noise import GaussianNoise, departures, freedom, gaussian, has_equal_covariance, is_law
 from study.simulation.experiment.sampling import Draws, all_trials, draw, units
 from study.simulation.runs import schemas
 
@@ -57,7 +48,9 @@ def drawn(conditions, d=3, n=40_000, trials=2):
 
 def test_every_law_is_tested():
     """The laws of covariance σ² I are those above; the others depend on the direction or on neighbours."""
-    assert {word.partition("(")[0] for word in MARGINALS} == {name for name in LAWS if name not in WITH_DIRECTION}
+    stated = {word.partition("(")[0] for word in MARGINALS} | WITH_DIRECTION
+    assert stated == set(laws.LAWS), "a law has its distribution in MARGINALS, or its name in WITH_DIRECTION"
+    assert [name for name in laws.LAWS if name not in laws.RULE] == [], "RULE, which tells a user the laws, lacks them"
     assert all(map(has_equal_covariance, MARGINALS))
     assert not any(map(has_equal_covariance, ["radial", "rim(3)", "memory(0.9)", "form(0.4, 1)"]))
 
@@ -71,7 +64,7 @@ def test_a_coordinate_has_the_law(law):
     tested instead.
     """
     assert MARGINALS[law].var() == pytest.approx(1.0, rel=1e-12)
-    assert law == "student(3)" or excess_kurtosis(law) == pytest.approx(MARGINALS[law].stats("k"))
+    assert law == "student(3)" or laws.excess_kurtosis(law) == pytest.approx(MARGINALS[law].stats("k"))
     noise = np.concatenate(list(drawn({"law": law})[1]), axis=1)
     for axis in range(3):
         assert stats.kstest(noise[axis], MARGINALS[law].cdf).pvalue > 1e-6
@@ -218,7 +211,7 @@ def placed(conditions, d=3, angle=2.0, n=30_000):
     """Directions of a law (2, d, n), with 1 - u₁ turned into u₁, after directions by area."""
     directions = np.empty((2, d, n))
     cap.draw(lanes(3, "test"), angle, directions, np.empty_like(directions))
-    place_directions(conditions, angle, directions, numbers_of(8, 0, 2))
+    laws.place_directions(conditions, angle, directions, numbers_of(8, 0, 2))
     directions[:, 0] = 1.0 - directions[:, 0]
     return directions
 

@@ -13,15 +13,10 @@ KEPT = 3
 
 GRID = {"trials": 5, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180], "radius": 2.0, "center": 3.0}
 
-RANDOM = {
-    "kind": "random",
-    "trials": 30,
-    "samples": {"law": "log_uniform", "low": 5, "high": 60},
-    "noise": {"law": "log_uniform", "low": 1e-6, "high": 2},
-    "angle": {"law": "uniform", "low": 0, "high": 180},
-    "radius": {"law": "uniform", "low": 0, "high": 37},
-    "center": {"law": "uniform", "low": 0, "high": 2},
-}
+uniform = lambda low, high: {"law": "uniform", "low": low, "high": high}  # noqa: E731
+log_uniform = lambda low, high: {"law": "log_uniform", "low": low, "high": high}  # noqa: E731
+RANDOM = {"kind": "random", "trials": 30, "samples": log_uniform(5, 60), "noise": log_uniform(1e-6, 2)}
+RANDOM |= {"angle": uniform(0, 180), "radius": uniform(0, 37), "center": uniform(0, 2)}
 
 DESIGNS = {"shared": GRID, "independent": GRID | {"draws": "independent"}, "random": RANDOM}
 

@@ -158,9 +158,10 @@ KNOWN = {name for names in HAS.values() for name in names}
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_every_figure_is_drawn_from_some_run(sources, name):
+def test_every_figure_is_drawn_from_some_run(drawn, sources, name):
     """The runs here feed all that is registered."""
-    assert name in sources, "no run of this file feeds it: add a config that does to `runs`"
+    reasons = {kind: undrawn[name] for kind, (_, undrawn) in drawn.items() if name in undrawn}
+    assert name in sources, f"no run of this file feeds it, add a config that does to `runs`; or it fails: {reasons}"
 
 
 @pytest.mark.parametrize("kind", HAS)
@@ -234,7 +235,7 @@ def test_every_figure_offers_prepare_and_draw_alone(name):
     place = getattr(figure, "__module__", None) or figure.__name__
     own = [n for n in dir(figure) if getattr(getattr(figure, n), "__module__", None) == place]
     assert {n for n in own if n[0].islower() and callable(getattr(figure, n))} == {"prepare", "draw"}
-    assert "Look at" in figure.__doc__
+    assert "Look at" in figure.__doc__, 'the last paragraph of its docstring is to say "Look at: …"'
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -292,7 +293,8 @@ def test_every_estimator_has_a_color_of_its_own():
 
 def test_every_registered_estimator_has_a_fixed_look():
     """A registered estimator without a line in the style would be drawn as a user's own."""
-    assert set(ESTIMATORS) <= set(style._LOOKS)
+    missing = sorted(set(ESTIMATORS) - set(style._LOOKS))
+    assert not missing, f"without a line in _LOOKS of study/style.py: {missing}"
 
 
 def test_unknown_estimator_looks_the_same_in_every_process():

@@ -44,10 +44,11 @@ def made(make_rows, make_tables):
 @pytest.fixture
 def small(made):
     """Tables of two angles, five levels of noise and three estimators, of seven trials each."""
-    usual = {"samples": 100, "radius": 2.0}
-    return lambda names=NAMES, angles=ANGLES, levels=LEVELS, **more: made(
-        {"angle": angles, "level": levels}, names, TRIALS, **usual | more
-    )
+
+    def make(names=NAMES, angles=ANGLES, levels=LEVELS, **more):
+        return made({"angle": angles, "level": levels}, names, TRIALS, **{"samples": 100, "radius": 2.0} | more)
+
+    return make
 
 
 def unit(angle):

@@ -16,16 +16,8 @@ from scipy import stats
 
 from study.fits import Status
 from study.simulation.experiment.config import ChainStatus
-from study.simulation.posterior.run import (
-    FLAT,
-    KEYS,
-    LEVELS,
-    by_cell,
-    coverage,
-    printed_calibration,
-    trials,
-    uniformity,
-)
+from study.simulation.posterior import run
+from study.simulation.posterior.run import FLAT, KEYS, LEVELS, by_cell, coverage, trials, uniformity
 from study.simulation.statistics import UNKNOWN, mean, quantile, root_mean_square, share
 
 REPEATS, SIZE = 2000, 1000
@@ -272,7 +264,7 @@ def test_what_is_printed(rng, chains, beside):
     posterior.loc[40:, "level"] = 0.999
     answers = beside(rng, posterior, names=("mle",))
     found = trials(posterior, answers)
-    first, head, *lines, note = printed_calibration(found)
+    first, head, *lines, note = run.printed_calibration(found)
     assert first.startswith("calibration of 40 chains")
     assert "σ²/v < 0.02" in first
     table, tests = coverage(found[found["flatness"] < FLAT]), uniformity(found[found["flatness"] < FLAT])
@@ -287,4 +279,4 @@ def test_what_is_printed(rng, chains, beside):
             assert f"{row.share:.1%} ({row.low:.1%} … {row.high:.1%})" in line
         p = tests[tests["method"] == method].set_index("parameter")["p"]
         assert re.split(r" {2,}", line)[5:] == [f"{p[name]:.2g}" if name in p else "-" for name in names]
-    assert list(printed_calibration(found[found["flatness"] >= FLAT])) == []
+    assert list(run.printed_calibration(found[found["flatness"] >= FLAT])) == []

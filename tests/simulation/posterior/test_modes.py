@@ -13,14 +13,7 @@ import pytest
 from scipy import integrate
 
 from study.simulation.posterior import sampler
-from study.simulation.posterior.sampler import (
-    RayCoordinates,
-    Reference,
-    geometric,
-    other_modes_possible,
-    spread_out,
-    whole_sphere,
-)
+from study.simulation.posterior.sampler import Reference, geometric, other_modes_possible, spread_out, whole_sphere
 
 
 def test_spread_out(rays):
@@ -56,7 +49,7 @@ def test_where_they_are_possible(on_cap, d, angle, noise, wanted):
         value = sampler.geometric(reference, offsets, np.full(len(offsets), math.log(noise)))
         return np.where((np.abs(offsets[:, :d]) < 3.0).all(axis=1), value, -np.inf)
 
-    rays = RayCoordinates(points.T.copy(), origin, spread)
+    rays = sampler.RayCoordinates(points.T.copy(), origin, spread)
     assert other_modes_possible(rays, 3.0, log_probability) is wanted
 
 

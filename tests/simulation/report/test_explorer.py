@@ -169,11 +169,8 @@ def test_a_view_can_be_linked(opened, many):
     assert not tab.is_checked("#explorer-ylog")
     assert tab.evaluate(POINTS) == 22
     assert tab.inner_text("#explorer-count") == "22 rows"
-    assert (
-        tab.locator("#explorer-table th[aria-sort=descending]")
-        .inner_text()
-        .startswith("Share beyond 10 bounds or not ok")
-    )
+    title = tab.locator("#explorer-table th[aria-sort=descending]").inner_text()
+    assert title.startswith("Share beyond 10 bounds or not ok")
     assert tab.evaluate("document.getElementById('explorer').getBoundingClientRect().top") < 900
     tab = opened("#explorer?run=gone&y=gone&x=gone&facet=gone")
     assert tab.evaluate(POINTS) > 0
@@ -249,9 +246,8 @@ def test_keys_alone(opened):
         tab.keyboard.press("Tab")
         reached.append(tab.evaluate("document.activeElement.id || document.activeElement.tagName"))
     wanted = ["y", "x", "colour", "facet", "xlog", "ylog", "chart", "svg", "csv", "reset", "search"]
-    assert [name for name in reached if name.startswith("explorer-")][: len(wanted)] == [
-        f"explorer-{n}" for n in wanted
-    ]
+    names = [name for name in reached if name.startswith("explorer-")]
+    assert names[: len(wanted)] == [f"explorer-{name}" for name in wanted]
     assert "SUMMARY" in reached
     tab.focus("#explorer-chart")
     told = []

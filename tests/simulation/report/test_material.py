@@ -137,9 +137,8 @@ def test_numbers_in_words():
 )
 def test_the_main_claim_comes_first(efficiency, verdict, says):
     """It is said first whether the claim holds, then which estimator to use; each by the numbers."""
-    claims = pd.DataFrame(
-        [judged("mle-outliers", "partly", 0.04, 0.0), judged("ugdk-closest", verdict, 0.25, 0.5, 3.0)]
-    )
+    rows = [judged("mle-outliers", "partly", 0.04, 0.0), judged("ugdk-closest", verdict, 0.25, 0.5, 3.0)]
+    claims = pd.DataFrame(rows)
     first, second, third, last = material.findings(claims, efficiency)
     assert (first.head, first.claim) == (says, 2)
     assert "in 25\u00a0% of the decades" in first.rest
@@ -157,9 +156,8 @@ def test_the_main_claim_names_its_readings(efficiency):
     claims = pd.DataFrame([judged("ugdk-closest", "not reproduced", 0.0, 0.46, 26.0)])
     readings = SimpleNamespace(otherwise=lambda name: f" as {name} is read; it holds if the noise is radial")
     (first,) = material.findings(claims, None, readings)
-    assert (
-        first.head == "The paper's main claim does not hold as ugdk-closest is read; it holds if the noise is radial."
-    )
+    words = "as ugdk-closest is read; it holds if the noise is radial."
+    assert first.head == f"The paper's main claim does not hold {words}"
 
 
 def test_a_name_that_is_a_word_is_code(efficiency):
@@ -183,10 +181,7 @@ def test_findings_without_tables(efficiency):
 
 def test_gdke_and_lls():
     """The words about them follow the numbers."""
-    rows = [
-        judged("gdke-bias-stays", "reproduced", 10.0, 0.0, 1.1),
-        judged("lls-outliers-small", "reproduced", 0.0, 0.14),
-    ]
+    rows = [judged("gdke-bias-stays", "reproduced", 10, 0, 1.1), judged("lls-outliers-small", "reproduced", 0, 0.14)]
     of_lls, of_gdke = material.findings(pd.DataFrame(rows), None)
     assert of_gdke.head == "GDKE is biased, and more points do not help."
     assert of_gdke.rest.startswith("The bias is 10\u00a0times its scatter, and none of its 95 % ellipses")
@@ -243,10 +238,8 @@ def test_a_table_for_each_group(stored):
 
 def test_costs_in_units_that_suit_them(tmp_path):
     """Nanoseconds become seconds where they are so many; other units stay."""
-    lines = [
-        ROWS.splitlines()[0],
-        *(f"times,{n},{n},ns,{n},,Some CPU" for n in ("0.327", "5931", "5.584e+07", "5.2e+10")),
-    ]
+    times = (f"times,{n},{n},ns,{n},,Some CPU" for n in ("0.327", "5931", "5.584e+07", "5.2e+10"))
+    lines = [ROWS.splitlines()[0], *times]
     (tmp_path / "bench.csv").write_text("\n".join([*lines, "times,memory,383.2,MB,,,Some CPU", ""]), encoding="utf-8")
     (section,) = speed_section(Material([], None, {}, {}, None, [], read_bench(tmp_path / "bench.csv")))
     rows = [[cell.replace("\u00a0", " ") for cell in row] for row in cells(section.content[1])]

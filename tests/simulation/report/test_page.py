@@ -118,9 +118,8 @@ def test_a_section_more(circles, claims, monkeypatch, read):
 
     def more(material):
         for record in material.records:
-            yield html.Section(
-                "More <things>", f"more-{record.name}", [html.paragraph(["as ", html.badge("said", "good")])]
-            )
+            said = html.paragraph(["as ", html.badge("said", "good")])
+            yield html.Section("More <things>", f"more-{record.name}", [said])
 
     monkeypatch.setattr(pages, "SECTIONS", [more])
     document = read(render([circles], claims))
@@ -216,9 +215,8 @@ def test_no_claims(random, make_claims, read):
     assert "No claim of the paper was judged" in document.text
     rows = [(Verdict.NOT_EVALUATED, {"reads": f"{name}/errors"}) for name in ("paper", "mgdk", "random", "paper")]
     document = read(render([random], make_claims(*rows)))
-    assert "These runs can judge none of the claims. Missing are runs of configs/paper.toml, configs/mgdk.toml." in (
-        document.text
-    )
+    words = "These runs can judge none of the claims. Missing are runs of configs/paper.toml, configs/mgdk.toml."
+    assert words in document.text
     assert "4 claims: 4 not evaluated" in document.text
 
 
@@ -394,9 +392,8 @@ def test_a_row_that_does_not_fit():
 
 def test_what_is_no_markup_is_escaped():
     """In text, in names of places and in cells; markup stays as it is, and braces are text."""
-    assert html.paragraph(["<b> & {} ", html.link("<a>", '"x"')]) == (
-        '<p>&lt;b&gt; &amp; {} <a href="#&#34;x&#34;">&lt;a&gt;</a></p>'
-    )
+    text = html.paragraph(["<b> & {} ", html.link("<a>", '"x"')])
+    assert text == '<p>&lt;b&gt; &amp; {} <a href="#&#34;x&#34;">&lt;a&gt;</a></p>'
     table = html.table('"n"', "<c>", ["<h>"], [["<r>"]], ids=["<i>"], look="stacked")
     for text in ('aria-label="&#34;n&#34;"', "&lt;c&gt;", "&lt;h&gt;", "&lt;r&gt;", 'id="&lt;i&gt;"'):
         assert text in table
@@ -406,9 +403,8 @@ def test_what_is_no_markup_is_escaped():
 def rows_of(text, label):
     """Texts of the cells of a table of the page, row by row."""
     part = text.split(f'aria-label="{label}"')[1].split("</table>")[0]
-    cells = [
-        re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL) for row in re.findall(r"<tr.*?</tr>", part, re.DOTALL)
-    ]
+    rows = re.findall(r"<tr.*?</tr>", part, re.DOTALL)
+    cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL) for row in rows]
     return [[re.sub(r"<[^>]*>", "", cell) for cell in row] for row in cells]
 
 

@@ -21,15 +21,10 @@ from study.simulation.runs.status import status
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 
 
-RANDOM = {
-    "kind": "random",
-    "trials": 80,
-    "samples": {"law": "log_uniform", "low": 4, "high": 2000},
-    "noise": {"law": "log_uniform", "low": 1e-6, "high": 10},
-    "angle": {"law": "uniform", "low": 0, "high": 180},
-    "radius": {"law": "uniform", "low": 0, "high": 37},
-    "center": {"law": "uniform", "low": 0, "high": 2},
-}
+uniform = lambda low, high: {"law": "uniform", "low": low, "high": high}  # noqa: E731
+log_uniform = lambda low, high: {"law": "log_uniform", "low": low, "high": high}  # noqa: E731
+RANDOM = {"kind": "random", "trials": 80, "samples": log_uniform(4, 2000), "noise": log_uniform(1e-6, 10)}
+RANDOM |= {"angle": uniform(0, 180), "radius": uniform(0, 37), "center": uniform(0, 2)}
 
 STUDIES = {
     "shared": {"trials": 14},
@@ -70,13 +65,8 @@ def test_bytes_do_not_depend_on_the_order_of_work(start, entries, monkeypatch, s
 
 GRID = {"trials": 10, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60]}
 
-RANDOM_REUSE = {
-    "kind": "random",
-    "trials": 60,
-    "samples": {"law": "log_uniform", "low": 5, "high": 60},
-    "noise": {"law": "log_uniform", "low": 1e-6, "high": 2},
-    "angle": {"law": "uniform", "low": 0, "high": 180},
-}
+RANDOM_REUSE = {"kind": "random", "trials": 60, "samples": log_uniform(5, 60), "noise": log_uniform(1e-6, 2)}
+RANDOM_REUSE["angle"] = uniform(0, 180)
 
 TWO = {"estimators": ["mle", "lls"]}
 
@@ -143,7 +133,7 @@ def test_a_random_design_grows(named, start, computed):
     assert len(computed) == 2 * 80
     assert grown.path("errors").read_bytes() == start(TWO, **RANDOM_REUSE | {"trials": 140}).path("errors").read_bytes()
     computed.clear()
-    named(TWO, **RANDOM_REUSE | {"angle": {"law": "uniform", "low": 0, "high": 90}})
+    named(TWO, **RANDOM_REUSE | {"angle": uniform(0, 90)})
     assert len(computed) == 2 * 60
 
 

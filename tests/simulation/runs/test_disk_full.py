@@ -44,9 +44,7 @@ def test_a_disk_that_fills_up_while_parts_are_written(start, monkeypatch, tmp_pa
     """Parts written before stay, whole and readable; the message names the folder and the reason."""
     broken_after(monkeypatch, calls, name)
     folder = tmp_path / "run"
-    with pytest.raises(
-        RunError, match="cannot be written: No space left on device; what was finished is kept"
-    ) as caught:
+    with pytest.raises(RunError, match=r"cannot be written: No space .*; what was finished is kept") as caught:
         start(folder=folder, jobs=jobs, trials=30)
     assert str(folder) in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -39,13 +39,10 @@ FULL = 3
 def serve():
     """Make a run with faults; see `crashing.py`."""
     paths = [str(Path(study.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-    process = subprocess.Popen(
-        [sys.executable, str(Path(__file__).with_name("crashing.py"))],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
-        encoding="utf-8",
-    )
+    command = [sys.executable, str(Path(__file__).with_name("crashing.py"))]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "encoding": "utf-8"}
+    process = subprocess.Popen(command, env=environment, **pipes)
 
     def ask(folder, **request):
         process.stdin.write(json.dumps({"config": CONFIG, "folder": str(folder)} | request) + "\n")
@@ -164,10 +161,8 @@ def test_trials_by_need_killed(serve, tmp_path):
     assert len(set(whole.trials().values())) > 1
     chance, folder = random.Random(4), tmp_path / "run"
     for number in range(9):
-        request = (
-            {"kill_at": chance.randrange(1, took["steps"] // 10)} if number else {"kill_at": 20, "backend": "loky"}
-        )
-        assert serve(folder, config=BY_NEED, **request)["signal"] == signal.SIGKILL, number
+        at, backend = (chance.randrange(1, took["steps"] // 10), "threads") if number else (20, "loky")
+        assert serve(folder, config=BY_NEED, kill_at=at, backend=backend)["signal"] == signal.SIGKILL, number
     answer = serve(folder, config=BY_NEED)
     assert answer["code"] == 0
     assert 0 < len(answer["computed"]) < len(took["computed"])

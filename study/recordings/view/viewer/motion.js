@@ -39,6 +39,13 @@ function metres(counts, step, origin) {
     return Float32Array.from(counts, (n, i) => (n === MISSING ? NaN : origin[i % 3] + step * n));
 }
 
+const ratio = (n) => (n === MISSING ? NaN : n / LARGEST);
+
+// Quaternions of axes that a file may have; null without.
+function turns(arrays, name, count) {
+    return arrays && name in arrays ? Float32Array.from(unpacked(arrays, name, 2, 4 * count), ratio) : null;
+}
+
 // Reads a motion. Throws a MotionError, whose message follows the name of the file.
 function readMotion(text) {
     let d;
@@ -57,6 +64,8 @@ function readMotion(text) {
     demand(Array.isArray(d.bones) && d.bones.every((pair) => Array.isArray(pair) && pair.length === 2 && pair.every((i) => isCount(i) && i < points)), `a bone is not between two of its ${points} points`);
     demand(Number.isFinite(d.step) && Array.isArray(d.origin) && d.origin.length === 3 && d.origin.every(Number.isFinite), "its step or origin is missing");
     const joints = d.joints.length;
+    const roots = d.roots ?? []; // older files have none
+    demand(Array.isArray(roots) && roots.every((ends) => Array.isArray(ends) && ends.length && ends.every((i) => isCount(i) && i < joints)), `a root is not between its ${joints} joints`);
     const motion = {
         name: String(d.name ?? "motion"),
         source: String(d.source ?? ""),
@@ -78,8 +87,10 @@ function readMotion(text) {
         bones: d.bones,
         places: metres(unpacked(d.arrays, "markers", 2, 3 * d.frames * d.markers.length), d.step, d.origin),
         points: metres(unpacked(d.arrays, "points", 2, 3 * d.frames * points), d.step, d.origin),
-        turns: Float32Array.from(unpacked(d.arrays, "turns", 2, 4 * d.frames * joints), (n) => (n === MISSING ? NaN : n / LARGEST)),
-        axes: d.arrays && "axes" in d.arrays ? Float32Array.from(unpacked(d.arrays, "axes", 2, 4 * d.frames * joints), (n) => (n === MISSING ? NaN : n / LARGEST)) : null,
+        turns: Float32Array.from(unpacked(d.arrays, "turns", 2, 4 * d.frames * joints), ratio),
+        axes: turns(d.arrays, "axes", d.frames * joints),
+        roots,
+        rootAxes: turns(d.arrays, "root_axes", d.frames * roots.length),
         flags: unpacked(d.arrays, "flags", 1, d.frames * joints),
     };
     motion.count = points;

@@ -129,7 +129,7 @@ function describe(motion) {
         [COLORS.ellipsoid, `${percent} % error ellipsoid of a joint; for a hinge a disc, and its axis`],
         [COLORS.marker, "marker"], [COLORS.flagged, "joint that is not reliable, or bridged in this frame"],
     ];
-    if (motion.axes) ["x, forward", "y, up", "z, to the right"].forEach((words, k) => legend.push([TRIAD[k], `anatomical axis ${words}`]));
+    if (motion.axes || motion.rootAxes) ["x, forward", "y, up", "z, to the right"].forEach((words, k) => legend.push([TRIAD[k], `anatomical axis ${words}`]));
     $("legend").replaceChildren(...legend.map(([color, words]) => {
         const item = document.createElement("li");
         const dot = document.createElement("i");

@@ -69,7 +69,9 @@ class Stage {
         this.joints = motion.joints.map(() => mesh(this.ball, this.materials.joint));
         this.tips = motion.tips.map(() => mesh(this.ball, this.materials.joint));
         this.ellipsoids = motion.joints.map((joint) => (joint.half.some((x) => x > 0) ? mesh(this.ball, this.materials.ellipsoid) : null));
-        this.triads = motion.joints.map(() => (motion.axes ? TRIAD.map((color) => mesh(this.rod, this.solid(color))) : []));
+        const triads = (owners, axes) => owners.map(() => (axes ? TRIAD.map((color) => mesh(this.rod, this.solid(color))) : []));
+        this.triads = triads(motion.joints, motion.axes);
+        this.rootTriads = triads(motion.roots, motion.rootAxes);
         this.axes = motion.joints.map((joint) => (this.isHinge(joint) ? mesh(this.rod, this.materials.axis) : null));
         this.markers = null;
         if (motion.markers.length) {
@@ -121,7 +123,12 @@ class Stage {
             if (isJoint) drawn.material = this.isFlagged(i) ? this.materials.flagged : this.materials.joint;
         });
         motion.joints.forEach((joint, i) => this.ellipsoid(joint, i, points[i]));
-        this.triads.forEach((rods, i) => this.triad(rods, i, points[i]));
+        this.triads.forEach((rods, i) => this.triad(rods, motion.axes, frame * motion.joints.length + i, points[i]));
+        this.rootTriads.forEach((rods, r) => {
+            const middle = new THREE.Vector3();
+            for (const i of motion.roots[r]) middle.addScaledVector(points[i], 1 / motion.roots[r].length);
+            this.triad(rods, motion.rootAxes, frame * motion.roots.length + r, middle);
+        });
         if (this.markers) this.placeMarkers();
         if (this.follows) {
             const moved = this.middle().sub(before);
@@ -155,10 +162,9 @@ class Stage {
         this.axes[i]?.scale.set(0.003, 0.003, 2 * ROD);
     }
 
-    // Anatomical axes x, y, z of the segment that moves about a joint, from there.
-    triad(rods, i, x) {
-        const at = 4 * (this.frame * this.motion.joints.length + i);
-        const turn = rods.length ? new THREE.Quaternion(...this.motion.axes.subarray(at, at + 4)).normalize() : null;
+    // Anatomical axes x, y, z from a point: the n-th quaternion of a motion's.
+    triad(rods, axes, n, x) {
+        const turn = rods.length ? new THREE.Quaternion(...axes.subarray(4 * n, 4 * n + 4)).normalize() : null;
         rods.forEach((rod, k) => {
             const end = new THREE.Vector3().setComponent(k, AXIS).applyQuaternion(turn).add(x);
             if (Number.isNaN(end.x)) rod.visible = false;
