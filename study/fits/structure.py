@@ -271,7 +271,7 @@ class Look(NamedTuple):
 
     Attributes:
         seen: sets that must be tested in full (b,).
-        extreme: sets whose largest residual may be an outlier's (b,).
+        extreme: sets that may have outliers (b,), by their largest residual; all with few points.
     """
 
     seen: Bools
@@ -287,7 +287,7 @@ def quick_look(samples: Samples, fit: Estimates) -> Look:
         noise = np.sqrt(fit.noise_variance) / fit.radius
     usable = (noise > _ROUNDING) & (noise < np.inf)
     if len(products) - d - 1 > (n - d - 1) // 2 or n - d - 1 < 30:
-        return Look(usable, usable & _has_extremes(samples, fit))
+        return Look(usable, usable)  # among few points outliers hide in each other's residuals
     out = np.empty((b, 7))
     with np.errstate(all="ignore"):
         _look(samples.rows, fit.center, fit.radius, products, ends, out)
@@ -310,7 +310,7 @@ class Structure(NamedTuple):
     Attributes:
         speaks: True for each block of the test of fit that speaks (4, b).
         doubted: sets in which the model fails by enough to matter (b,).
-        extreme: sets whose largest residual may be an outlier's (b,).
+        extreme: sets that may have outliers (b,).
         spread: sets in which a few points lie so far from the rest that they may be outliers without a residual (b,).
         hinge: sets in space that lie on a circle (b,).
         ratio: factors of at least 1 on the standard errors of white noise, of the centre and the radius (b, d + 1).
@@ -403,24 +403,9 @@ def widened(samples: Samples, level: float, white: Intervals, stretch: Floats) -
     return Intervals(radius, center, share)
 
 
-def _has_extremes(samples: Samples, fit: Estimates) -> Bools:
-    """True for sets whose largest residual, over its standard error, may be an outlier's (b,)."""
-    d, n = samples.shape[1:]
-    away = samples.x - fit.center[:, :, None]
-    R = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
-    X = np.concatenate([np.ones((len(away), 1, n)), away / R[:, None]], axis=1)
-    gram = X @ X.swapaxes(1, 2)
-    gram[~np.isfinite(gram).all(axis=(1, 2))] = np.eye(d + 1)
-    leverage = np.einsum("bkn,bkn->bn", X, np.linalg.pinv(gram) @ X)
-    residual = np.abs(R - fit.radius[:, None]) / np.sqrt(np.maximum(1.0 - leverage, 1e-9))
-    return _extreme(residual.max(axis=1) / np.sqrt(fit.noise_variance), n, d)
-
-
 def _extreme(largest: Floats, n: int, d: int) -> Bools:
     """True where the largest of n studentised residuals is beyond Grubbs' limit (b,)."""
     spare = n - d - 1.0
-    if spare < 2.0:
-        return np.zeros(len(largest), dtype=np.bool_)
     q = stdtrit(spare - 1.0, 1.0 - 0.5 * _GRUBBS / n)
     return np.asarray(largest > q * np.sqrt(spare / (spare - 1.0 + q * q)))
 

@@ -123,6 +123,18 @@ def test_far_points_that_draw_the_fit_to_themselves_are_not_ok(n, moved):
     assert np.abs(fit.radius - 1.0).max() > 0.5
 
 
+@pytest.mark.parametrize(("n", "moved", "angle"), [(12, 2, 180.0), (15, 2, 60.0), (20, 3, 180.0)])
+def test_of_few_points_no_fit_is_ok_whose_outliers_are_named(n, moved, angle):
+    """Points moved by 30 σ hide in each other's residuals; of 200 sets at most 4 are ok where `outliers` names one."""
+    rng = np.random.default_rng(12)
+    points = noisy(rng, on_cap(rng, 200, n, angle))
+    points[:, :moved] += 0.3 * on_cap(rng, 200, moved)
+    fit = study.fit(points)
+    named = fit.outliers.any(axis=1)
+    assert named.mean() > 0.5
+    assert (fit.ok & named).sum() <= 4
+
+
 @pytest.mark.parametrize(("n", "angle"), [(20, 20.0), (80, 20.0), (80, 180.0)])
 def test_a_placeholder_row_is_an_outlier(n, angle):
     """A row of -9999 beside points of radius 25 alone makes the radius; with few on a small cap it cannot be named."""
