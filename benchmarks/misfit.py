@@ -17,7 +17,7 @@ from studies import ROOT, clean, covered, store
 
 import study
 from study import Status
-from study.fits.goodness import BLOCKS, Goodness
+from study.fits.goodness import BLOCKS, SMALL, Goodness
 from study.fits.intervals import intervals
 from study.fits.random import lanes
 from study.simulation.coverage import read_design
@@ -174,7 +174,8 @@ def level(sets):
     """A row for each clean cell of the coverage study, with coverage by the intervals of white noise and as allowed."""
     for cell in read_design(ROOT / "configs" / "coverage.toml").cells():
         state = lanes(SEED, "misfit", cell.samples, cell.angle, cell.kappa)
-        fits = [study.fit(x.swapaxes(1, 2)) for x in clean(state, sets, cell.samples, cell.angle, cell.sigma)]
+        count = sets if cell.samples < 10_000 or cell.sigma < SMALL else sets // 10  # which take minutes
+        fits = [study.fit(x.swapaxes(1, 2)) for x in clean(state, count, cell.samples, cell.angle, cell.sigma)]
         answer = Goodness(*(np.concatenate(block) for block in zip(*(fit.goodness for fit in fits), strict=True)))
         white = [intervals(fit.samples) for fit in fits]
         bounded = np.concatenate([ends.identified for ends in white])
