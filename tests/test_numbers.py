@@ -44,6 +44,12 @@ QUOTED = {
     "regret": ("regret", "samples == 0 and estimator in ['als', 'mle', 'gdke']", ["median", "q95", "q95_error"], True),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"], True),
     "stopping": ("stopping", "", ["value"], True),
+    "forms": (
+        "misfit_errors",
+        "best_seen == best_seen",
+        ["ok", "covers_white", "covers_or_doubted", "best_seen"],
+        True,
+    ),
 }
 """Tables of documents: the stored table, rows and columns that are quoted, and if each row is quoted by itself."""
 PAGES = {name: path for path in ROOT.glob("**/*.md") for name in re.findall(r"<!-- table: (\w+)", path.read_text())}

@@ -406,14 +406,15 @@ def test_certify(well, call_here, tmp_path):
     assert call_here(tmp_path, "certify", "pairs/gdke", "-e", "gdke")[::2] == (2, words)
 
 
-def test_fit_with_a_known_radius(tmp_path, well, cap):
-    """The centre is that of the library, the radius has no error, and a line says whether the points agree with it."""
+def test_fit_with_a_known_radius(tmp_path, well, call_here, cap):
+    """The centre is that of the library, the radius has no error; a line and the exit code say if the points agree."""
     out = well(tmp_path, "fit", "cap.csv", "--radius", "2")
     assert rows_of(out)[1]["corrected"][3] == "2"
     assert "radius 2 is given; with a free one the points have" in out
     told = json.loads(well(tmp_path, "fit", "cap.csv", "--radius", "2", "--json"))[0]
     np.testing.assert_allclose(told["center"], study.fit(cap, radius=2.0).center, rtol=1e-12)
-    assert "the points do not agree with it" in well(tmp_path, "fit", "cap.csv", "--radius", "2.1")
+    code, said, _ = call_here(tmp_path, "fit", "cap.csv", "--radius", "2.1")
+    assert (code, "the points do not agree with it" in said) == (3, True)
 
 
 def test_fit_with_noise_for_each_point(well, cap, rng, tmp_path):
