@@ -53,9 +53,10 @@ for caps of 12 to 180 degrees it missed none of 27,000 clean sets, of which some
 _GRUBBS = 0.012
 """Share of clean data sets that are searched for outliers because of their largest residual, a little above the 1 % in
 which that search finds one."""
-_PEAKED, _PEAKED_BY_CHANCE = 1.55, 5.0
-"""Σ|x - x̄|⁴ N/(Σ|x - x̄|²)² is 1 to 4/3 on caps, and 5/3 at most where the noise is large; above the first of these and
-the second over N, points far from the rest may have drawn the fit to themselves, and left no residual."""
+_PEAKED, _FAR, _BY_CHANCE = 1.55, 3.0, 5.0
+"""Σ|x - x̄|⁴ N/(Σ|x - x̄|²)² is 1 to 4/3 on caps, 9/5 at most on arcs, and 5/3 at most where the noise is large. Above
+the first of these and the last over N, points far from the rest may have drawn the fit to themselves, and left no
+residual; above the second, there are some."""
 _WELL_ABOVE = 3.0
 """Factor on an interval from which the fit is doubted."""
 _EFFECT = 0.005
@@ -311,19 +312,29 @@ class Structure(NamedTuple):
         speaks: True for each block of the test of fit that speaks (4, b).
         doubted: sets in which the model fails by enough to matter (b,).
         extreme: sets that may have outliers (b,).
-        spread: sets in which a few points lie so far from the rest that they may be outliers without a residual (b,).
         hinge: sets in space that lie on a circle (b,).
         ratio: factors of at least 1 on the standard errors of white noise, of the centre and the radius (b, d + 1).
         freedom: degrees of freedom of Student's t that goes with them (b, d + 1); infinite for white noise.
+        kurtosis: N Σ|x - x̄|⁴/(Σ|x - x̄|²)² of the points, less what chance adds (b,).
     """
 
     speaks: Bools
     doubted: Bools
     extreme: Bools
-    spread: Bools
     hinge: Bools
     ratio: Floats
     freedom: Floats
+    kurtosis: Floats
+
+    @property
+    def spread(self) -> Bools:
+        """True for sets in which points may lie so far from the rest that they are outliers without a residual (b,)."""
+        return self.kurtosis > _PEAKED
+
+    @property
+    def far(self) -> Bools:
+        """True for sets in which points certainly lie far from the rest (b,)."""
+        return self.kurtosis > _FAR
 
     def stretch(self, level: float, spare: Ints) -> Floats:
         """Factors on the half-widths of intervals with ``spare`` (b,) degrees of freedom (b, d + 1); 1 if no structure.
@@ -351,8 +362,9 @@ def structure(samples: Samples, ordered: bool = False, known: Estimates | None =
     Source: theory §13.
     """
     b, d, _ = samples.shape
-    no = np.zeros((8, b), dtype=np.bool_)
-    result = Structure(no[:4], no[4], no[5], no[6], no[7], np.ones((b, d + 1)), np.full((b, d + 1), np.inf))
+    no = np.zeros((7, b), dtype=np.bool_)
+    white = np.ones((b, d + 1)), np.full((b, d + 1), np.inf)
+    result = Structure(no[:4], no[4], no[5], no[6], *white, np.zeros(b))
     for sets, present in samples.by_count():
         n = present.shape[2]
         finite = np.isfinite(present.moments.fourth)
@@ -369,7 +381,8 @@ def structure(samples: Samples, ordered: bool = False, known: Estimates | None =
             result.hinge[sets] = on_circles(present, fit)
         result.extreme[sets] = look.extreme
         square = np.einsum("bii->b", present.moments.second)
-        result.spread[sets] = n * present.moments.fourth > (_PEAKED + _PEAKED_BY_CHANCE / n) * square**2
+        with np.errstate(invalid="ignore"):
+            result.kurtosis[sets] = n * present.moments.fourth / square**2 - _BY_CHANCE / n
         seen = np.flatnonzero(look.seen)
         part = max(_MOST_NUMBERS // (10 * n), 1)
         for some in (seen[i : i + part] for i in range(0, len(seen), part)):

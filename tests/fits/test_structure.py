@@ -119,7 +119,8 @@ def test_far_points_that_draw_the_fit_to_themselves_are_not_ok(n, moved):
     points = noisy(rng, on_cap(rng, 200, n, 60.0), 0.02)
     points[:, :moved] *= 3.0
     fit = study.fit(points)
-    assert (fit.status == Status.OUTLIERS).mean() > 0.95
+    assert not fit.ok.any()
+    assert (fit.status == Status.OUTLIERS).mean() > (0.0 if n == 10 else 0.3)
     assert np.abs(fit.radius - 1.0).max() > 0.5
 
 
@@ -144,6 +145,14 @@ def test_a_placeholder_row_is_an_outlier(n, angle):
     fit = study.fit(points)
     assert not fit.ok.any()
     assert (fit.status == Status.OUTLIERS).mean() > (0.95 if n == 80 else 0.5)
+
+
+def test_arcs_are_hinges_without_outliers():
+    """A door's marker over 114°: every one of 200 sets is a hinge, though the arc's ends are far from its middle."""
+    rng = np.random.default_rng(8)
+    turn = rng.uniform(0.0, 2.0, (200, 100))
+    fit = study.fit(noisy(rng, np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)))
+    assert (fit.status == Status.HINGE).all()
 
 
 @pytest.mark.parametrize("name", ["cylinder", "two spheres", "ellipsoid"])
