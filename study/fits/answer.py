@@ -131,7 +131,8 @@ class FittedPoints:
             rest = np.where(named[failing][:, None], np.nan, part.x[failing])
             explained = ~structure(Samples(rest), self._ordered).doubted
             result[searched[failing[explained]]] = Status.OUTLIERS
-        alone = np.flatnonzero(seen.spread & (result == Status.OK))
+        free = ends.radius[:, 0] < ends.radius[:, 1]  # a known radius needs no point to carry it
+        alone = np.flatnonzero(seen.spread & free & (result == Status.OK))
         if len(alone):  # does the farthest point alone carry the radius?
             x = self.different.take(alone).x
             away = np.square(x - np.nanmean(x, axis=2, keepdims=True)).sum(axis=1)
@@ -325,7 +326,7 @@ class Fit:
         It is the estimator's own where it failed. Else one rule holds for every estimator. Points on a circle in space
         are a hinge (theory 13.7). A fit is weakly identified unless its points bound the radius by a 95 % interval and
         the noise is below 0.35 radii (theory 10.5). It is not ok either where it uses outliers, where the test of fit
-        speaks and that matters (theory 13.6), or where the points do not agree with a known radius (p < .01).
+        speaks and that matters (theory 13.6), or where the points refuse a known radius or noise (p < .01).
         """
         return self.own_status if self._samples is None else self._settled
 

@@ -268,6 +268,14 @@ def test_a_wrong_radius_is_noticed(rng, on_cap):
         assert fit.ok.mean() < 0.01
 
 
+def test_one_far_point_is_no_doubt_where_the_radius_is_known(rng, on_cap):
+    """Of 29 points on a cap of 3° and one at 60° none bounds a radius alone, and none needs to: nearly all are ok."""
+    points = on_cap(rng, 30, 3.0, noise=0.002, sets=200)[0]
+    far = np.array([np.cos(np.pi / 3), np.sin(np.pi / 3), 0.0])
+    points[:, 0] = far + 0.002 * rng.standard_normal((200, 3))
+    assert study.fit(points, radius=1.0).ok.mean() > 0.9
+
+
 def test_a_radius_without_a_centre_is_noticed(rng, on_cap):
     """Of a radius 6 errors too small some sets have no centre at all; r̂ over its error tells then, in 99 % of 300."""
     points = on_cap(rng, 20, 60.0, noise=0.05, sets=300)[0]
