@@ -38,7 +38,7 @@ from pydantic import (
 
 from study.fits import ESTIMATORS
 from study.fits.samples import Worded
-from study.simulation.experiment.conditions import CONDITIONS, DEPARTURES, LAWS, STORED, Condition, Distribution, Value
+from study.simulation.experiment.conditions import CONDITIONS, LAWS, STORED, Condition, Distribution, Value
 from study.simulation.experiment.designs import MAX_CELLS, Cell, Grid, GridDesign, Random, RandomDesign, as_list
 from study.simulation.experiment.noise import MOST_SPACED, PATH, SPACED, GaussianNoise, gaussian
 from study.text import did_you_mean
@@ -274,7 +274,7 @@ def parse(text: str, source: str = "config") -> Study:
     if study is not None and study.cells() > MAX_CELLS:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
-        for check in (_departure_faults, _moment_faults, _level_faults, _posterior_faults, _precision_faults):
+        for check in (_departure_faults, _neglect_faults, _level_faults, _posterior_faults, _precision_faults):
             faults += check(study)
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
@@ -332,19 +332,11 @@ def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
 
 
 def _departure_faults(study: Study) -> Iterator[Fault]:
-    """Find entries that do not go with another law of the noise or of the directions, with outliers, or another σ̂."""
+    """Find entries that do not go with another law of the noise or of the directions, or with outliers."""
     given = study.design.given()
-    named = [condition.name for condition in DEPARTURES if condition.name in given]
-    others = " and ".join(name for name in ("stated_variance", "directions") if name in given)
-    if named and study.posterior is not None:
-        words = f"its likelihoods are of normal noise without outliers: take {' and '.join(named)} out of the design"
-        yield Fault(("posterior",), words)
-    if others and study.posterior is not None:
-        words = f"its likelihoods are of the true σ, and of directions by area: take {others} out of the design"
-        yield Fault(("posterior",), words)
-    if "law" in named and study.noise_shape is not None:
+    if "law" in given and study.noise_shape is not None:
         yield Fault(("noise_shape",), "is the covariance of normal noise: take law out of the design")
-    if "outlier_size" in named and "outlier_share" not in named:
+    if "outlier_size" in given and "outlier_share" not in given:
         words = "has no effect without outlier_share, the probability of an outlier"
         yield Fault(("design", "outlier_size"), words)
     if study.dimension > MOST_SPACED and {SPACED, PATH} & set(study.design.values(CONDITIONS["directions"]) or ()):
@@ -352,14 +344,22 @@ def _departure_faults(study: Study) -> Iterator[Fault]:
         yield Fault(("design", "directions"), words)
 
 
-def _moment_faults(study: Study) -> Iterator[Fault]:
-    """Find conditions that fits from joint moments would take no account of, unless they are at their defaults."""
+_LIKELIHOODS = "its likelihoods, of normal noise of the true σ and directions by area, take no account of"
+
+
+def _neglect_faults(study: Study) -> Iterator[Fault]:
+    """Find conditions of which joint moments or posteriors would take no account, unless they are at their defaults."""
     design = study.design
-    given = [CONDITIONS[name] for name in design.given()]
-    unknown = [c.name for c in given if not c.by_moments and design.values(c) != (c.default,)]
-    if study.route == "moments" and unknown:
-        words = f'the route "moments" takes no account of {" and ".join(unknown)}'
-        yield Fault(("route",), f'{words}: take {"it" if len(unknown) == 1 else "them"} out, or route = "points"')
+    given = [c for c in map(CONDITIONS.__getitem__, design.given()) if design.values(c) != (c.default,)]
+    moments = study.route == "moments" and [c.name for c in given if not c.by_moments]
+    posterior = study.posterior is not None and [c.name for c in given if not c.by_posterior]
+    for names, key, words, remedy in (
+        (moments, "route", 'the route "moments" takes no account of', 'out, or route = "points"'),
+        (posterior, "posterior", _LIKELIHOODS, "out of the design"),
+    ):
+        if names:
+            them = "it" if len(names) == 1 else "them"
+            yield Fault((key,), f"{words} {' and '.join(names)}: take {them} {remedy}")
 
 
 def _level_faults(study: Study) -> Iterator[Fault]:

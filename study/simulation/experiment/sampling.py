@@ -80,8 +80,8 @@ class Draws:
     def place(self, level: Cell, array: Array = new) -> Samples:
         """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
         noise = self.unit_noise
-        for departure in departures({"angle": level.angle} | dict(level.further)):
-            noise = departure.applied(noise, self.directions, self.further)
+        for step, numbers in departures({"angle": level.angle} | dict(level.further)):
+            noise = step(noise, self.directions, self.further, *numbers)
         points = array("points", noise.shape)
         form(self.directions, noise, np.array(level.center), float(level.radius), float(level.noise), points)
         return Samples(points, self.law.given(level.stated_noise))

@@ -41,8 +41,8 @@ def numbers_of(seed, first, last):
 def drawn(conditions, d=3, n=40_000, trials=2):
     """Normal noise, and what the conditions make of it (trials, d, n)."""
     normals = noise = np.random.default_rng(20260).standard_normal((trials, d, n))
-    for departure in departures(conditions):
-        noise = departure.applied(noise, np.zeros_like(noise), numbers_of(8, 0, trials))
+    for step, numbers in departures(conditions):
+        noise = step(noise, np.zeros_like(noise), numbers_of(8, 0, trials), *numbers)
     return normals, noise
 
 
@@ -92,10 +92,10 @@ def test_transforms_are_quantiles():
     """Laplace and uniform numbers are the normal ones' quantiles, by SciPy's distributions, also far in the tails."""
     z = np.linspace(0.0, 35.0, 71)[None, None]
     for law in ("laplace", "uniform"):
-        (step,) = departures({"law": law})
+        ((step, numbers),) = departures({"law": law})
         expected = MARGINALS[law].isf(stats.norm.sf(z))
-        np.testing.assert_allclose(step.applied(z, z, None), expected, rtol=1e-12, atol=1e-15)
-        np.testing.assert_array_equal(step.applied(-z, z, None), -step.applied(z, z, None))
+        np.testing.assert_allclose(step(z, z, None, *numbers), expected, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(step(-z, z, None, *numbers), -step(z, z, None, *numbers))
 
 
 def test_outliers():
@@ -183,8 +183,9 @@ def test_draws_do_not_depend_on_what_is_drawn_with_them():
     """Further numbers of the later half of a block are the same whether or not the first half is drawn."""
     whole, half = numbers_of(1, 0, 8), numbers_of(1, 5, 8)
     noise = np.zeros((8, 3, 12))
-    for step in departures({"law": "student(3)", "outlier_share": 0.3}):
-        np.testing.assert_array_equal(step.applied(noise, noise, whole)[5:], step.applied(noise[:3], noise[:3], half))
+    for step, numbers in departures({"law": "student(3)", "outlier_share": 0.3}):
+        later = step(noise[:3], noise[:3], half, *numbers)
+        np.testing.assert_array_equal(step(noise, noise, whole, *numbers)[5:], later)
 
 
 def test_the_bound_is_gaussian(make_study):
@@ -225,7 +226,8 @@ def test_radial_noise_is_along_the_radius():
     normals = np.random.default_rng(5).standard_normal(u.shape)
     heights = u.copy()
     heights[:, 0] = 1.0 - u[:, 0]
-    noise = departures({"law": "radial"})[0].applied(normals, heights, None)
+    ((step, numbers),) = departures({"law": "radial"})
+    noise = step(normals, heights, None, *numbers)
     along = (noise * u).sum(axis=1)
     np.testing.assert_allclose(noise, along[:, None] * u, atol=1e-14)
     np.testing.assert_allclose(along, (normals * u).sum(axis=1), atol=1e-14)
@@ -238,8 +240,8 @@ def structured(law, u, angle, seed=1):
     normals = np.random.default_rng(seed).standard_normal(u.shape)
     heights = u.copy()
     heights[:, 0] = 1.0 - u[:, 0]
-    (step,) = departures({"law": law, "angle": np.degrees(angle)})
-    return step.applied(normals, heights, numbers_of(4, 0, len(u))), normals
+    ((step, numbers),) = departures({"law": law, "angle": np.degrees(angle)})
+    return step(normals, heights, numbers_of(4, 0, len(u)), *numbers), normals
 
 
 def test_noise_grows_to_the_rim():
