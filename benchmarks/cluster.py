@@ -36,7 +36,6 @@ from study.fits import Estimates
 from study.simulation.experiment.compute import Errors, Result
 from study.simulation.experiment.config import Study, parse
 from study.simulation.experiment.designs import Batch
-from study.simulation.experiment.sampling import groups, units
 from study.simulation.runs import jobs, runner, workers
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.workers import PER_SECOND, Parent, Workers
@@ -101,7 +100,7 @@ def config(weight: float) -> str:
 
 def tasks_of(study: Study) -> Iterator[jobs.UnitTask]:
     """The tasks of a study, one a unit."""
-    return map(jobs.Layout(study).task, units(study))
+    return map(jobs.Layout(study).task, study.units())
 
 
 def pace() -> float:
@@ -232,7 +231,7 @@ def schedule() -> Iterator[dict[str, float]]:
     study = parse(f"{head}[design]\ntrials = 1_000_000\nmost_samples = 5_000_000_000{design}")
     tasks = list(tasks_of(study))
     seconds = sorted((task.weight / PER_SECOND for task in tasks), reverse=True)
-    fits = sum(group.width * study.design.trials_of(group.samples) for group in groups(study)) * len(study.estimators)
+    fits = sum(group.width * study.design.trials_of(group.samples) for group in study.groups()) * len(study.estimators)
     samples = sum(task.batch.rows * task.batch.group.samples for task in tasks)
     for count in (10, 100, 1000):
         busy = [0.0] * count

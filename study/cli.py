@@ -317,7 +317,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
     """
     from study.files import save_frame
     from study.simulation.analysis.regret import fits, points, trial_printed
-    from study.simulation.experiment.sampling import find, parse_name
+    from study.simulation.experiment.compute import find, parse_name
     from study.simulation.runs.provenance import other_version
 
     run = opened(folder)
@@ -394,7 +394,7 @@ def main(command: Callable[..., object] = app) -> None:
         from study.files import InputError, RunError
         from study.fits.point_formats import PointFileError
         from study.fits.registry import PluginError
-        from study.simulation.experiment.sampling import ReplayError
+        from study.simulation.experiment.compute import ReplayError
         from study.toml import ConfigError
 
         if isinstance(error, ConfigError | PluginError | PointFileError | InputError | ReplayError | RunError):

@@ -14,9 +14,8 @@ import pytest
 
 import study
 from study.simulation.analysis import regret
-from study.simulation.experiment.compute import compute
+from study.simulation.experiment.compute import compute, find
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import find, units
 from study.simulation.runs.jobs import Layout, execute
 from study.simulation.runs.parts import Parts
 from study.simulation.runs.run_folder import Run
@@ -34,7 +33,7 @@ def begun(config, tmp_path):
     made = parse(config)
     store = Run.create(tmp_path / "out", made).begin(config)
     parts = Parts(store.folder, "units")
-    parts.add(execute(made, (Layout(made).task(next(units(made))),)))
+    parts.add(execute(made, (Layout(made).task(next(made.units())),)))
     parts.commit()
     return tmp_path
 
@@ -224,7 +223,7 @@ def replayed(tmp_path_factory, config):
 def points(replayed):
     """All points of the study, as a worker computes them."""
     made = Run.open(replayed / "out").study
-    return pd.concat([pd.DataFrame(compute(made, unit).points) for unit in units(made)], ignore_index=True)
+    return pd.concat([pd.DataFrame(compute(made, unit).points) for unit in made.units()], ignore_index=True)
 
 
 def test_replay(call, call_here, finished):

@@ -30,7 +30,6 @@ from study.simulation import statistics
 from study.simulation.analysis.summary import summary
 from study.simulation.experiment.compute import Errors, compute
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.sampling import units
 from study.simulation.statistics import inside, moments_exist, power_law, quantile, robust_sd, tail_index, theil_sen
 
 X = np.logspace(1, 5, 13)
@@ -244,7 +243,7 @@ def test_rows_from_memory_are_rows_from_a_table():
     """From errors in memory, with fits that are not ok, come the rows that `summary` makes of their table."""
     head = {"name": "test", "seed": 1, "estimators": ["ugdk", "mle"], "keep": "summary"}
     study = Study.model_validate(head | {"design": GRID})
-    made = [Errors.joined(compute(study, unit).blocks) for unit in units(study)]
+    made = [Errors.joined(compute(study, unit).blocks) for unit in study.units()]
     assert len(made) == 2
     for errors in made:
         expected = summary(pd.DataFrame(errors.columns()), by_decade=False)

@@ -32,10 +32,9 @@ from study.fits.markers import MarkersMoments
 from study.fits.moments import Moments
 from study.fits.registry import as_fit
 from study.fits.samples import blank, explain
-from study.simulation.experiment.compute import attempt
+from study.simulation.experiment.compute import Trial, attempt
 from study.simulation.experiment.conditions import CONDITIONS, RADIUS, STATED_VARIANCE, STORED, bound_law, named_in
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.sampling import Trial
 from study.simulation.runs.run_folder import Run
 from study.text import columns
 

@@ -23,7 +23,6 @@ from study.simulation.analysis.summary import Grouped, rows_of_groups
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch
-from study.simulation.experiment.sampling import units
 from study.simulation.posterior.run import chain_tasks
 from study.simulation.runs import jobs, schemas
 from study.simulation.runs.jobs import tables
@@ -175,7 +174,7 @@ def _places(study: Study, trials: Mapping[str, int]) -> list[tuple[Batch, int, i
         trials: number of trials of each cell of an adaptive run, to which units are cut; empty for another.
     """
     places: list[tuple[Batch, int, int]] = []
-    for unit in units(study):
+    for unit in study.units():
         rows = len(unit.cells) if study.keep == "summary" else unit.rows
         if trials:
             counts = {c: min(trials[c.name], unit.last) - unit.first for c in unit.cells}

@@ -1,11 +1,18 @@
-"""Errors of every estimator in every cell: the only code that runs in a worker; it returns rows and writes nothing.
+"""Draws, points, fits and errors of a batch: the only code that runs in a worker; it returns rows and writes nothing.
 
-A unit's batches are drawn, placed on the spheres of their cells, fitted, and compared with the truth. An exception in
-an estimator, or an exit, costs the trials that raise it, and no others.
+A unit's batches are drawn, placed on the spheres of their cells, fitted, and compared with the truth. One draw of unit
+directions u and unit noise z serves every σ, r and c. An exception in an estimator, or an exit, costs the trials that
+raise it, and no others.
+
+One trial can be drawn again from its name: the same points to the last bit, on whatever machine its run was computed.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain
 from time import perf_counter
 from typing import Any
 
@@ -13,14 +20,107 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.arrays import Floats
-from study.fits import ESTIMATORS, Estimates, Samples, Status
+from study.fits import ESTIMATORS, Estimates, Samples, Status, cap
+from study.fits.jit import form
 from study.fits.moments import JointMoments
+from study.fits.random import Name, lanes, stream
 from study.fits.registry import SimpleForm
 from study.fits.samples import blank
 from study.simulation.experiment.conditions import CONDITIONS, Value
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Batch, Cell
-from study.simulation.experiment.sampling import Workspace, draw
+from study.simulation.experiment.designs import Batch, Cell, Group
+from study.simulation.experiment.noise import GaussianNoise, departures, place_directions
+from study.text import nearest
+
+Array = Callable[[str, tuple[int, ...]], Floats]
+"""Makes an array of a name and shape, with any content."""
+
+
+def new(name: str, shape: tuple[int, ...]) -> Floats:
+    """A fresh array; the name does not matter."""
+    return np.empty(shape)
+
+
+class Workspace(threading.local):
+    """Reuse arrays within a thread: fresh memory costs as much as the arithmetic on it.
+
+    An array is valid until the next one of the same name is requested.
+    """
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, Floats] = {}
+
+    def __call__(self, name: str, shape: tuple[int, ...]) -> Floats:
+        """An array of a shape, with any content."""
+        size = math.prod(shape)
+        if name not in self._arrays or self._arrays[name].size < size:
+            self._arrays[name] = np.empty(size)
+        return self._arrays[name][:size].reshape(shape)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The draws of a batch, before they are placed on any sphere.
+
+    Attributes:
+        batch: the trials, of the same cells.
+        seed: the study's.
+        directions: unit vectors (b, d, n) about the first axis, with the height 1 - u₁ in place of u₁.
+        unit_noise: noise at σ = 1 (b, d, n).
+        law: the Gaussian law of the noise.
+    """
+
+    batch: Batch
+    seed: int
+    directions: Floats
+    unit_noise: Floats
+    law: GaussianNoise
+
+    def further(self, kind: Name, numbers: Callable[[np.random.Generator, int], Floats]) -> Floats:
+        """Draw further random numbers for each trial (b, …), always the same ones, which changes no others.
+
+        Args:
+            kind: last part of the names of the streams, which distinguishes these numbers from others.
+            numbers: gives numbers of so many trials (trials, …) from a generator.
+        """
+        blocks = self.batch.blocks()
+        parts = [numbers(stream(self.seed, *name, *kind), skip + count)[skip:] for name, skip, count in blocks]
+        return np.concatenate(parts)
+
+    def place(self, level: Cell, array: Array = new) -> Samples:
+        """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
+        noise = self.unit_noise
+        for step, numbers in departures({"angle": level.angle} | dict(level.further)):
+            noise = step(noise, self.directions, self.further, *numbers)
+        points = array("points", noise.shape)
+        form(self.directions, noise, np.array(level.center), float(level.radius), float(level.noise), points)
+        return Samples(points, self.law.given(level.stated_noise))
+
+    def unit_bound(self) -> Floats:
+        """The Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (b, d+1, d+1), of normal noise."""
+        return self.law.unit_bound(self.directions)
+
+
+def draw(study: Study, batch: Batch, array: Array = new) -> Draws:
+    """Draw a batch from the named streams of its blocks."""
+    d, cell, blocks = study.dimension, batch.cells[0], batch.blocks()
+    angle, trials = math.radians(cell.angle), sum(skip + count for _, skip, count in blocks)
+    shape = (trials, d, cell.samples)
+    directions, normals = array("directions", shape), array("normals", shape)
+    used = np.ones(trials, dtype=bool)
+    first = 0
+    for name, skip, count in blocks:
+        part = slice(first, first + skip + count)
+        cap.draw(lanes(study.seed, *name), angle, directions[part], normals[part])
+        used[first : first + skip] = False
+        first = part.stop
+    if not used.all():
+        directions, normals = directions[used], normals[used]
+    law = study.noise_law
+    draws = Draws(batch, study.seed, directions, law.unit_noise(normals), law)
+    place_directions(cell.directions, angle, directions, draws.further)
+    return draws
+
 
 Columns = dict[str, NDArray[Any]]
 """Columns of a table by name."""
@@ -377,3 +477,127 @@ def _point_columns(cell: Cell, first: int, x: Floats) -> Columns:
         **{f"center_{i + 1}": np.full(b * n, cell.center[i]) for i in range(d)},
         "radius": np.full(b * n, cell.radius),
     }
+
+
+_MOST_COMPARED = 20_000
+
+
+class ReplayError(Exception):
+    """A trial that a study does not have; the message says which ones it has."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One data set of a study, with the truth. Its points are drawn when they are asked for, always the same ones.
+
+    Attributes:
+        study: the config.
+        group: the cells that share its draw.
+        cell: its condition, one of them.
+        trial: its number.
+    """
+
+    study: Study
+    group: Group
+    cell: Cell
+    trial: int
+
+    @cached_property
+    def level(self) -> Samples:
+        """The points (1, d, n) and the noise in units of the cell's scale, as the estimators take them."""
+        return self._draws.place(self.cell.level)
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The points (1, d, n) and the noise."""
+        return Samples(self.cell.scale * self.level.x, self._draws.law.given(self.cell.stated_noise))
+
+    @cached_property
+    def unit_bound(self) -> Floats:
+        """Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (d+1, d+1)."""
+        bound: Floats = self._draws.unit_bound()[0]
+        return bound
+
+    @cached_property
+    def _draws(self) -> Draws:
+        return draw(self.study, Batch(self.group, self.trial, self.trial + 1))
+
+
+def all_trials(study: Study, below: int | None = None) -> Iterator[Trial]:
+    """The trials of a study, cell by cell in the order of its tables.
+
+    Args:
+        study: the config.
+        below: only trials with a number below this one are listed, if it is given.
+    """
+    for unit in chain.from_iterable(study.units_of(group, below) for group in study.groups()):
+        for batch in unit.parts(0):
+            last = batch.last if below is None else min(below, batch.last)
+            for cell in batch.cells:
+                yield from (Trial(study, batch.group, cell, trial) for trial in range(batch.first, last))
+
+
+def locate(study: Study, cell: str) -> tuple[Cell, list[Batch]]:
+    """Find a cell of a study by its name.
+
+    Args:
+        study: the config.
+        cell: the cell's name, or enough of its beginning to tell it from all others.
+
+    Returns:
+        The cell, and the units of its trials: in a random design, one for each trial.
+
+    Raises:
+        ReplayError: if there is no such cell, or more than one.
+    """
+    matches: dict[str, tuple[Cell, list[Batch]]] = {}
+    names: list[str] = []
+    for group in study.groups():
+        for known, first, last in group.places(0, study.trials_of(group)):
+            names += [known.name] * (len(names) < _MOST_COMPARED)
+            if known.name.startswith(cell):
+                matches.setdefault(known.name, (known, []))[1].append(Batch(group, first, last))
+    if not matches:
+        close = nearest(cell, names)
+        hint = "the" if close is None else f"did you mean {close}? The"
+        raise ReplayError(
+            f"cell {cell!r}: no such cell in {study.run_name()}; {hint} error table's first column has them"
+        )
+    if len(matches) > 1:
+        raise ReplayError(f"cell {cell!r}: not one cell but {len(matches)}: {', '.join(sorted(matches)[:5])} …")
+    return next(iter(matches.values()))
+
+
+def parse_name(cell: str, trial: int | None) -> tuple[str, int]:
+    """Read a cell's name and a trial's number, which a user gives one by one or as ``CELL/TRIAL``.
+
+    Raises:
+        ReplayError: if the two are given in neither way.
+    """
+    name, _, number = cell.partition("/")
+    if trial is None and number.isascii() and number.isdigit():
+        return name, int(number)
+    if trial is None or number:
+        raise ReplayError(f"trial {cell!r}: give a cell and the number of a trial, or both as CELL/TRIAL")
+    return cell, trial
+
+
+def find(study: Study, cell: str, trial: int) -> Trial:
+    """Find a trial of a study.
+
+    Args:
+        study: the config.
+        cell: the cell's name, or enough of its beginning to tell it from all others.
+        trial: number of the trial.
+
+    Raises:
+        ReplayError: if there is no such cell, more than one, or no such trial in it.
+    """
+    place, where = locate(study, cell)
+    for unit in where:
+        if unit.first <= trial < unit.last:
+            return Trial(study, next(Batch(unit.group, trial, trial + 1).parts(0)).group, place, trial)
+    first, last = where[0].first, where[-1].last - 1
+    whole = 1 < sum(unit.last - unit.first for unit in where) == last - first + 1
+    numbers = f"{first} to {last}" if whole else ", ".join(str(i) for s in where for i in range(s.first, s.last))
+    raise ReplayError(f"trial {trial}: cell {place.name} has trial {numbers}")

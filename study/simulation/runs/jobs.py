@@ -29,7 +29,6 @@ from study.simulation import statistics
 from study.simulation.experiment.compute import Columns, Errors, Result, compute, lost, stack
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Group
-from study.simulation.experiment.sampling import groups, trials_of, units
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import FORMAT, Packet, Parts, encode
 from study.simulation.runs.run_folder import Run
@@ -69,7 +68,7 @@ class UnitTask:
 def takes_long(study: Study) -> bool:
     """Tell whether processes compute a study sooner than threads, which start at once but share one interpreter."""
     layout = Layout(study)
-    return any(weight > _LONG for weight in accumulate(layout.task(unit).weight for unit in units(study)))
+    return any(weight > _LONG for weight in accumulate(layout.task(unit).weight for unit in study.units()))
 
 
 def estimators_of(outputs: Iterable[str]) -> tuple[str, ...]:
@@ -140,7 +139,7 @@ class Layout:
         self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
         self._estimators = tuple(f"{name}@{ESTIMATORS[name].version}" for name in study.estimators)
         self._earlier = earlier if earlier is not None and _related(study, earlier) else None
-        self._groups = {group.stream: group for group in groups(self._earlier)} if self._earlier is not None else {}
+        self._groups = {group.stream: group for group in self._earlier.groups()} if self._earlier is not None else {}
         self._halves: tuple[Group, Group | None, Group | None] | None = None
 
     def task(self, batch: Batch) -> UnitTask:
@@ -164,7 +163,7 @@ class Layout:
 
     def units(self) -> Iterator[Batch]:
         """The units, in the order of the tables."""
-        return units(self.study)
+        return self.study.units()
 
     def cut(self, unit: Batch) -> Iterator[Batch]:
         """Cut a unit into the earlier run's trials of its cells, further trials of them, and other cells."""
@@ -178,7 +177,7 @@ class Layout:
         if others is not None:
             yield Batch(others, unit.first, unit.last)
         if shared is not None:
-            middle = min(max(trials_of(self._earlier, shared), unit.first), unit.last)
+            middle = min(max(self._earlier.trials_of(shared), unit.first), unit.last)
             if unit.first < middle:
                 yield Batch(shared, unit.first, middle)
             if middle < unit.last:
@@ -298,7 +297,7 @@ class EarlierRun:
         self._failures = run.arrow("failures") if run.has("failures") else None
         self._begin: dict[Name, tuple[int, int]] = {}
         row, estimators = 0, len(run.study.estimators)
-        for unit in units(run.study):
+        for unit in run.study.units():
             self._begin.setdefault(unit.group.stream, (row, unit.group.width * estimators))
             row += unit.rows * estimators
 
@@ -319,7 +318,7 @@ class EarlierRun:
             task: outputs of a piece, as `Layout` cut it along this run's study.
         """
         unit = task.batch
-        trials = trials_of(self.run.study, unit.group)
+        trials = self.run.study.trials_of(unit.group)
         outputs = tuple(o for o in task.outputs if o in self.outputs)
         if unit.last > trials or not outputs or unit.group.stream not in self._begin:
             return None
@@ -355,7 +354,7 @@ def neighbour(study: Study, folder: Path) -> Run | None:
             continue
         if run.study.digest() != study.digest() and _related(study, run.study):
             shared = set(run.study.estimators) & set(study.estimators)
-            result.append((sum(item.rows for item in units(run.study)) * len(shared), run))
+            result.append((sum(item.rows for item in run.study.units()) * len(shared), run))
     result.sort(key=lambda entry: -entry[0])
     return next((run for rows, run in result if rows and EarlierRun.of(run)), None)
 

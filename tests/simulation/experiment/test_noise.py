@@ -13,10 +13,9 @@ import study
 from study.fits import cap, fit
 from study.fits.random import lanes
 from study.simulation.experiment import noise as laws
-from study.simulation.experiment.compute import compute
+from study.simulation.experiment.compute import Draws, all_trials, compute, draw
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.experiment.noise import GaussianNoise, departures, freedom, gaussian, has_equal_covariance, is_law
-from study.simulation.experiment.sampling import Draws, all_trials, draw, units
 from study.simulation.runs import schemas
 
 MARGINALS = {
@@ -150,7 +149,7 @@ def test_names_of_laws():
 
 def errors_of(study):
     """Columns of the error table, by cell's σ, laws and share."""
-    columns = [compute(study, unit).errors for unit in units(study)]
+    columns = [compute(study, unit).errors for unit in study.units()]
     names = [name for name in ("noise", "law", "directions", "outlier_share") if name in columns[0]]
     found = {}
     for part in columns:
@@ -171,7 +170,7 @@ def test_normal_cells_are_those_of_a_study_without(make_study):
 def test_a_trial_is_drawn_again(make_study):
     """Replayed alone, a trial of any law has the same points, to the bit, as among others; another seed has others."""
     study = make_study({"keep_points": 99}, trials=7, samples=12, **MIXED)
-    for unit in units(study):
+    for unit in study.units():
         columns = compute(study, unit).points
         for trial in all_trials(study):
             rows = (columns["cell"] == trial.cell.name) & (columns["trial"] == trial.trial)
@@ -191,7 +190,7 @@ def test_draws_do_not_depend_on_what_is_drawn_with_them():
 def test_the_bound_is_gaussian(make_study):
     """The bound does not depend on the law, and the tables say of which it is; those of other studies do not change."""
     study = make_study(trials=3, **MIXED)
-    batch = next(next(units(study)).parts(0))
+    batch = next(next(study.units()).parts(0))
     draws = draw(study, batch)
     np.testing.assert_array_equal(draws.unit_bound(), draws.law.unit_bound(draws.directions))
     for conditions, said in ((study.conditions(), True), (make_study().conditions(), False)):
@@ -312,7 +311,7 @@ def test_a_path_swings_from_rim_to_rim(d):
 def test_the_bound_holds_for_radial_noise(make_study):
     """Variances of MLE's centre and radius over the bound are 1 within 5 standard errors: σ = .003, 3000 trials."""
     study = make_study({"estimators": ["mle"]}, trials=3000, samples=60, angle=90, noise=0.003, law="radial")
-    columns = [compute(study, unit).errors for unit in units(study)]
+    columns = [compute(study, unit).errors for unit in study.units()]
     for error, bound in (("error", "bound"), ("radius_error", "radius_bound")):
         ratio = np.concatenate([(part[error] / part[bound]) ** 2 for part in columns])
         assert abs(ratio.mean() - 1.0) < 5 * ratio.std() / np.sqrt(ratio.size)
@@ -362,7 +361,7 @@ def test_directions_have_their_own_draws_and_bound(make_study):
     """Cells by area are those of a study without other laws, to the bit; the bound is of the realised directions."""
     plain = errors_of(make_study({"estimators": ["gdke"]}, trials=4, samples=20))
     study = make_study({"estimators": ["gdke"]}, trials=4, samples=20, directions=["polar", "area", "spaced"])
-    columns = [compute(study, unit).errors for unit in units(study)]
+    columns = [compute(study, unit).errors for unit in study.units()]
     law = np.concatenate([part["directions"] for part in columns])
     error = np.concatenate([part["error"] for part in columns])
     np.testing.assert_array_equal(error[law == "area"], list(plain.values()))
@@ -388,7 +387,7 @@ def test_estimators_get_the_stated_variance(make_study):
     for trial in all_trials(study):
         share = dict(trial.cell.further).get("stated_variance", 1.0)
         assert trial.samples.noise == pytest.approx(0.3 * np.sqrt(share), rel=1e-15)
-    columns = compute(study, next(units(study))).errors
+    columns = compute(study, next(study.units())).errors
     first = columns["stated_variance"] == 1.0
     np.testing.assert_array_equal(columns["bound"][first], columns["bound"][~first])
     trial = next(all_trials(study))
@@ -410,7 +409,7 @@ def test_random_designs(make_study, more):
     The other conditions are those that are drawn without them; a default in words is as if it were left out.
     """
     with_more, plain = (
-        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **given))]
+        [next(unit.parts(0)).cells[0] for unit in make_study(kind="random", trials=9, samples=50, **given).units()]
         for given in (more, {})
     )
     assert all(set(dict(cell.further)) == set(more) for cell in with_more)
@@ -464,7 +463,7 @@ def test_bound_is_exact_at_tiny_angles(make_study, d, angle, shaped):
     """Variances of centre and radius agree with sixty-digit arithmetic to 1e-8, down to 1e-4 degrees."""
     shape = (np.diag(np.arange(0.7, d)) + 0.3).tolist() if shaped else None
     made = make_study({"dimension": d, "noise_shape": shape}, angle=angle, samples=20, trials=3)
-    draws = draw(made, next(next(units(made)).parts(0)))
+    draws = draw(made, next(next(made.units()).parts(0)))
     bound = draws.unit_bound()
     for trial in range(3):
         expected = exact_variances(draws.directions[trial], draws.law.covariance(1.0))

@@ -6,8 +6,7 @@ import pytest
 import study
 from study.fits import Status
 from study.simulation.analysis import regret
-from study.simulation.experiment.compute import compute, stack
-from study.simulation.experiment.sampling import ReplayError, all_trials, find, units
+from study.simulation.experiment.compute import ReplayError, all_trials, compute, find, stack
 
 KEPT = 3
 
@@ -39,7 +38,7 @@ def made(request, design, make_study):
     with pytest.MonkeyPatch.context() as patch:  # several batches per cell
         patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 2)
         made = make_study(top | ({"noise_shape": SHAPES[d]} if kind == "shaped" else {}), **design)
-        results = [compute(made, unit) for unit in units(made)]
+        results = [compute(made, unit) for unit in made.units()]
         yield made, stack([r.errors for r in results]), stack([r.points for r in results if r.points])
 
 
