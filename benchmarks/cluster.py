@@ -36,7 +36,7 @@ from study.fits import Estimates
 from study.simulation.experiment.compute import Errors, Result
 from study.simulation.experiment.config import Study, parse
 from study.simulation.experiment.designs import Batch
-from study.simulation.runs import jobs, runner, workers
+from study.simulation.runs import parts, runner, workers
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.workers import PER_SECOND, Parent, Workers
 
@@ -73,7 +73,7 @@ async def asleep(pace: float, _: Parent, call: bytes) -> Packet:
     study, tasks = pickle.loads(call)[1]
     shape = tuple(task.batch.rows for task in tasks)
     if shape not in _packets:
-        _packets[shape] = jobs._packed(study, tasks, _random)
+        _packets[shape] = parts._packed(study, tasks, _random)
     await asyncio.sleep(began + pace * sum(task.weight for task in tasks) - time.monotonic())
     return _packets[shape]._replace(keys=[(task.key, task.outputs) for task in tasks])
 
@@ -93,14 +93,14 @@ def _random(study: Study, batch: Batch) -> Result:
 
 
 def config(weight: float) -> str:
-    """Config of a study of about so much work; see `study.simulation.runs.jobs.UnitTask`."""
+    """Config of a study of about so much work; see `study.simulation.runs.parts.UnitTask`."""
     of_hundred = sum(task.weight for task in tasks_of(parse(CONFIG.format(trials=100))))
     return CONFIG.format(trials=max(1, round(100 * weight / of_hundred)))
 
 
-def tasks_of(study: Study) -> Iterator[jobs.UnitTask]:
+def tasks_of(study: Study) -> Iterator[parts.UnitTask]:
     """The tasks of a study, one a unit."""
-    return map(jobs.Layout(study).task, study.units())
+    return map(parts.Layout(study).task, study.units())
 
 
 def pace() -> float:
@@ -109,7 +109,7 @@ def pace() -> float:
     seconds = []
     for task in islice(tasks_of(study), 5):
         began = time.process_time()
-        jobs.execute(study, (task,))
+        parts.execute(study, (task,))
         seconds.append((time.process_time() - began) / task.weight)
     return min(seconds)
 

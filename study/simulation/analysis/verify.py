@@ -24,8 +24,8 @@ from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch
 from study.simulation.posterior.run import chain_tasks
-from study.simulation.runs import jobs, schemas
-from study.simulation.runs.jobs import tables
+from study.simulation.runs import parts, schemas
+from study.simulation.runs.parts import tables
 from study.simulation.runs.provenance import other_version
 from study.simulation.runs.run_folder import Run
 from study.text import columns
@@ -159,7 +159,7 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
             empty = schemas.schema(columns[name]).empty_table()
             rows = schemas.table(columns[name], computed[name]) if computed[name] else empty
             if name != "points":
-                rows = rows.take(pa.array(jobs.order(study.estimators, unit, rows)))
+                rows = rows.take(pa.array(parts.order(study.estimators, unit, rows)))
             result.compare(table.rows(begin, end) if name == main else stored[name], _of_cells(rows, trials))
     for name in others if len(use) == len(places) else ():  # of some units nothing can be said about all rows
         results[name].count(pq.read_metadata(run.path(name)).num_rows, "unit")

@@ -3,16 +3,12 @@
 A unit's batches are drawn, placed on the spheres of their cells, fitted, and compared with the truth. One draw of unit
 directions u and unit noise z serves every σ, r and c. An exception in an estimator, or an exit, costs the trials that
 raise it, and no others.
-
-One trial can be drawn again from its name: the same points to the last bit, on whatever machine its run was computed.
 """
 
 import math
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import chain
 from time import perf_counter
 from typing import Any
 
@@ -28,9 +24,8 @@ from study.fits.registry import SimpleForm
 from study.fits.samples import blank
 from study.simulation.experiment.conditions import CONDITIONS, Value
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.designs import Batch, Cell, Group
+from study.simulation.experiment.designs import Batch, Cell
 from study.simulation.experiment.noise import GaussianNoise, departures, place_directions
-from study.text import nearest
 
 Array = Callable[[str, tuple[int, ...]], Floats]
 """Makes an array of a name and shape, with any content."""
@@ -477,127 +472,3 @@ def _point_columns(cell: Cell, first: int, x: Floats) -> Columns:
         **{f"center_{i + 1}": np.full(b * n, cell.center[i]) for i in range(d)},
         "radius": np.full(b * n, cell.radius),
     }
-
-
-_MOST_COMPARED = 20_000
-
-
-class ReplayError(Exception):
-    """A trial that a study does not have; the message says which ones it has."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One data set of a study, with the truth. Its points are drawn when they are asked for, always the same ones.
-
-    Attributes:
-        study: the config.
-        group: the cells that share its draw.
-        cell: its condition, one of them.
-        trial: its number.
-    """
-
-    study: Study
-    group: Group
-    cell: Cell
-    trial: int
-
-    @cached_property
-    def level(self) -> Samples:
-        """The points (1, d, n) and the noise in units of the cell's scale, as the estimators take them."""
-        return self._draws.place(self.cell.level)
-
-    @cached_property
-    def samples(self) -> Samples:
-        """The points (1, d, n) and the noise."""
-        return Samples(self.cell.scale * self.level.x, self._draws.law.given(self.cell.stated_noise))
-
-    @cached_property
-    def unit_bound(self) -> Floats:
-        """Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (d+1, d+1)."""
-        bound: Floats = self._draws.unit_bound()[0]
-        return bound
-
-    @cached_property
-    def _draws(self) -> Draws:
-        return draw(self.study, Batch(self.group, self.trial, self.trial + 1))
-
-
-def all_trials(study: Study, below: int | None = None) -> Iterator[Trial]:
-    """The trials of a study, cell by cell in the order of its tables.
-
-    Args:
-        study: the config.
-        below: only trials with a number below this one are listed, if it is given.
-    """
-    for unit in chain.from_iterable(study.units_of(group, below) for group in study.groups()):
-        for batch in unit.parts(0):
-            last = batch.last if below is None else min(below, batch.last)
-            for cell in batch.cells:
-                yield from (Trial(study, batch.group, cell, trial) for trial in range(batch.first, last))
-
-
-def locate(study: Study, cell: str) -> tuple[Cell, list[Batch]]:
-    """Find a cell of a study by its name.
-
-    Args:
-        study: the config.
-        cell: the cell's name, or enough of its beginning to tell it from all others.
-
-    Returns:
-        The cell, and the units of its trials: in a random design, one for each trial.
-
-    Raises:
-        ReplayError: if there is no such cell, or more than one.
-    """
-    matches: dict[str, tuple[Cell, list[Batch]]] = {}
-    names: list[str] = []
-    for group in study.groups():
-        for known, first, last in group.places(0, study.trials_of(group)):
-            names += [known.name] * (len(names) < _MOST_COMPARED)
-            if known.name.startswith(cell):
-                matches.setdefault(known.name, (known, []))[1].append(Batch(group, first, last))
-    if not matches:
-        close = nearest(cell, names)
-        hint = "the" if close is None else f"did you mean {close}? The"
-        raise ReplayError(
-            f"cell {cell!r}: no such cell in {study.run_name()}; {hint} error table's first column has them"
-        )
-    if len(matches) > 1:
-        raise ReplayError(f"cell {cell!r}: not one cell but {len(matches)}: {', '.join(sorted(matches)[:5])} …")
-    return next(iter(matches.values()))
-
-
-def parse_name(cell: str, trial: int | None) -> tuple[str, int]:
-    """Read a cell's name and a trial's number, which a user gives one by one or as ``CELL/TRIAL``.
-
-    Raises:
-        ReplayError: if the two are given in neither way.
-    """
-    name, _, number = cell.partition("/")
-    if trial is None and number.isascii() and number.isdigit():
-        return name, int(number)
-    if trial is None or number:
-        raise ReplayError(f"trial {cell!r}: give a cell and the number of a trial, or both as CELL/TRIAL")
-    return cell, trial
-
-
-def find(study: Study, cell: str, trial: int) -> Trial:
-    """Find a trial of a study.
-
-    Args:
-        study: the config.
-        cell: the cell's name, or enough of its beginning to tell it from all others.
-        trial: number of the trial.
-
-    Raises:
-        ReplayError: if there is no such cell, more than one, or no such trial in it.
-    """
-    place, where = locate(study, cell)
-    for unit in where:
-        if unit.first <= trial < unit.last:
-            return Trial(study, next(Batch(unit.group, trial, trial + 1).parts(0)).group, place, trial)
-    first, last = where[0].first, where[-1].last - 1
-    whole = 1 < sum(unit.last - unit.first for unit in where) == last - first + 1
-    numbers = f"{first} to {last}" if whole else ", ".join(str(i) for s in where for i in range(s.first, s.last))
-    raise ReplayError(f"trial {trial}: cell {place.name} has trial {numbers}")

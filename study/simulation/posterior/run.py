@@ -35,10 +35,10 @@ from study.fits import ESTIMATORS, Samples, Status
 from study.fits.cap import cap_moments
 from study.fits.random import old_stream
 from study.fits.registry import fit_samples
-from study.simulation.experiment.compute import Trial, all_trials
 from study.simulation.experiment.conditions import STORED, named_in
 from study.simulation.experiment.config import ChainStatus, Posterior, Study
 from study.simulation.experiment.designs import Cell
+from study.simulation.experiment.replay import Trial, all_trials
 from study.simulation.posterior.sampler import Chain, Prior, likelihood_rank, sample, shrink_factor
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Packet, Parts

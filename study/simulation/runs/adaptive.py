@@ -20,8 +20,7 @@ import pyarrow.compute as pc
 from study.simulation.experiment.config import Precision, Study
 from study.simulation.experiment.designs import Batch, Cell, Group
 from study.simulation.runs import schemas
-from study.simulation.runs.jobs import Layout
-from study.simulation.runs.parts import Parts
+from study.simulation.runs.parts import Layout, Parts
 from study.simulation.statistics import Measure, measured
 
 CellBatch = list[tuple[list[Batch], list[Cell]]]

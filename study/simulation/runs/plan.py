@@ -16,7 +16,7 @@ from study.files import RunError
 from study.simulation.experiment.compute import TOGETHER, compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell, Group
-from study.simulation.runs.jobs import tables, takes_long
+from study.simulation.runs.parts import tables, takes_long
 from study.text import DAY, duration, size
 
 _SIZES = 7

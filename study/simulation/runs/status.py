@@ -8,8 +8,7 @@ from pathlib import Path
 from study.files import RunError, holder
 from study.simulation.experiment.config import Study
 from study.simulation.runs.adaptive import CAP, TARGET, Rounds
-from study.simulation.runs.jobs import Layout
-from study.simulation.runs.parts import DAMAGED, Parts
+from study.simulation.runs.parts import DAMAGED, Layout, Parts
 from study.simulation.runs.provenance import described, other_version
 from study.simulation.runs.run_folder import ManifestMissingError, Run
 from study.text import columns

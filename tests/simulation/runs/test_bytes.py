@@ -14,7 +14,7 @@ import pytest
 import study
 from study.files import TableRows
 from study.simulation.experiment.config import parse
-from study.simulation.runs.jobs import UnitTask
+from study.simulation.runs.parts import UnitTask
 from study.simulation.runs.status import status
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")

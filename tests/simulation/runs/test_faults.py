@@ -13,8 +13,7 @@ import pytest
 
 import study
 from study.simulation.experiment.config import parse
-from study.simulation.runs.jobs import Layout
-from study.simulation.runs.parts import DAMAGED, Parts
+from study.simulation.runs.parts import DAMAGED, Layout, Parts
 from study.simulation.runs.run_folder import Run
 
 CONFIG = """name = "fragile"

@@ -13,7 +13,7 @@ import pytest
 
 from study.files import RunError, holder, writing
 from study.simulation.experiment.config import parse
-from study.simulation.runs.jobs import Layout
+from study.simulation.runs.parts import Layout
 from study.simulation.runs.run_folder import Run
 
 pytestmark = pytest.mark.usefixtures("same_software")
