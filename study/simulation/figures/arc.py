@@ -15,6 +15,7 @@ about the truth.
 import math
 import textwrap
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -34,6 +35,19 @@ LEVELS = (0.68, 0.95)
 _LEAST_TRIALS = 50
 
 
+class FittedCircle(NamedTuple):
+    """A fitted circle: its centre, measured from the true one, and radius, in true radii."""
+
+    x: float
+    y: float
+    radius: float
+
+    @property
+    def off(self) -> float:
+        """Distance of its centre from the true one."""
+        return math.hypot(self.x, self.y)
+
+
 def choose(tables: Tables, estimators: list[str]) -> Frame:
     """Find the trial and measure its cell.
 
@@ -46,7 +60,7 @@ def choose(tables: Tables, estimators: list[str]) -> Frame:
         trials: how many trials its cell has.
         condition: ρ of this trial.
         points: x, y of the points.
-        fits: each estimator's fit to them: x, y and radius.
+        fits: each estimator's fit to them.
         errors: estimator, x, y of the fitted centres of all trials of the cell that have a number.
         spreads: of each estimator; see `_spread`.
         caption: the conditions in words.
@@ -87,7 +101,7 @@ def choose(tables: Tables, estimators: list[str]) -> Frame:
             {axis: (mine[f"x_{i}"] - mine[f"center_{i}"]) / radius for i, axis in ((1, "x"), (2, "y"))}
         ),
         fits={
-            str(fit): Frame(x=x / radius, y=y / radius, radius=1.0 + r / radius)
+            str(fit): FittedCircle(x / radius, y / radius, 1.0 + r / radius)
             for fit, x, y, r in fits[["estimator", "error_1", "error_2", "radius_error"]].to_numpy()
         },
         errors=columns.assign(estimator=known["estimator"].astype(str)),
@@ -371,9 +385,8 @@ def _draw_centres(ax: Axes, frame: Frame) -> None:
 def _circle_words(frame: Frame) -> list[str]:
     """The circles in numbers, the best first, each with the estimators that coincide with it."""
     lines = []
-    offs = {name: math.hypot(circle.x, circle.y) for name, circle in frame.circles.items()}
-    for name in sorted(offs, key=offs.__getitem__):
-        off, wider = style.number(offs[name]), style.number(frame.circles[name].radius - 1.0)
+    for name, circle in sorted(frame.circles.items(), key=lambda item: item[1].off):
+        off, wider = style.number(circle.off), style.number(circle.radius - 1.0)
         lines.append(f"{style.label(name)}: centre {off} r off, radius off by {wider} r")
         if same := frame.same[name]:
             lines[-1] += f"; the same: {', '.join(map(style.label, same))}"
