@@ -13,9 +13,10 @@ import study
 from study.fits import cap, fit
 from study.fits.random import lanes
 from study.simulation.experiment import noise as laws
-from study.simulation.experiment.compute import Draws, all_trials, compute, draw
+from study.simulation.experiment.compute import Draws, compute, draw
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.experiment.noise import GaussianNoise, departures, freedom, gaussian, has_equal_covariance, is_law
+from study.simulation.experiment.replay import all_trials
 from study.simulation.runs import schemas
 
 MARGINALS = {
