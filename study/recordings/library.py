@@ -23,7 +23,7 @@ from study.recordings.recording import (
 from study.recordings.session import Session, refit_shapes, session_lines, session_table
 from study.recordings.skeleton import draw
 from study.recordings.skeleton.anatomy import Hips, points_of_the_body, regression_hint, with_anatomy
-from study.recordings.skeleton.calibrate import calibrate, overruled, require_same_subject
+from study.recordings.skeleton.calibrate import calibrate, require_same_subject
 
 __all__ = [
     "Calibration",
@@ -47,7 +47,6 @@ __all__ = [
     "joint_json",
     "joint_line",
     "load_markerset",
-    "overruled",
     "place_markerset",
     "printable",
     "read_recording",
@@ -195,8 +194,7 @@ def draw_skeleton(
         True
     """
     placed, calibration = with_joints(_read(recording), joints, markerset)
-    if not force:
-        require_same_subject(calibration, placed.recording)
+    require_same_subject(calibration, placed.recording, force=force)
     return draw.draw_skeleton(calibration, placed.recording)
 
 

@@ -23,7 +23,7 @@ from study.recordings.joints.report import accuracy_columns
 from study.recordings.markersets import Joint, MarkerSet, Segment
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, rotation_range
-from study.recordings.skeleton.calibrate import hull_distances
+from study.recordings.skeleton.calibrate import hull_distances, hull_doubt
 from study.text import did_you_mean, json_text, number
 
 _LOOSE = 0.05
@@ -344,8 +344,8 @@ def _doubts(found: JointPlace, joints: Calibration, recording: Recording, world:
     doubts += joints.without_pose.values() if found.estimate is None else ()
     rows = [row for row, label in enumerate(recording.markers) if not is_centre(label)]
     if not np.isnan(world).all():
-        (hull,) = hull_distances(recording.positions[rows], world[None])
-        doubts += [hull.doubt] if hull.doubt else []
+        (share,), (distance,) = hull_distances(recording.positions[rows], world[None])
+        doubts += filter(None, [hull_doubt(share, distance)])
     return doubts
 
 

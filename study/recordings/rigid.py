@@ -24,7 +24,6 @@ Source: Kabsch 1976, 1978; Torgerson 1952 (scaling); Gower 1975 (Procrustes), wi
 
 import itertools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -503,43 +502,27 @@ _CONVERGED = 1e-7
 """Refinement ends after a round that changes the shape by less than this share of its size."""
 
 
-@dataclass(frozen=True)
-class RigidTemplate:
-    """The shape of a segment's markers, and the samples that agree with it.
-
-    Attributes:
-        points: the shape (m, 3), metres, about its centroid; axes as in one frame of the recording. NaN for a marker
-            that no frame shows together with the others.
-        good: samples that are present and whose distances to the other markers are right (m, frames).
-        outliers: samples that are present and whose distances are wrong, such as swapped markers (m, frames).
-    """
-
-    points: Floats
-    good: Bools
-    outliers: Bools
-
-
-def fit_template(x: Floats) -> RigidTemplate:
-    """Find the shape of the markers of one segment.
+def fit_template(x: Floats) -> tuple[Floats, Bools, Bools]:
+    """Find the shape of the markers of one segment, and the samples that agree with it.
 
     Args:
         x: markers (m, 3, frames), metres; NaN where missing.
+
+    Returns:
+        The shape (m, 3), metres, about its centroid, with axes as in one frame of the recording; NaN for a marker that
+        no frame shows together with the others. Samples that are present and whose distances to the other markers are
+        right (m, frames); and those whose distances are wrong, as those of swapped markers (m, frames).
     """
-    m = len(x)
-    seen = ~np.isnan(x).any(axis=1)
-    outliers = np.zeros_like(seen)
-    if m > 1:
-        middle, limit = usual_distances(x)
-        outliers = distance_outliers(x, middle, limit)
-    good = seen & ~outliers
-    if m < 3:
-        points = _line(m, middle[0, 1] if m == 2 else 0.0)
-        return RigidTemplate(points, good, outliers)
-    whole = _jointly_visible(np.isfinite(middle))
-    points = np.full((m, 3), np.nan)
-    if len(whole) >= 3:
+    m, seen = len(x), ~np.isnan(x).any(axis=1)
+    middle, limit = usual_distances(x)
+    outliers = distance_outliers(x, middle, limit)
+    good, points = seen & ~outliers, np.full((m, 3), np.nan)
+    if m < 3:  # along the first axis, about their middle
+        points = np.zeros((m, 3))
+        points[:, 0] = [-0.5 * middle[0, 1], 0.5 * middle[0, 1]] if m == 2 else 0.0
+    elif len(whole := _jointly_visible(np.isfinite(middle))) >= 3:
         points[whole] = _refine(_classical_scaling(middle[np.ix_(whole, whole)]), x[whole], good[whole])
-    return RigidTemplate(points, good, outliers)
+    return points, good, outliers
 
 
 def _jointly_visible(pairs: Bools) -> Ints:
@@ -548,14 +531,6 @@ def _jointly_visible(pairs: Bools) -> Ints:
     while not pairs[np.ix_(chosen, chosen)].all():
         del chosen[int(pairs[np.ix_(chosen, chosen)].sum(axis=1).argmin())]
     return np.array(chosen)
-
-
-def _line(m: int, length: float) -> Floats:
-    """Shape of one or two markers: along the first axis, about their middle."""
-    points = np.zeros((m, 3))
-    if m == 2:
-        points[:, 0] = [-0.5 * length, 0.5 * length]
-    return points
 
 
 def _classical_scaling(distances: Floats) -> Floats:

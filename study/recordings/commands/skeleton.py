@@ -220,9 +220,7 @@ def skeleton(
     if not as_json:
         print_match(match, calibration is not None)
         print_lines([*used.lines(), *(library.regression_hint(used, source) if calibration is None else [])])
-    remarks = library.overruled(used, match.recording, refit) if force else []
-    if calibration is not None and not force:
-        library.require_same_subject(used, match.recording, refit)
+    remarks = [] if calibration is None else library.require_same_subject(used, match.recording, refit, force)
     used = library.refit_shapes(used, match.recording) if refit else used
     drawn = library.draw.draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording, remarks)

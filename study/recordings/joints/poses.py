@@ -31,7 +31,7 @@ import numpy as np
 from scipy import fft
 
 from study.arrays import Bools, Floats, Ints
-from study.recordings.markersets import MarkerSet, Segment
+from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording
 from study.recordings.rigid import fit_rigid_motion, fit_template, skew, to_local, to_world
 
@@ -252,22 +252,6 @@ _LOOSE = 0.35
 
 
 @dataclass(frozen=True)
-class PosePoint:
-    """A point that a segment's pose is fitted to.
-
-    Attributes:
-        name: of a marker or a joint.
-        x: its place in the world (3, frames), metres; NaN where missing.
-        noise: covariance of its noise in the world's axes, one for each frame (3, 3, frames), m²; None for a marker,
-            whose noise is found from the segment's residuals.
-    """
-
-    name: str
-    x: Floats
-    noise: Floats | None = None
-
-
-@dataclass(frozen=True)
 class SegmentPoses:
     """Poses of one segment over time, and their noise.
 
@@ -342,56 +326,62 @@ class SegmentPoses:
         return np.asarray(np.einsum("ijt,jk,lkt->ilt", self.rotation, fixed, self.rotation, optimize=True))
 
 
-def fit_poses(segment: str, points: Sequence[PosePoint], reference: int = 0) -> SegmentPoses | str:
-    """Fit the poses of a segment to three points or more.
+def fit_poses(
+    segment: str, names: Sequence[str], places: Sequence[Floats], joint: Floats | None = None, reference: int = 0
+) -> SegmentPoses | str:
+    """Fit the poses of a segment to three points or more that are fixed in it.
 
     Args:
         segment: its name.
-        points: markers and joints that are fixed in it.
+        names: of the points: markers, or a joint and markers.
+        places: of each point in the world (3, frames), metres; NaN where missing.
+        joint: covariance of the noise of the first point, if that is a joint, in the world's axes, one for each frame
+            (3, 3, frames), m². The noise of markers is found from the residuals.
         reference: number of the frame in which the segment's axes are the world's, or the nearest one with a pose.
 
     Returns:
         The poses; or the reason why there are none, for a user.
     """
-    names = ", ".join(point.name for point in points) or "none"
-    if len(points) < 3:
-        return f"{segment} has {len(points)} point{'s' * (len(points) != 1)} ({names}); its pose needs 3"
-    x = np.ascontiguousarray(np.stack([point.x for point in points]))
-    shape = fit_template(x)
-    if np.isnan(shape.points).any():
-        apart = [p.name for p, row in zip(points, shape.points, strict=True) if np.isnan(row).any()]
+    listed = ", ".join(names) or "none"
+    if len(names) < 3:
+        return f"{segment} has {len(names)} point{'s' * (len(names) != 1)} ({listed}); its pose needs 3"
+    x = np.stack(places)
+    points, good, outliers = fit_template(x)
+    if np.isnan(points).any():
+        apart = [name for name, row in zip(names, points, strict=True) if np.isnan(row).any()]
         return f"{segment}: {', '.join(apart)} never seen together with the others"
-    rotation, origin, known = fit_rigid_motion(shape.points, x, shape.good)
+    rotation, origin, known = fit_rigid_motion(points, x, good)
     if known.sum() < 2:
-        return f"{segment}: its points ({names}) lie on a line, or three are never seen at once"
+        return f"{segment}: its points ({listed}) lie on a line, or three are never seen at once"
     start = np.flatnonzero(known)[np.abs(np.flatnonzero(known) - reference).argmin()]
     first = rotation[:, :, start].copy()
-    rotation, shape = np.einsum("ijt,kj->ikt", rotation, first), replace(shape, points=shape.points @ first.T)
-    residual = to_local(rotation, origin, x) - shape.points[:, :, None]
-    counted = shape.good & known
+    rotation, points = np.einsum("ijt,kj->ikt", rotation, first), points @ first.T
+    residual = to_local(rotation, origin, x) - points[:, :, None]
+    counted = good & known
     square = np.where(counted, (residual**2).sum(axis=1), 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         scatter = np.sqrt(square.sum(axis=1) / counted.sum(axis=1))
-    given = [None if point.noise is None else _mean_local(rotation, point.noise, known) for point in points]
-    sigma = _marker_sigma(shape.points, square, counted, given)
-    covariance = np.stack([sigma**2 * np.eye(3) if each is None else each for each in given])
-    noise = PoseNoise.of(shape.points, covariance, shape.good, known)
+    given = None if joint is None else _mean_local(rotation, joint, known)
+    sigma = _marker_sigma(points, square, counted, given)
+    covariance = np.repeat(sigma**2 * np.eye(3)[None], len(points), axis=0)
+    if given is not None:
+        covariance[0] = given
+    noise = PoseNoise.of(points, covariance, good, known)
     loose = noise.patterns_beyond(_LOOSE)
     if loose[noise.pattern[known]].all():
         angle = np.degrees(noise.worst_angle)
-        return (
-            f"{segment}: its points ({names}) lie nearly on a line: the rotation about it is known to {angle:.0f}° only"
-        )
+        words = f"its points ({listed}) lie nearly on a line: the rotation about it is known to {angle:.0f}° only"
+        return f"{segment}: {words}"
     known = known & ~np.where(known, loose[noise.pattern], False)
     return SegmentPoses(
         segment=segment,
-        points=tuple(point.name for point in points),
-        template=shape.points,
+        points=tuple(names),
+        template=points,
         rotation=np.where(known, rotation, np.nan),
         origin=np.where(known, origin, np.nan),
         known=known,
-        good=shape.good & known,
-        outliers=shape.outliers,
+        good=good & known,
+        outliers=outliers,
         scatter=scatter,
         sigma=sigma,
         noise=noise.without(~known),
@@ -401,14 +391,9 @@ def fit_poses(segment: str, points: Sequence[PosePoint], reference: int = 0) -> 
 def poses_from_markers(markerset: MarkerSet, recording: Recording, reference: int = 0) -> dict[str, SegmentPoses | str]:
     """Fit each segment's poses to its own markers alone; for a segment without any, the reason why."""
     return {
-        segment.name: fit_poses(segment.name, marker_points(segment, recording), reference)
-        for segment in markerset.segments
+        s.name: fit_poses(s.name, s.markers, [recording.of(marker) for marker in s.markers], reference=reference)
+        for s in markerset.segments
     }
-
-
-def marker_points(segment: Segment, recording: Recording) -> list[PosePoint]:
-    """Markers of a segment as points of its pose."""
-    return [PosePoint(marker, recording.of(marker)) for marker in segment.markers]
 
 
 def reference_frame(recording: Recording) -> int:
@@ -425,26 +410,24 @@ def _mean_local(rotation: Floats, noise: Floats, known: Bools) -> Floats:
     return np.asarray(np.einsum("jit,jkt,klt->il", r, w, r, optimize=True) / both.sum())
 
 
-def _marker_sigma(points: Floats, square: Floats, counted: Bools, given: Sequence[Floats | None]) -> float:
+def _marker_sigma(points: Floats, square: Floats, counted: Bools, joint: Floats | None) -> float:
     """Standard deviation of a marker's coordinate that explains the residuals of the rigid fits.
 
     Args:
         points: template (m, 3).
         square: squared residuals (m, frames), m².
         counted: samples of the fits (m, frames).
-        given: noise of each point, as far as it is known (3, 3), m².
+        joint: covariance of the noise of the first point, if that is a joint (3, 3), m².
     """
     whole = counted.all(axis=0)
     if not whole.any():  # never all at once: each frame has six fewer residuals than coordinates
         spare = (3 * counted.sum(axis=0) - 6)[counted.sum(axis=0) >= 3].sum()
         return max(float(np.sqrt(square.sum() / max(spare, 1))), _LEAST_SIGMA)
     left = rigid_residual_operator(points)
-    of_markers = np.kron(np.diag([each is None for each in given]).astype(float), np.eye(3))
-    of_joints = np.zeros_like(left)
-    for k, each in enumerate(given):
-        if each is not None:
-            of_joints[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = each
-    expected, known = np.trace(left @ of_markers), np.trace(left @ of_joints)
+    of_markers, of_joint = np.eye(len(left)), np.zeros_like(left)
+    if joint is not None:
+        of_markers[:3, :3], of_joint[:3, :3] = 0.0, joint
+    expected, known = np.trace(left @ of_markers), np.trace(left @ of_joint)
     found = float(square[:, whole].sum(axis=0).mean())
     # where the joint's noise alone explains all residuals, it is the best guess at the markers' noise
     least = 0.1 * found / np.trace(left)

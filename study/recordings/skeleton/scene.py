@@ -21,7 +21,7 @@ from study.recordings.joints.estimate import USABLE
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.markersets.match import mirrored, side
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.skeleton.calibrate import UNEVEN, hull_distances
+from study.recordings.skeleton.calibrate import UNEVEN, hull_distances, hull_doubt
 from study.recordings.skeleton.draw import Flag, Skeleton
 from study.text import columns, number
 
@@ -393,8 +393,8 @@ def skeleton_lines(scene: Scene) -> Iterator[str]:
     ]
     yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
     hulls = [
-        [name, number(hull.share_outside, ".0%"), _millimetres(hull.distance) if hull.distance > 0.0 else "-"]
-        for name, hull in zip(scene.joints, hull_distances(scene.places, scene.centers), strict=True)
+        [name, number(share, ".0%"), _millimetres(distance) if distance > 0.0 else "-"]
+        for name, share, distance in zip(scene.joints, *hull_distances(scene.places, scene.centers), strict=True)
     ]
     yield from columns(hulls, ["joint", "outside", "by"], "<>")
     yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
@@ -422,15 +422,13 @@ def skeleton_data(scene: Scene) -> dict[str, object]:
         ``seen``, ``bridged``, ``unknown`` and ``outside`` of the markers' hull, and ``distance`` outside it, metres;
         ``bones``, as in `bone_table`; ``notes``.
     """
-    hulls = hull_distances(scene.places, scene.centers)
-    joints = []
-    for name, doubt, errors, flags, hull in zip(
-        scene.joints, scene.doubts, scene.errors, scene.flags, hulls, strict=True
-    ):
+    hulls, joints = hull_distances(scene.places, scene.centers), []
+    rows = zip(scene.joints, scene.doubts, scene.errors, scene.flags, *hulls, strict=True)
+    for name, doubt, errors, flags, outside, distance in rows:
         known = errors[~np.isnan(errors)]
         row = {"joint": name, "doubt": doubt or None, "error": float(known.max()) if len(known) else None}
         row |= {flag.name.lower(): float((flags == flag).mean()) for flag in Flag}
-        joints.append(row | {"outside": hull.share_outside, "distance": hull.distance})
+        joints.append(row | {"outside": outside, "distance": distance})
     return {
         "recording": scene.name,
         "rate": scene.rate,
@@ -450,7 +448,7 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
     Args:
         skeleton: of phase 2.
         recording: that it was drawn from.
-        notes: further remarks for the viewer, such as what is overruled (see `overruled`).
+        notes: further remarks for the viewer, such as what is overruled (see `require_same_subject`).
 
     Raises:
         RecordingError: if none of its joints is known in any frame.
@@ -458,9 +456,8 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
     calibration = skeleton.calibration
     own = calibration.source == skeleton.name
     source = "joints found in this recording" if own else f"joints found in {calibration.source}"
-    hulls = hull_distances(recording.positions, skeleton.centers)
     doubts = []
-    for place, hull in zip(calibration.joints, hulls, strict=True):
-        reasons = ("" if place.status in USABLE else place.reason, hull.doubt)
+    for place, *hull in zip(calibration.joints, *hull_distances(recording.positions, skeleton.centers), strict=True):
+        reasons = ("" if place.status in USABLE else place.reason, hull_doubt(*hull))
         doubts.append("; ".join(filter(None, reasons)))
     return make_scene(skeleton, recording, doubts, source, (*recording.notes, *notes))
