@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape, joint_table
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     SHORT_TEXTS,
@@ -38,7 +38,6 @@ from study.recordings.joints.estimate import (
     largest_error,
 )
 from study.recordings.joints.find import find_joints
-from study.recordings.joints.report import joint_table
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import across, fit_rigid_motion
@@ -61,11 +60,11 @@ class AxesChange(NamedTuple):
 
     def place(self, points: Floats) -> Floats:
         """Points (…, 3) in the new axes."""
-        return np.asarray(points @ self.rotation.T + self.shift)
+        return points @ self.rotation.T + self.shift
 
     def covariance(self, matrix: Floats) -> Floats:
         """A covariance (3, 3) in the new axes."""
-        return np.asarray(self.rotation @ matrix @ self.rotation.T)
+        return self.rotation @ matrix @ self.rotation.T
 
 
 UNKNOWN = AxesChange(np.full((3, 3), np.nan), np.full(3, np.nan))

@@ -6,12 +6,17 @@ from scipy.signal import lfilter
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
-from study.recordings.joints.poses import PoseNoise, autocorrelation_time, long_run_covariance, rigid_residual_operator
+from study.recordings.joints.poses import (
+    PoseNoise,
+    autocorrelation_time,
+    fit_template,
+    long_run_covariance,
+    rigid_residual_operator,
+)
 from study.recordings.rigid import (
     angles_about_center,
     cap_angle,
     fit_rigid_motion,
-    fit_template,
     mean_rotated_covariance,
     nearest_rotation,
     relative_rotation,

@@ -209,7 +209,7 @@ class PooledMoments:
 
     def extents(self) -> Floats:
         """Eigenvalues of Σ n C (3,), ascending."""
-        return np.asarray(np.linalg.eigvalsh(np.einsum("p,pij->ij", self.n, self.c)))
+        return np.linalg.eigvalsh(np.einsum("p,pij->ij", self.n, self.c))
 
     def matrix(self, size: float, basis: Floats) -> Floats:
         """A = Σ w (C - ηF), in the basis (d, d)."""
@@ -307,7 +307,7 @@ class PooledMoments:
 
     def _within(self, vectors: Floats, basis: Floats) -> Floats:
         """Vectors (M, 3) projected on the subspace that a basis spans."""
-        return np.asarray(vectors @ basis @ basis.T)
+        return vectors @ basis @ basis.T
 
     def _extents(self, basis: Floats) -> tuple[Floats, Floats]:
         """Eigenvalues of Σ w C relative to Σ w F (d,), ascending and not below 0, and its vectors (d, d)."""

@@ -32,11 +32,11 @@ from study.recordings.joints.estimate import (
     local_marker,
     symmetric_fit,
 )
-from study.recordings.joints.poses import SegmentPoses, fit_poses, poses_from_markers, reference_frame
+from study.recordings.joints.poses import SegmentPoses, exchanged_labels, fit_poses, poses_from_markers, reference_frame
 from study.recordings.joints.skin import SkinErrors
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording
-from study.recordings.rigid import exchanged_labels, mean_rotated_covariance, nearest_rotation, relative_rotation
+from study.recordings.rigid import mean_rotated_covariance, nearest_rotation, relative_rotation
 
 _FRAMES = 300
 """Frames on which errors are propagated from joint to joint."""

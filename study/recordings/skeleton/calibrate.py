@@ -22,10 +22,10 @@ from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import find_joints
-from study.recordings.markersets import MarkerSet
-from study.recordings.markersets.match import mirrored, side
+from study.recordings.joints.poses import fit_template
+from study.recordings.markersets import MarkerSet, mirrored, side
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import fit_template, nearest_rotation
+from study.recordings.rigid import nearest_rotation
 from study.recordings.skeleton.anatomy import Hips, with_anatomy
 from study.recordings.skeleton.draw import Skeleton, draw_skeleton
 

@@ -14,8 +14,7 @@ from study.recordings.formats.read import read_recording
 from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import exchange, find_joints
-from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset
-from study.recordings.markersets.match import match
+from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset, match
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.session import calibrate_session, pool_places, refit_shapes, session_lines, session_table
 from study.recordings.skeleton.calibrate import other_subject

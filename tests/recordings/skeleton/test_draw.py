@@ -10,8 +10,7 @@ from study.recordings.joints.estimate import USABLE
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.calibrate import calibrate, hull_distances, hull_doubt, other_subject, with_checks
-from study.recordings.skeleton.draw import Flag, InterpolatedRotation, draw_skeleton
-from study.recordings.skeleton.poses import complete_poses
+from study.recordings.skeleton.draw import Flag, InterpolatedRotation, complete_poses, draw_skeleton
 from study.recordings.skeleton.scene import frame_errors, skeleton_scene, skeleton_table
 from study.recordings.synthetic.make import Recipe, synthesize
 
