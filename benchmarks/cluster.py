@@ -36,8 +36,7 @@ from study.fits import Estimates
 from study.simulation.experiment.compute import Errors, Result
 from study.simulation.experiment.config import Study, parse
 from study.simulation.experiment.designs import Batch
-from study.simulation.experiment.sampling import groups, units
-from study.simulation.runs import jobs, runner, workers
+from study.simulation.runs import parts, runner, workers
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.workers import PER_SECOND, Parent, Workers
 
@@ -74,7 +73,7 @@ async def asleep(pace: float, _: Parent, call: bytes) -> Packet:
     study, tasks = pickle.loads(call)[1]
     shape = tuple(task.batch.rows for task in tasks)
     if shape not in _packets:
-        _packets[shape] = jobs._packed(study, tasks, _random)
+        _packets[shape] = parts._packed(study, tasks, _random)
     await asyncio.sleep(began + pace * sum(task.weight for task in tasks) - time.monotonic())
     return _packets[shape]._replace(keys=[(task.key, task.outputs) for task in tasks])
 
@@ -94,14 +93,14 @@ def _random(study: Study, batch: Batch) -> Result:
 
 
 def config(weight: float) -> str:
-    """Config of a study of about so much work; see `study.simulation.runs.jobs.UnitTask`."""
+    """Config of a study of about so much work; see `study.simulation.runs.parts.UnitTask`."""
     of_hundred = sum(task.weight for task in tasks_of(parse(CONFIG.format(trials=100))))
     return CONFIG.format(trials=max(1, round(100 * weight / of_hundred)))
 
 
-def tasks_of(study: Study) -> Iterator[jobs.UnitTask]:
+def tasks_of(study: Study) -> Iterator[parts.UnitTask]:
     """The tasks of a study, one a unit."""
-    return map(jobs.Layout(study).task, units(study))
+    return map(parts.Layout(study).task, study.units())
 
 
 def pace() -> float:
@@ -110,7 +109,7 @@ def pace() -> float:
     seconds = []
     for task in islice(tasks_of(study), 5):
         began = time.process_time()
-        jobs.execute(study, (task,))
+        parts.execute(study, (task,))
         seconds.append((time.process_time() - began) / task.weight)
     return min(seconds)
 
@@ -232,7 +231,7 @@ def schedule() -> Iterator[dict[str, float]]:
     study = parse(f"{head}[design]\ntrials = 1_000_000\nmost_samples = 5_000_000_000{design}")
     tasks = list(tasks_of(study))
     seconds = sorted((task.weight / PER_SECOND for task in tasks), reverse=True)
-    fits = sum(group.width * study.design.trials_of(group.samples) for group in groups(study)) * len(study.estimators)
+    fits = sum(group.width * study.design.trials_of(group.samples) for group in study.groups()) * len(study.estimators)
     samples = sum(task.batch.rows * task.batch.group.samples for task in tasks)
     for count in (10, 100, 1000):
         busy = [0.0] * count

@@ -11,7 +11,6 @@ from study.simulation.coverage import draws
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch
-from study.simulation.experiment.sampling import units
 
 ROOT = Path(__file__).resolve().parents[1]
 FOUR = ["mle", "lls", "gdke", "ugdk"]
@@ -29,7 +28,7 @@ def grid(samples, trials, levels=(0.05,), estimators=FOUR, dimension=3, **entrie
 
 def whole(study):
     """The study as one unit, ready to be computed in this thread."""
-    first, *more = units(study)
+    first, *more = study.units()
     return partial(compute, study, Batch(first.group, 0, more[-1].last if more else first.last))
 
 

@@ -7,7 +7,7 @@ from studies import FOUR, grid, whole
 
 import study
 from study.fits import ESTIMATORS
-from study.simulation.experiment.sampling import Workspace, draw, units
+from study.simulation.experiment.compute import Workspace, draw
 
 MILLION = 1_000_000
 MANY = 60
@@ -56,7 +56,7 @@ def test_one_more_level(timed, normals, samples):
         timed(group, FILL, fill, *normals, items=MILLION, unit=True, rounds=MANY)
         return
     asked = grid(samples, max(1, 2**16 // samples), levels=DECADES)
-    batch = next(next(units(asked)).parts(2**17))
+    batch = next(next(asked.units()).parts(2**17))
     room = Workspace()
     draws = draw(asked, batch, room)
     levels = [cell.level for cell in batch.cells]

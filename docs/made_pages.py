@@ -20,7 +20,6 @@ from study.fits.samples import Status
 from study.simulation.experiment.conditions import CONDITIONS, Choice, Constant, LogUniform, Uniform
 from study.simulation.experiment.config import Posterior, Precision, Study, parse, shipped_configs, summary_line
 from study.simulation.experiment.designs import GridDesign, RandomDesign
-from study.simulation.experiment.sampling import groups, trials_of
 from study.simulation.figures import FIGURES
 from study.simulation.statistics import MEASURES
 from study.text import paragraphs
@@ -48,7 +47,7 @@ def studies() -> Rows:
             continue
         config = parse(path.read_text(encoding="utf-8"))
         random = config.design.kind == "random"
-        sizes = [(1 if random else group.width, trials_of(config, group)) for group in groups(config)]
+        sizes = [(1 if random else group.width, config.trials_of(group)) for group in config.groups()]
         least, most = min(count for _, count in sizes), max(count for _, count in sizes)
         trials = f"{least:,}" + (f" to {most:,}" if least < most else "")
         fits = len(config.estimators) * sum(width * count for width, count in sizes)

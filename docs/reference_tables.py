@@ -13,8 +13,8 @@ import pandas as pd
 
 from study.fits.cap import cap_moments
 from study.fits.registry import load
-from study.simulation.analysis.regret import median_at_bound
 from study.simulation.analysis.summary_text import RowChoice, as_data
+from study.simulation.analysis.theory import median_at_bound
 from study.simulation.commands import run_folder
 from study.simulation.runs.run_folder import Run
 

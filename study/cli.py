@@ -105,7 +105,7 @@ def run(
     from study.simulation.experiment.config import config_file, read
     from study.simulation.runs import runner
     from study.simulation.runs.adaptive import TimeBudget
-    from study.simulation.runs.jobs import takes_long
+    from study.simulation.runs.parts import takes_long
     from study.simulation.runs.runner import budget_message, failure_message
     from study.simulation.runs.workers import Workers
 
@@ -316,8 +316,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
     The truth and every estimator's fit are printed.
     """
     from study.files import save_frame
-    from study.simulation.analysis.regret import fits, points, trial_printed
-    from study.simulation.experiment.sampling import find, parse_name
+    from study.simulation.experiment.replay import find, fits, parse_name, points, printed
     from study.simulation.runs.provenance import other_version
 
     run = opened(folder)
@@ -326,7 +325,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
         _complain(f"{folder}: cell {drawn.cell.name} has {count:,} trials; trial {drawn.trial} is not in its tables")
     if (warning := other_version(run.maker())) is not None:
         _complain(f"{folder}: {warning}")
-    echo(trial_printed(run.study, drawn))
+    echo(printed(run.study, drawn))
     if out is not None:
         save_frame(points(drawn), out)
     if plot is not None:
@@ -394,7 +393,7 @@ def main(command: Callable[..., object] = app) -> None:
         from study.files import InputError, RunError
         from study.fits.point_formats import PointFileError
         from study.fits.registry import PluginError
-        from study.simulation.experiment.sampling import ReplayError
+        from study.simulation.experiment.replay import ReplayError
         from study.toml import ConfigError
 
         if isinstance(error, ConfigError | PluginError | PointFileError | InputError | ReplayError | RunError):

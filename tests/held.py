@@ -20,7 +20,7 @@ instruction_set.fix()  # before numba is imported, as the command does
 
 from study import cli  # noqa: E402
 from study.simulation.posterior import run  # noqa: E402
-from study.simulation.runs import jobs, runner  # noqa: E402
+from study.simulation.runs import parts, runner  # noqa: E402
 
 FREE = 3
 _SIGNALS, _WAKE = os.pipe()
@@ -30,7 +30,7 @@ _chains = run._chains
 def execute(study, some):
     """Compute units, once the gate is passed."""
     _pass()
-    return jobs.execute(study, some)
+    return parts.execute(study, some)
 
 
 def chains(shared, items):

@@ -262,9 +262,13 @@ def regret(
 
 def estimators() -> None:
     """List the estimators, their cost and their sources."""
-    from study.simulation.analysis.regret import estimators_printed
+    from study.fits import ESTIMATORS
 
-    echo(estimators_printed())
+    rows = []
+    for name, entry in ESTIMATORS.items():
+        cost = f"{entry.flops(3):g} {entry.flops_of}".strip() if entry.flops else "-"
+        rows.append([name, cost, entry.needs or "-", entry.reference])
+    echo(columns(rows, ["estimator", "FLOPs per sample (3-D)", "needs", "from"]))
 
 
 def check(

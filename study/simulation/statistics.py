@@ -157,29 +157,23 @@ def moments_exist(values: Floats) -> bool:
     return index.value - 2.0 * index.error > 2.0 and not further.value + 2.0 * further.error < 2.0
 
 
-class PowerLaw(NamedTuple):
-    """y = factor · x^exponent, with the exponent's standard error."""
+def power_law(x: Floats, y: Floats, y_error: Floats) -> tuple[Measure, float]:
+    """Fit y = factor · x^exponent by least squares in the logarithms, weighted by Monte-Carlo errors.
 
-    exponent: float
-    error: float
-    factor: float
-
-
-def power_law(x: Floats, y: Floats, y_error: Floats) -> PowerLaw:
-    """Fit a power law by least squares in the logarithms, weighted by Monte-Carlo errors.
-
-    The exponent's error follows from the weights; it is enlarged by √(χ²/dof) if the points scatter more than that.
+    Returns:
+        The exponent with its error, and the factor. The error follows from the weights; it is enlarged by √(χ²/dof) if
+        the points scatter more than that.
     """
     use = np.isfinite(y) & (y > 0.0) & np.isfinite(y_error) & (y_error > 0.0)
     if use.sum() < 3:
-        return PowerLaw(math.nan, math.nan, math.nan)
+        return UNKNOWN, math.nan
     lx, ly, weight = np.log(x[use]), np.log(y[use]), (y[use] / y_error[use]) ** 2
     middle = np.average(lx, weights=weight)
     spread = float(np.sum(weight * (lx - middle) ** 2))
     exponent = float(np.sum(weight * (lx - middle) * ly)) / spread
     level = float(np.average(ly, weights=weight))
     misfit = float(np.sum(weight * (ly - level - exponent * (lx - middle)) ** 2)) / (use.sum() - 2)
-    return PowerLaw(exponent, math.sqrt(max(misfit, 1.0) / spread), math.exp(level - exponent * middle))
+    return Measure(exponent, math.sqrt(max(misfit, 1.0) / spread)), math.exp(level - exponent * middle)
 
 
 FAR = 10.0

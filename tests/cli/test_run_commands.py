@@ -13,12 +13,10 @@ import pandas as pd
 import pytest
 
 import study
-from study.simulation.analysis import regret
+from study.simulation.experiment import replay
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import find, units
-from study.simulation.runs.jobs import Layout, execute
-from study.simulation.runs.parts import Parts
+from study.simulation.runs.parts import Layout, Parts, execute
 from study.simulation.runs.run_folder import Run
 
 
@@ -34,7 +32,7 @@ def begun(config, tmp_path):
     made = parse(config)
     store = Run.create(tmp_path / "out", made).begin(config)
     parts = Parts(store.folder, "units")
-    parts.add(execute(made, (Layout(made).task(next(units(made))),)))
+    parts.add(execute(made, (Layout(made).task(next(made.units())),)))
     parts.commit()
     return tmp_path
 
@@ -224,7 +222,7 @@ def replayed(tmp_path_factory, config):
 def points(replayed):
     """All points of the study, as a worker computes them."""
     made = Run.open(replayed / "out").study
-    return pd.concat([pd.DataFrame(compute(made, unit).points) for unit in units(made)], ignore_index=True)
+    return pd.concat([pd.DataFrame(compute(made, unit).points) for unit in made.units()], ignore_index=True)
 
 
 def test_replay(call, call_here, finished):
@@ -236,7 +234,7 @@ def test_replay(call, call_here, finished):
     for word, way in ((cell, call), (cell[:6], call_here)):
         code, said, complained = way(folder, "replay", "out", word, trial)
         assert (code, complained) == (0, "")
-        assert said.splitlines() == list(regret.trial_printed(run.study, find(run.study, cell, trial)))
+        assert said.splitlines() == list(replay.printed(run.study, replay.find(run.study, cell, trial)))
     assert f"{row['error']:.3g}" in said
     assert row["estimator"] in said
     assert sorted(path.name for path in folder.iterdir()) == ["out", "tiny.toml"]

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import study
 from study.fits import Status
 from study.fits.fitting import choose, doubts, fit_all, fit_rows, interval_numbers, intervals_in_words, printed
-from study.simulation.analysis import regret
+from study.simulation import commands
 
 BIASED = {"lls", "lls_nr", "lls_nr_raw", "lls_single", "gdke", "igdk"}
 
@@ -177,9 +177,10 @@ def test_the_least_number_of_points(rng, on_cap):
         assert cells[7] == "4"
 
 
-def test_the_list_of_estimators_is_the_registry():
+def test_the_list_of_estimators_is_the_registry(capsys):
     """A line per registered estimator: its name, cost, what it needs and where it is from."""
-    head, *lines = regret.estimators_printed()
+    commands.estimators()
+    head, *lines = capsys.readouterr().out.splitlines()
     assert head.split()[0] == "estimator"
     assert [line.split()[0] for line in lines] == list(study.ESTIMATORS)
     for line, entry in zip(lines, study.ESTIMATORS.values(), strict=True):

@@ -16,7 +16,7 @@ from study.fits.fitting import choose
 from study.fits.point_formats import PointFileError
 from study.fits.registry import ORIGINS, PluginError, PluginFile, load, load_text, loaded, origins, remove, unload
 from study.fits.samples import blank
-from study.simulation.analysis import regret
+from study.simulation import commands
 
 MEAN = "def mean(points):\n    c = points.mean(axis=0)\n    return c, np.linalg.norm(points - c, axis=1).mean()\n"
 
@@ -349,10 +349,11 @@ def test_through_the_library(rng, on_cap, d):
     assert np.all(mine.own_status == Status.OK)
 
 
-def test_need_of_the_noise(monkeypatch):
+def test_need_of_the_noise(monkeypatch, capsys):
     """If it needs the noise, it is listed so, left out of `all` where none is given, and an error if named then."""
     monkeypatch.setitem(study.ESTIMATORS, "coope", Estimator(coope, needs="noise"))
-    assert any("coope" in line and "noise" in line for line in regret.estimators_printed())
+    commands.estimators()
+    assert any("coope" in line and "noise" in line for line in capsys.readouterr().out.splitlines())
     assert ["coope" in choose("all", noise) for noise in (None, 0.02)] == [False, True]
     with pytest.raises(PointFileError, match="coope"):
         choose("coope", None)

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from study.fits.cap import cap_moments
-from study.simulation.analysis.regret import median_at_bound, median_attainable
 from study.simulation.analysis.summary import decade, stored_summary
+from study.simulation.analysis.theory import median_at_bound, median_attainable
 from study.simulation.experiment.conditions import (
     ANGLE,
     CENTER,

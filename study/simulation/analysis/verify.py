@@ -23,10 +23,9 @@ from study.simulation.analysis.summary import Grouped, rows_of_groups
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch
-from study.simulation.experiment.sampling import units
 from study.simulation.posterior.run import chain_tasks
-from study.simulation.runs import jobs, schemas
-from study.simulation.runs.jobs import tables
+from study.simulation.runs import parts, schemas
+from study.simulation.runs.parts import tables
 from study.simulation.runs.provenance import other_version
 from study.simulation.runs.run_folder import Run
 from study.text import columns
@@ -160,7 +159,7 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
             empty = schemas.schema(columns[name]).empty_table()
             rows = schemas.table(columns[name], computed[name]) if computed[name] else empty
             if name != "points":
-                rows = rows.take(pa.array(jobs.order(study.estimators, unit, rows)))
+                rows = rows.take(pa.array(parts.order(study.estimators, unit, rows)))
             result.compare(table.rows(begin, end) if name == main else stored[name], _of_cells(rows, trials))
     for name in others if len(use) == len(places) else ():  # of some units nothing can be said about all rows
         results[name].count(pq.read_metadata(run.path(name)).num_rows, "unit")
@@ -175,7 +174,7 @@ def _places(study: Study, trials: Mapping[str, int]) -> list[tuple[Batch, int, i
         trials: number of trials of each cell of an adaptive run, to which units are cut; empty for another.
     """
     places: list[tuple[Batch, int, int]] = []
-    for unit in units(study):
+    for unit in study.units():
         rows = len(unit.cells) if study.keep == "summary" else unit.rows
         if trials:
             counts = {c: min(trials[c.name], unit.last) - unit.first for c in unit.cells}

@@ -16,7 +16,7 @@ import scipy
 
 from study.arrays import Floats
 from study.fits.cap import CapMoments, cap_moments
-from study.simulation.analysis.regret import bound_shares, kappa, median_at_bound, median_attainable, ugdk_variance
+from study.simulation.analysis.theory import bound_shares, kappa, median_at_bound, median_attainable, ugdk_variance
 from study.simulation.claims import claim as shared
 from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
 from study.simulation.statistics import UNKNOWN, Measure, mean, moments_exist, quantile, root_mean_square, share

@@ -26,8 +26,7 @@ from pydantic import Field
 from study.arrays import Bools, Floats, Ints
 from study.files import RunError
 from study.fits import Status
-from study.simulation.analysis.regret import JointMarkers, joint_markers
-from study.simulation.experiment.conditions import STORED
+from study.simulation.experiment.conditions import RADIUS, STATED_VARIANCE, STORED
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import FAR, UNKNOWN, Measure, mean, power_law, quantile, share
@@ -70,6 +69,52 @@ class Rules(Frozen):
     far: Annotated[float, Field(gt=1.0)] = FAR
     cost: Literal["operations", "formulas", "seconds"] = "operations"
     fits: Literal["all", "ok"] = "all"
+
+
+class JointMarkers(NamedTuple):
+    """Markers about one centre, in many trials.
+
+    Attributes:
+        sigma: standard deviation of a coordinate that the fits are given, the same for all markers.
+        radii: radius of each marker's sphere (M,), ascending.
+        markers: points of each marker (trials, n, d), measured from the true centre.
+    """
+
+    sigma: float
+    radii: Floats
+    markers: list[Floats]
+
+
+def point_sets(points: pd.DataFrame, cell: str) -> Floats:
+    """Point sets (trials, n, d) of one cell, measured from the true centre."""
+    mine = points[points["cell"] == cell].sort_values(["trial", "sample"])
+    dimension = sum(name.startswith("center_") for name in points.columns)
+    axes = range(1, dimension + 1)
+    flat = np.stack([(mine[f"x_{i}"] - mine[f"center_{i}"]).to_numpy() for i in axes], axis=1)
+    return flat.reshape(max(mine["trial"].nunique(), 1), -1, dimension)
+
+
+def joint_markers(errors: pd.DataFrame, points: pd.DataFrame) -> Iterator[JointMarkers]:
+    """The joints of a grid run with several radii, drawn independently, whose points were stored.
+
+    Args:
+        errors: the run's error table, for the conditions of its cells.
+        points: its table of points.
+
+    Yields:
+        A joint per noise (ascending), number of samples, angle and centre, with a marker for each radius. Conditions
+        with a single radius yield nothing.
+    """
+    cells = errors.drop_duplicates("cell").astype({"cell": str}).sort_values("radius")
+    by_name = points.assign(cell=points["cell"].astype(str))
+    others = [condition.name for condition in STORED if condition is not RADIUS and condition.name in cells]
+    for _, mine in cells.groupby(others):
+        if len(mine) > 1:
+            sets = [point_sets(by_name, cell) for cell in mine["cell"]]
+            count = min(map(len, sets))
+            markers = [x[:count] for x in sets]
+            stated = math.sqrt(mine[STATED_VARIANCE.name].iloc[0]) if STATED_VARIANCE.name in mine else 1.0
+            yield JointMarkers(float(mine["noise"].iloc[0]) * stated, mine["radius"].to_numpy(), markers)
 
 
 class Evidence:
@@ -513,8 +558,8 @@ def exponent(words: str, x: Floats, values: Floats, groups: Floats, average: Ave
     trials = min((int(np.sum(groups == label)) for label in labels), default=0)
     if any(m.value == math.inf for m in averages):
         return Number(words, math.inf, math.nan, trials)
-    results = power_law(at, np.array([m.value for m in averages]), np.array([m.error for m in averages]))
-    return Number(words, results.exponent, results.error, trials)
+    law = power_law(at, np.array([m.value for m in averages]), np.array([m.error for m in averages]))
+    return Number.of(words, law[0], trials)
 
 
 def ratio(above: Measure, below: Measure) -> Measure:

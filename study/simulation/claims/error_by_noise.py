@@ -11,8 +11,8 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.fits.cap import cap_moments
-from study.simulation.analysis.regret import gdke_leaves
 from study.simulation.analysis.summary import decade
+from study.simulation.analysis.theory import gdke_leaves
 from study.simulation.claims import claim as shared
 from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
 from study.simulation.statistics import UNKNOWN

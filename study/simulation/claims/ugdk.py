@@ -4,16 +4,18 @@ Claims of section 7 on several markers about one centre (MGDK), by the corrected
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
-from study.arrays import Floats
+from study.arrays import Bools, Floats
 from study.fits import Status
-from study.simulation.analysis.regret import JointMarkers, fit_joints
+from study.fits.markers import MarkersMoments
+from study.fits.moments import Moments
 from study.simulation.analysis.summary import decade
 from study.simulation.claims import claim as shared
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict, only_known, ratio
+from study.simulation.claims.claim import Claim, Evidence, JointMarkers, Number, Verdict, only_known, ratio
 from study.simulation.statistics import (
     UNKNOWN,
     Measure,
@@ -52,8 +54,7 @@ def _bias_exponent(errors: pd.DataFrame, estimator: str) -> Number:
     if not rows:
         return Number.unknown(words)
     n, bias, error, trials = np.array(rows, dtype=float).T
-    result = power_law(n, np.abs(bias), error)
-    return Number(words, result.exponent, result.error, int(trials.min()))
+    return Number.of(words, power_law(n, np.abs(bias), error)[0], int(trials.min()))
 
 
 class UgdkBias(Claim):
@@ -174,6 +175,29 @@ class Figure4Setting(Claim):
         return Verdict.graded(typical and sound >= 0.99 and held > 0.5, typical)
 
 
+def fit_joints(markers: Sequence[Floats], sigma: float, weighted: bool = False) -> tuple[Floats, Floats, Bools]:
+    """Fit one centre to markers by eq. 22, corrected, in each trial. For a single marker that is UGDK.
+
+    All trials are fitted at once, as `study.mgdk` does for a noise that is known (theory §2).
+
+    Args:
+        markers: points of each marker (trials, n, d), n ≥ 2.
+        sigma: standard deviation of a coordinate.
+        weighted: weigh markers by 1/r̂².
+
+    Returns:
+        ĉ (trials, d); r̂² of each marker (M, trials), negative where the noise hides the marker's extent; and true
+        where Σ w (C - Σ̂) is positive definite, without which a fit is not ok (trials,).
+    """
+    # contiguous, as a study's points are: its compiled code serves here, too
+    joint = MarkersMoments.of([Moments.of(np.ascontiguousarray(x.swapaxes(1, 2))) for x in markers])
+    noise = sigma**2 * np.eye(joint.mean.shape[2])
+    center, weights = joint.known(noise, weighted)
+    subtracted = joint.subtracted(noise)
+    matrix = np.einsum("mt,mtij->tij", weights, joint.c - subtracted)
+    return center, joint.square_radii(center, subtracted), np.linalg.eigvalsh(matrix)[:, 0] > 0.0
+
+
 def _furthest(words: str, part: pd.DataFrame) -> Number:
     """Median of estimated over true noise variance of all fits, at the angle where it is furthest from 1."""
     share_of_true = (part["noise_variance"] / part["noise"] ** 2).fillna(math.inf)
@@ -201,8 +225,8 @@ def _fed_back(evidence: Evidence, factor: float) -> Number:
         return Number.unknown(words)
     sigma, _, markers = known[0]
     given, x = sigma * math.sqrt(factor), markers[-1]
-    result = fit_joints([x], given)
-    trace = np.sum((x - result.center[:, None, :]) ** 2, axis=2).mean(axis=1) - result.squares[0]
+    center, squares, _ = fit_joints([x], given)
+    trace = np.sum((x - center[:, None, :]) ** 2, axis=2).mean(axis=1) - squares[0]
     return Number.of(words, quantile(np.nan_to_num(trace, nan=np.inf) / (x.shape[2] * given**2), 0.5), len(x))
 
 
@@ -249,20 +273,16 @@ class NoiseFromThePoints(Claim):
         return Verdict.graded(estimated and not shared.within(whole, 0.0, 2.0), estimated)
 
 
-def _alone(joint: JointMarkers) -> Floats:
+def _distances(markers: Sequence[Floats], sigma: float, weighted: bool = False) -> Floats:
+    """Errors of `fit_joints`, infinite where there is no number (trials,); the true centre is the origin."""
+    center, *_ = fit_joints(markers, sigma, weighted)
+    distances: Floats = np.nan_to_num(np.linalg.norm(center, axis=1), nan=np.inf)
+    return distances
+
+
+def _alone(joint: JointMarkers) -> list[Floats]:
     """UGDK's errors of each marker (M, trials), as computed."""
-    return np.array([fit_joints([marker], joint.sigma).distances() for marker in joint.markers])
-
-
-def _together(joint: JointMarkers, weighted: bool = False, first: int = 0) -> Floats:
-    """MGDK's errors (trials,), as computed.
-
-    Args:
-        joint: the markers.
-        weighted: weigh markers by 1/r̂².
-        first: index of the innermost marker that is used.
-    """
-    return fit_joints(joint.markers[first:], joint.sigma, weighted).distances()
+    return [_distances([marker], joint.sigma) for marker in joint.markers]
 
 
 def _median(parts: list[Floats]) -> Measure:
@@ -281,7 +301,7 @@ def _circles(known: list[JointMarkers]) -> Number:
     if not known:
         return Number.unknown(words)
     best = min((quantile(errors, 0.5) for errors in _alone(known[0])), key=lambda m: m.value)
-    joint = _together(known[0])
+    joint = _distances(known[0].markers, known[0].sigma)
     return Number.of(words, ratio(quantile(joint, 0.5), best), len(joint))
 
 
@@ -313,11 +333,11 @@ class MarkersAveraged(Claim):
             order = np.argsort([quantile(errors, 0.5).value for errors in alone])
             best.append(alone[order[0]] / unit)
             worst.append(alone[order[-1]] / unit)
-            both.append(_together(joint) / unit)
-            outer.append(_together(joint, first=1) / unit)
+            both.append(_distances(joint.markers, unit) / unit)
+            outer.append(_distances(joint.markers[1:], unit) / unit)
             side = little if joint.sigma <= 0.1 * joint.radii[0] else much if joint.sigma >= joint.radii[0] else None
             if side is not None:
-                side[0].append(_together(joint, weighted=True) / unit)
+                side[0].append(_distances(joint.markers, unit, weighted=True) / unit)
                 side[1].append(best[-1])
         nearer = np.concatenate([b < w for b, w in zip(both, worst, strict=True)] or [np.empty(0, dtype=bool)])
         without = ratio(_median(both), _median(outer))
@@ -364,8 +384,8 @@ class MarkersPositiveDefinite(Claim):
     def measure(self, evidence: Evidence) -> list[Number]:
         summed, single, names = [], [], []
         for sigma, _, markers in evidence.joints("markers"):
-            summed.append(fit_joints(markers, sigma).definite)
-            single.append(np.array([fit_joints([marker], sigma).definite for marker in markers]))
+            summed.append(fit_joints(markers, sigma)[2])
+            single.append(np.array([fit_joints([marker], sigma)[2] for marker in markers]))
             names.append(f"σ = {sigma:g}")
         if not summed:
             return [Number.unknown("share of trials in which the sum of matrices is positive definite")]

@@ -1,10 +1,13 @@
-"""Errors of every estimator in every cell: the only code that runs in a worker; it returns rows and writes nothing.
+"""Draws, points, fits and errors of a batch: the only code that runs in a worker; it returns rows and writes nothing.
 
-A unit's batches are drawn, placed on the spheres of their cells, fitted, and compared with the truth. An exception in
-an estimator, or an exit, costs the trials that raise it, and no others.
+A unit's batches are drawn, placed on the spheres of their cells, fitted, and compared with the truth. One draw of unit
+directions u and unit noise z serves every σ, r and c. An exception in an estimator, or an exit, costs the trials that
+raise it, and no others.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -13,14 +16,106 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.arrays import Floats
-from study.fits import ESTIMATORS, Estimates, Samples, Status
+from study.fits import ESTIMATORS, Estimates, Samples, Status, cap
+from study.fits.jit import form
 from study.fits.moments import JointMoments
+from study.fits.random import Name, lanes, stream
 from study.fits.registry import SimpleForm
 from study.fits.samples import blank
 from study.simulation.experiment.conditions import CONDITIONS, Value
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell
-from study.simulation.experiment.sampling import Workspace, draw
+from study.simulation.experiment.noise import GaussianNoise, departures, place_directions
+
+Array = Callable[[str, tuple[int, ...]], Floats]
+"""Makes an array of a name and shape, with any content."""
+
+
+def new(name: str, shape: tuple[int, ...]) -> Floats:
+    """A fresh array; the name does not matter."""
+    return np.empty(shape)
+
+
+class Workspace(threading.local):
+    """Reuse arrays within a thread: fresh memory costs as much as the arithmetic on it.
+
+    An array is valid until the next one of the same name is requested.
+    """
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, Floats] = {}
+
+    def __call__(self, name: str, shape: tuple[int, ...]) -> Floats:
+        """An array of a shape, with any content."""
+        size = math.prod(shape)
+        if name not in self._arrays or self._arrays[name].size < size:
+            self._arrays[name] = np.empty(size)
+        return self._arrays[name][:size].reshape(shape)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The draws of a batch, before they are placed on any sphere.
+
+    Attributes:
+        batch: the trials, of the same cells.
+        seed: the study's.
+        directions: unit vectors (b, d, n) about the first axis, with the height 1 - u₁ in place of u₁.
+        unit_noise: noise at σ = 1 (b, d, n).
+        law: the Gaussian law of the noise.
+    """
+
+    batch: Batch
+    seed: int
+    directions: Floats
+    unit_noise: Floats
+    law: GaussianNoise
+
+    def further(self, kind: Name, numbers: Callable[[np.random.Generator, int], Floats]) -> Floats:
+        """Draw further random numbers for each trial (b, …), always the same ones, which changes no others.
+
+        Args:
+            kind: last part of the names of the streams, which distinguishes these numbers from others.
+            numbers: gives numbers of so many trials (trials, …) from a generator.
+        """
+        blocks = self.batch.blocks()
+        parts = [numbers(stream(self.seed, *name, *kind), skip + count)[skip:] for name, skip, count in blocks]
+        return np.concatenate(parts)
+
+    def place(self, level: Cell, array: Array = new) -> Samples:
+        """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
+        noise = self.unit_noise
+        for step, numbers in departures({"angle": level.angle} | dict(level.further)):
+            noise = step(noise, self.directions, self.further, *numbers)
+        points = array("points", noise.shape)
+        form(self.directions, noise, np.array(level.center), float(level.radius), float(level.noise), points)
+        return Samples(points, self.law.given(level.stated_noise))
+
+    def unit_bound(self) -> Floats:
+        """The Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (b, d+1, d+1), of normal noise."""
+        return self.law.unit_bound(self.directions)
+
+
+def draw(study: Study, batch: Batch, array: Array = new) -> Draws:
+    """Draw a batch from the named streams of its blocks."""
+    d, cell, blocks = study.dimension, batch.cells[0], batch.blocks()
+    angle, trials = math.radians(cell.angle), sum(skip + count for _, skip, count in blocks)
+    shape = (trials, d, cell.samples)
+    directions, normals = array("directions", shape), array("normals", shape)
+    used = np.ones(trials, dtype=bool)
+    first = 0
+    for name, skip, count in blocks:
+        part = slice(first, first + skip + count)
+        cap.draw(lanes(study.seed, *name), angle, directions[part], normals[part])
+        used[first : first + skip] = False
+        first = part.stop
+    if not used.all():
+        directions, normals = directions[used], normals[used]
+    law = study.noise_law
+    draws = Draws(batch, study.seed, directions, law.unit_noise(normals), law)
+    place_directions(cell.directions, angle, directions, draws.further)
+    return draws
+
 
 Columns = dict[str, NDArray[Any]]
 """Columns of a table by name."""

@@ -52,6 +52,7 @@ class Condition:
         axis: a grid may list its values.
         law: a random design may draw it; a word is the same for all of its trials.
         by_moments: the route through joint moments takes account of it; otherwise that route refuses it.
+        by_posterior: the likelihoods of posteriors take account of it; otherwise a config with [posterior] refuses it.
         stored: it has a column in the tables.
         derived: finds it from the other conditions of a row, if it has no column.
         labelled: labels name it.
@@ -74,6 +75,7 @@ class Condition:
     axis: bool = True
     law: bool = True
     by_moments: bool = False
+    by_posterior: bool = False
     stored: bool = True
     derived: Callable[[RowValues], Any] | None = None
     labelled: bool = True
@@ -115,6 +117,7 @@ SAMPLES = Condition(
     kind=int,
     own_draws=True,
     by_moments=True,
+    by_posterior=True,
 )
 NOISE = Condition(
     name="noise",
@@ -127,6 +130,7 @@ NOISE = Condition(
     alternative="noise_over_radius",
     labelled=False,
     by_moments=True,
+    by_posterior=True,
 )
 NOISE_OVER_RADIUS = Condition(
     name="noise_over_radius",
@@ -139,6 +143,7 @@ NOISE_OVER_RADIUS = Condition(
     derived=lambda row: row["noise"] / row["radius"],
     digits=3,
     by_moments=True,
+    by_posterior=True,
 )
 ANGLE = Condition(
     name="angle",
@@ -152,6 +157,7 @@ ANGLE = Condition(
     digits=4,
     mark="°",
     by_moments=True,
+    by_posterior=True,
 )
 RADIUS = Condition(
     name="radius",
@@ -162,6 +168,7 @@ RADIUS = Condition(
     rule="above 0, between 1e-100 and 1e100",
     default=1.0,
     by_moments=True,
+    by_posterior=True,
 )
 CENTER = Condition(
     name="center",
@@ -173,6 +180,7 @@ CENTER = Condition(
     rule="at least 0: the distance of the centre from the origin",
     default=0.0,
     by_moments=True,
+    by_posterior=True,
 )
 LAW = Condition(
     name="law",

@@ -1,4 +1,4 @@
-"""A study's config: TOML in, a frozen `Study` out, or one message with every fault.
+"""A study's config: TOML in, a frozen `Study` out, which is cut into units of work, or one message with every fault.
 
 Its sections besides the design are ``[posterior]``, which chooses trials for ensemble posteriors, and ``[precision]``,
 by which cells get trials until the Monte-Carlo error of a measure is small enough.
@@ -38,8 +38,18 @@ from pydantic import (
 
 from study.fits import ESTIMATORS
 from study.fits.samples import Worded
-from study.simulation.experiment.conditions import CONDITIONS, DEPARTURES, LAWS, STORED, Condition, Distribution, Value
-from study.simulation.experiment.designs import MAX_CELLS, Cell, Grid, GridDesign, Random, RandomDesign, as_list
+from study.simulation.experiment.conditions import CONDITIONS, LAWS, STORED, Condition, Distribution, Value
+from study.simulation.experiment.designs import (
+    MAX_CELLS,
+    Batch,
+    Cell,
+    Grid,
+    GridDesign,
+    Group,
+    Random,
+    RandomDesign,
+    as_list,
+)
 from study.simulation.experiment.noise import MOST_SPACED, PATH, SPACED, GaussianNoise, gaussian
 from study.text import did_you_mean
 from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
@@ -169,6 +179,10 @@ _EITHER: Any = Annotated[Union[RandomDesign, GridDesign], Field(discriminator="k
 MAX_SAMPLES = 1_000_000_000
 """Limit of a trial's samples, whose directions, noise and points lie in memory together."""
 _DESIGNS: TypeAdapter[Grid | Random] = TypeAdapter(_EITHER)
+_FITS_IN_MEMORY = 4_000_000
+"""Fits of a unit whose summary alone is kept: their errors take some 190 bytes each until they are summed up."""
+_SAMPLES_IN_SUMMARY = 20_000_000_000
+"""Samples that such a unit draws and fits, over its levels: some minutes, which a kill costs."""
 
 
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -222,6 +236,60 @@ class Study(Frozen):
         """True if no two cells share their directions and noise."""
         return self.design.independent()
 
+    def groups(self) -> Iterator[Group]:
+        """Groups of cells that share draws, in the order of the tables."""
+        return self.design.groups(self.seed, self.dimension)
+
+    def trials_of(self, group: Group) -> int:
+        """Number of trials that the study gives to the cells of a group, which may be another study's."""
+        return self.design.trials_of(group.samples)
+
+    def units(self) -> Iterator[Batch]:
+        """Units of work, in the order of the tables; they depend on nothing but the config."""
+        return (unit for group in self.groups() for unit in self.units_of(group))
+
+    def units_of(self, group: Group, below: int | None = None) -> Iterator[Batch]:
+        """The units of a group; only those with trials below a number, if one is given."""
+        trials = self.trials_of(group)
+        last = trials if below is None else min(below, trials)
+        if self.keep == "summary":
+            yield from (Batch(part, 0, last) for part in self._few(group))
+            return
+        step = self._step(group)
+        for first in range(0, last, step):
+            yield Batch(group, first, min(trials, first + step))
+
+    def sizes_of(self, group: Group) -> Iterator[tuple[Batch, int]]:
+        """The units of a group, of equal ones the first alone; each with the number of those that are equal in size."""
+        if self.keep == "summary" or self.design.one_trial_a_cell:
+            yield from ((unit, 1) for unit in self.units_of(group))
+            return
+        trials, step = self.trials_of(group), self._step(group)
+        whole, rest = divmod(trials, step)
+        if whole:
+            yield Batch(group, 0, step), whole
+        if rest:
+            yield Batch(group, trials - rest, trials), 1
+
+    def _step(self, group: Group) -> int:
+        """Number of trials of each unit of a group, but the last, if errors are kept."""
+        return group.trials_per_unit(1 if self.route == "moments" else len(group.levels))
+
+    def _few(self, group: Group) -> Iterator[Group]:
+        """Cut a group to so few cells that all their trials, of which a summary is made, are few enough for one unit.
+
+        Each of these groups makes the draws of all trials again.
+        """
+        trials, cells, levels = self.trials_of(group), group.cells, len(group.levels)
+        at_once = max(1, _FITS_IN_MEMORY // (trials * max(1, len(self.estimators))))
+        if self.route == "points":  # a level costs as much as the draw
+            at_once = min(at_once, max(1, _SAMPLES_IN_SUMMARY // (trials * group.samples) - 1) * (len(cells) // levels))
+        if at_once >= len(cells):
+            yield group
+            return
+        for first in range(0, len(cells), at_once):
+            yield group.only(cells[first : first + at_once])
+
     def conditions(self) -> tuple[Condition, ...]:
         """The conditions that have a column in the study's tables."""
         given = self.design.given()
@@ -274,7 +342,7 @@ def parse(text: str, source: str = "config") -> Study:
     if study is not None and study.cells() > MAX_CELLS:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
-        for check in (_departure_faults, _moment_faults, _level_faults, _posterior_faults, _precision_faults):
+        for check in (_departure_faults, _neglect_faults, _level_faults, _posterior_faults, _precision_faults):
             faults += check(study)
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
@@ -332,19 +400,11 @@ def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
 
 
 def _departure_faults(study: Study) -> Iterator[Fault]:
-    """Find entries that do not go with another law of the noise or of the directions, with outliers, or another σ̂."""
+    """Find entries that do not go with another law of the noise or of the directions, or with outliers."""
     given = study.design.given()
-    named = [condition.name for condition in DEPARTURES if condition.name in given]
-    others = " and ".join(name for name in ("stated_variance", "directions") if name in given)
-    if named and study.posterior is not None:
-        words = f"its likelihoods are of normal noise without outliers: take {' and '.join(named)} out of the design"
-        yield Fault(("posterior",), words)
-    if others and study.posterior is not None:
-        words = f"its likelihoods are of the true σ, and of directions by area: take {others} out of the design"
-        yield Fault(("posterior",), words)
-    if "law" in named and study.noise_shape is not None:
+    if "law" in given and study.noise_shape is not None:
         yield Fault(("noise_shape",), "is the covariance of normal noise: take law out of the design")
-    if "outlier_size" in named and "outlier_share" not in named:
+    if "outlier_size" in given and "outlier_share" not in given:
         words = "has no effect without outlier_share, the probability of an outlier"
         yield Fault(("design", "outlier_size"), words)
     if study.dimension > MOST_SPACED and {SPACED, PATH} & set(study.design.values(CONDITIONS["directions"]) or ()):
@@ -352,14 +412,22 @@ def _departure_faults(study: Study) -> Iterator[Fault]:
         yield Fault(("design", "directions"), words)
 
 
-def _moment_faults(study: Study) -> Iterator[Fault]:
-    """Find conditions that fits from joint moments would take no account of, unless they are at their defaults."""
+_LIKELIHOODS = "its likelihoods, of normal noise of the true σ and directions by area, take no account of"
+
+
+def _neglect_faults(study: Study) -> Iterator[Fault]:
+    """Find conditions of which joint moments or posteriors would take no account, unless they are at their defaults."""
     design = study.design
-    given = [CONDITIONS[name] for name in design.given()]
-    unknown = [c.name for c in given if not c.by_moments and design.values(c) != (c.default,)]
-    if study.route == "moments" and unknown:
-        words = f'the route "moments" takes no account of {" and ".join(unknown)}'
-        yield Fault(("route",), f'{words}: take {"it" if len(unknown) == 1 else "them"} out, or route = "points"')
+    given = [c for c in map(CONDITIONS.__getitem__, design.given()) if design.values(c) != (c.default,)]
+    moments = study.route == "moments" and [c.name for c in given if not c.by_moments]
+    posterior = study.posterior is not None and [c.name for c in given if not c.by_posterior]
+    for names, key, words, remedy in (
+        (moments, "route", 'the route "moments" takes no account of', 'out, or route = "points"'),
+        (posterior, "posterior", _LIKELIHOODS, "out of the design"),
+    ):
+        if names:
+            them = "it" if len(names) == 1 else "them"
+            yield Fault((key,), f"{words} {' and '.join(names)}: take {them} {remedy}")
 
 
 def _level_faults(study: Study) -> Iterator[Fault]:

@@ -1,7 +1,14 @@
 """Laws of the noise: Gaussian ones with their bounds, and the steps that lead from normal noise to another kind.
 
-A Gaussian law has any covariance. A step replaces normal noise by noise of another law, or adds outliers. Its random
-numbers come from streams of their own, so that a step changes no other number.
+A Gaussian law has any covariance. A step is a function that replaces normal noise by noise of another law, or adds
+outliers. It takes
+
+- the noise at σ = 1 (b, d, n): standard normal numbers, if no other step came before; it gives fresh memory;
+- unit vectors of the samples (b, d, n), with the height 1 - u₁ in place of u₁;
+- a function that draws further random numbers of the same trials (`Further`), from streams of their own, so that a step
+  changes no other number;
+- the half-angle of the cap in radians;
+- its own numbers, such as the degrees of freedom.
 
 Laws of the directions stand at the end: uniform by area on the cap unless a config says otherwise.
 """
@@ -11,7 +18,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -27,19 +34,8 @@ Further = Callable[[Name, Callable[[np.random.Generator, int], Floats]], Floats]
 Its arguments are the last part of the names of the streams, which distinguishes these numbers from others, and a
 function that gives numbers of so many trials (trials, …) from a generator; see `Draws.further`.
 """
-
-
-class Departure(Protocol):
-    """A step that turns noise at σ = 1 into noise of another law."""
-
-    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
-        """The noise of the other law (b, d, n), in fresh memory.
-
-        Args:
-            noise: at σ = 1 (b, d, n); standard normal numbers, if no other step came before.
-            directions: unit vectors of the samples (b, d, n), with the height 1 - u₁ in place of u₁.
-            further: draws further random numbers of the same trials.
-        """
+Step = Callable[..., Floats]
+"""A step that turns noise at σ = 1 into noise of another law."""
 
 
 @dataclass(frozen=True)
@@ -117,160 +113,99 @@ def _bound(directions: Floats, weights: Floats) -> Floats:
     return bound_from_scatter(sums, mean, scatter)
 
 
-class LaplaceNoise:
+def laplace(noise: Floats, directions: Floats, further: Further, half_angle: float) -> Floats:
     """Independent coordinates of density e^{-√2 |x|}/√2: variance 1, excess kurtosis 3.
 
-    The law of a sample is not the same in every direction: it reaches farther along the axes.
+    The law of a sample is not the same in every direction: it reaches farther along the axes. The quantile of a normal
+    number z in this law is -sign(z) (ln 2 + ln Φ(-|z|))/√2, which is exact in the tails.
     """
-
-    excess_kurtosis = 3.0
-
-    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
-        """The quantile of each normal number z in this law: -sign(z) (ln 2 + ln Φ(-|z|))/√2, exact in the tails."""
-        return np.asarray(-np.sign(noise) * (math.log(2.0) + scipy.special.log_ndtr(-np.abs(noise))) * math.sqrt(0.5))
+    return np.asarray(-np.sign(noise) * (math.log(2.0) + scipy.special.log_ndtr(-np.abs(noise))) * math.sqrt(0.5))
 
 
-@dataclass(frozen=True)
-class Outliers:
-    """Each sample is displaced with some probability, by a given distance, in a direction uniform on the sphere.
-
-    The covariance of a sample grows by share × size² σ²/d I. Studies that differ in share or size alone displace in the
-    same directions, and the outliers of a smaller share are among those of a larger one.
-
-    Attributes:
-        share: probability of a displacement.
-        size: its length, in units of σ.
-    """
-
-    share: float
-    size: float
-
-    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
-        """The noise, with the displacement added where a uniform number of the sample is below the share."""
-        _, d, n = noise.shape
-        number = further(("outliers", "choice"), lambda g, trials: g.random((trials, n)))
-        away = further(("outliers", "direction"), lambda g, trials: g.standard_normal((trials, d, n)))
-        length = np.where(number < self.share, self.size, 0.0) / np.sqrt(np.einsum("bdn,bdn->bn", away, away))
-        return np.asarray(noise + length[:, None] * away)
-
-
-@dataclass(frozen=True)
-class StudentNoise:
-    """Multivariate t noise of ν degrees of freedom, scaled to the covariance I.
-
-    The coordinates of a sample share one χ² number. So its law is the same in every direction, and a sample is far off
-    in all coordinates together. Each coordinate is a t number times √((ν - 2)/ν), whose excess kurtosis is 6/(ν - 4)
-    for ν > 4 and infinite below.
-
-    Attributes:
-        freedom: ν > 2; below there is no covariance.
-    """
-
-    freedom: float
-
-    @property
-    def excess_kurtosis(self) -> float:
-        """6/(ν - 4), or infinity."""
-        return 6.0 / (self.freedom - 4.0) if self.freedom > 4.0 else math.inf
-
-    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
-        """Normal noise z as z √((ν - 2)/χ²), with a χ² number of ν degrees of freedom for each sample."""
-        n = noise.shape[2]
-        square = further(("student", self.freedom), lambda g, trials: g.chisquare(self.freedom, (trials, n)))
-        square /= self.freedom - 2.0
-        return noise / np.sqrt(square)[:, None]
-
-
-class UniformNoise:
+def uniform(noise: Floats, directions: Floats, further: Further, half_angle: float) -> Floats:
     """Independent coordinates uniform on [-√3, √3]: variance 1, excess kurtosis -6/5.
 
-    The law of a sample is not the same in every direction: it fills a cube along the axes.
+    The law of a sample is not the same in every direction: it fills a cube along the axes. The quantile of a normal
+    number z in this law is √3 (2Φ(z) - 1) = √3 erf(z/√2).
     """
-
-    excess_kurtosis = -1.2
-
-    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
-        """The quantile of each normal number z in this law: √3 (2Φ(z) - 1) = √3 erf(z/√2)."""
-        return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * noise))
+    return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * noise))
 
 
-class RadialNoise:
-    """Noise along the radius alone: a sample is at c + (r + σ ε) u, ε a standard normal number.
+def student(noise: Floats, directions: Floats, further: Further, half_angle: float, freedom: float) -> Floats:
+    """Multivariate t noise of ν > 2 degrees of freedom, scaled to the covariance I; below there is none.
+
+    The coordinates of a sample share one χ² number of ν degrees of freedom: z √((ν - 2)/χ²). So its law is the same in
+    every direction, and a sample is far off in all coordinates together. Each coordinate is a t number times
+    √((ν - 2)/ν), whose excess kurtosis is 6/(ν - 4) for ν > 4 and infinite below.
+    """
+    n = noise.shape[2]
+    square = further(("student", freedom), lambda g, trials: g.chisquare(freedom, (trials, n)))
+    square /= freedom - 2.0
+    return noise / np.sqrt(square)[:, None]
+
+
+def radial(noise: Floats, directions: Floats, further: Further, half_angle: float) -> Floats:
+    """Noise along the radius alone, (u·z) u: a sample is at c + (r + σ ε) u, ε a standard normal number.
 
     Its covariance is σ² u uᵀ, over a whole sphere σ² I/d on average, so it is not of covariance σ² I. The bound of
     isotropic noise of the same σ holds for it too: only the component along the radius counts there (theory 3.1).
     """
-
-    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
-        """The component of isotropic noise along the direction, (u·z) u."""
-        u = upright(directions)
-        return np.asarray(np.einsum("bdn,bdn->bn", u, noise)[:, None] * u)
+    u = upright(directions)
+    return np.asarray(np.einsum("bdn,bdn->bn", u, noise)[:, None] * u)
 
 
-@dataclass(frozen=True)
-class RimNoise:
+def rim(noise: Floats, directions: Floats, further: Further, half_angle: float, growth: float) -> Floats:
     """Noise that grows to the rim of the cap: σ at its pole, and in proportion to the height up to k σ at its rim.
 
-    Attributes:
-        growth: k.
-        half_angle: of the cap in radians.
+    It is z times 1 + (k - 1) (1 - cos θ)/(1 - cos φ), θ the angle of a sample to the axis.
     """
-
-    growth: float
-    half_angle: float
-
-    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
-        """The noise times 1 + (k - 1) (1 - cos θ)/(1 - cos φ), θ the angle of a sample to the axis."""
-        share = directions[:, :1] / (2.0 * math.sin(0.5 * self.half_angle) ** 2)
-        return np.asarray(noise * (1.0 + (self.growth - 1.0) * share))
+    share = directions[:, :1] / (2.0 * math.sin(0.5 * half_angle) ** 2)
+    return np.asarray(noise * (1.0 + (growth - 1.0) * share))
 
 
-@dataclass(frozen=True)
-class MemoryNoise:
+def memory(noise: Floats, directions: Floats, further: Further, half_angle: float, correlation: float) -> Floats:
     """Noise that remembers: a stationary autoregressive process of order 1 along the samples, of covariance I.
 
-    Attributes:
-        memory: ρ, the correlation of neighbours.
+    It is yᵢ = ρ yᵢ₋₁ + √(1 - ρ²) zᵢ, begins with y₁ = z₁, and ρ is the correlation of neighbours.
     """
-
-    memory: float
-
-    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
-        """Noise yᵢ = ρ yᵢ₋₁ + √(1 - ρ²) zᵢ that begins with y₁ = z₁."""
-        steps = noise * math.sqrt(1.0 - self.memory**2)
-        steps[:, :, 0] = noise[:, :, 0]
-        return np.asarray(scipy.signal.lfilter([1.0], [1.0, -self.memory], steps, axis=2))
+    steps = noise * math.sqrt(1.0 - correlation**2)
+    steps[:, :, 0] = noise[:, :, 0]
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -correlation], steps, axis=2))
 
 
-@dataclass(frozen=True)
-class FormError:
+def form(noise: Floats, directions: Floats, further: Further, half_angle: float, length: float, size: float) -> Floats:
     """An error of form: distances from the centre differ by a smooth random function of the direction.
 
-    The function is a Gaussian process of covariance s² exp(-|u - v|²/2l²), formed of so many cosines of random
-    frequencies and phases that it is normal to three digits (Rahimi & Recht 2008). Each trial has its own.
-
-    Attributes:
-        length: l over the half-angle of the cap.
-        size: s in units of σ.
-        half_angle: of the cap in radians.
+    The function is a Gaussian process of covariance s² exp(-|u - v|²/2l²), s in units of σ and l in half-angles of the
+    cap. It is formed of so many cosines of random frequencies and phases that it is normal to three digits (Rahimi &
+    Recht 2008). Each trial has its own.
     """
+    u, (b, d, _) = upright(directions), noise.shape
+    kind = ("form", length)
+    waves = further((*kind, "waves"), lambda g, trials: g.standard_normal((trials, _COSINES, d)))
+    phases = further((*kind, "phases"), lambda g, trials: g.uniform(0.0, 2.0 * math.pi, (trials, _COSINES)))
+    result = np.empty_like(noise)
+    for trial in range(b):
+        angle = waves[trial] @ u[trial] / (length * half_angle) + phases[trial, :, None]
+        displacement = size * math.sqrt(2.0 / _COSINES) * np.cos(angle).sum(axis=0)
+        result[trial] = noise[trial] + displacement * u[trial]
+    return result
 
-    length: float
-    size: float
-    half_angle: float
 
-    def applied(self, noise: Floats, directions: Floats, further: Further) -> Floats:
-        """The noise, displaced along the direction by the function."""
-        u, (b, d, _) = upright(directions), noise.shape
-        kind = ("form", self.length)
-        waves = further((*kind, "waves"), lambda g, trials: g.standard_normal((trials, _COSINES, d)))
-        phases = further((*kind, "phases"), lambda g, trials: g.uniform(0.0, 2.0 * math.pi, (trials, _COSINES)))
-        result = np.empty_like(noise)
-        for trial in range(b):
-            angle = waves[trial] @ u[trial] / (self.length * self.half_angle) + phases[trial, :, None]
-            form = self.size * math.sqrt(2.0 / _COSINES) * np.cos(angle).sum(axis=0)
-            result[trial] = noise[trial] + form * u[trial]
-        return result
+def outliers(
+    noise: Floats, directions: Floats, further: Further, half_angle: float, share: float, size: float
+) -> Floats:
+    """Each sample is displaced with some probability, by a given distance in σ, in a direction uniform on the sphere.
+
+    The covariance of a sample grows by share × size² σ²/d I. Studies that differ in share or size alone displace in the
+    same directions, and the outliers of a smaller share are among those of a larger one: a sample is one where a
+    uniform number of its own is below the share.
+    """
+    _, d, n = noise.shape
+    number = further(("outliers", "choice"), lambda g, trials: g.random((trials, n)))
+    away = further(("outliers", "direction"), lambda g, trials: g.standard_normal((trials, d, n)))
+    length = np.where(number < share, size, 0.0) / np.sqrt(np.einsum("bdn,bdn->bn", away, away))
+    return np.asarray(noise + length[:, None] * away)
 
 
 _COSINES = 300
@@ -283,22 +218,35 @@ def upright(directions: Floats) -> Floats:
     return u
 
 
+class Law(NamedTuple):
+    """A law of the noise besides the normal one.
+
+    Attributes:
+        step: from normal noise to this law.
+        numbers: how many its word has, each above 0.
+        below, above: limits of its first number, neither of which it may have.
+        excess_kurtosis: of a coordinate, from its numbers; None unless the covariance is σ² I.
+    """
+
+    step: Step
+    numbers: int = 0
+    above: float = 0.0
+    below: float = math.inf
+    excess_kurtosis: Callable[..., float] | None = None
+
+
 NORMAL = "normal"
 RADIAL = "radial"
-LAWS: dict[str, Callable[[list[float], float], Departure | None]] = {
-    "laplace": lambda numbers, angle: None if numbers else LaplaceNoise(),
-    "uniform": lambda numbers, angle: None if numbers else UniformNoise(),
-    "student": lambda numbers, angle: StudentNoise(numbers[0]) if len(numbers) == 1 and numbers[0] > 2.0 else None,
-    RADIAL: lambda numbers, angle: None if numbers else RadialNoise(),
-    "rim": lambda numbers, angle: RimNoise(numbers[0], angle) if len(numbers) == 1 else None,
-    "memory": lambda numbers, angle: MemoryNoise(numbers[0]) if len(numbers) == 1 and numbers[0] < 1.0 else None,
-    "form": lambda numbers, angle: FormError(numbers[0], numbers[1], angle) if len(numbers) == 2 else None,
+LAWS = {
+    "laplace": Law(laplace, excess_kurtosis=lambda: 3.0),
+    "uniform": Law(uniform, excess_kurtosis=lambda: -1.2),
+    "student": Law(student, 1, above=2.0, excess_kurtosis=lambda nu: 6.0 / (nu - 4.0) if nu > 4.0 else math.inf),
+    RADIAL: Law(radial),
+    "rim": Law(rim, 1),
+    "memory": Law(memory, 1, below=1.0),
+    "form": Law(form, 2),
 }
-"""The laws besides the normal one, by the word before their numbers; those of covariance I have an excess kurtosis.
-
-Each is made from its numbers, all of them above 0, and the half-angle of the cap in radians; None if they do not fit.
-"""
-
+"""The laws besides the normal one, by the word before their numbers."""
 RULE = (
     f"{NORMAL}, laplace, uniform, student(ν) with ν above 2, such as student(5), {RADIAL}, rim(k), memory(ρ) with ρ "
     "below 1, or form(length, size)"
@@ -307,14 +255,10 @@ SIZE = 10.0
 """Length of an outlier's displacement in units of σ, where a config gives none."""
 
 
-def law_of(word: str, half_angle: float = math.pi) -> Departure | None:
-    """The law that a word names, besides the normal one; None for that, and for a word that is written as no law is.
+def law_of(word: str) -> tuple[Law, list[float]] | None:
+    """The law that a word names, and its numbers; None for the normal one, and for a word that is written as no law is.
 
     A number has one way of writing, so that a law has one name: ``student(5)``, not ``student(5.0)``.
-
-    Args:
-        word: name and numbers.
-        half_angle: of the cap, in radians.
     """
     match = re.fullmatch(r"([a-z]+)(?:\(([0-9.e+-]+(?:, [0-9.e+-]+)*)\))?", word)
     if match is None or match[1] not in LAWS:
@@ -323,26 +267,28 @@ def law_of(word: str, half_angle: float = math.pi) -> Departure | None:
         numbers = [float(number) for number in match[2].split(", ")] if match[2] else []
     except ValueError:
         return None
-    written = match[1] + (f"({', '.join(f'{number:g}' for number in numbers)})" if numbers else "")
-    known = written == word and all(0.0 < v < math.inf for v in numbers)
-    return LAWS[match[1]](numbers, half_angle) if known else None
+    law, written = LAWS[match[1]], f"({', '.join(f'{number:g}' for number in numbers)})" if numbers else ""
+    known = word == match[1] + written and all(0.0 < v < math.inf for v in numbers) and len(numbers) == law.numbers
+    return (law, numbers) if known and all(law.above < v < law.below for v in numbers[:1]) else None
 
 
 def freedom(word: str) -> float | None:
     """The degrees of freedom ν of ``student(ν)``; None for another word, or if ν is not above 2."""
-    law = law_of(word)
-    return law.freedom if isinstance(law, StudentNoise) else None
+    law, numbers = law_of(word) or (None, [])
+    return numbers[0] if law is LAWS["student"] else None
 
 
 def excess_kurtosis(word: str) -> float:
-    """The excess kurtosis of a coordinate under a law of covariance σ² I: 0 if normal, larger with heavier tails."""
-    law: Any = law_of(word)
-    return 0.0 if law is None else float(law.excess_kurtosis)
+    """The excess kurtosis of a coordinate, larger with heavier tails; not a number unless the covariance is σ² I."""
+    law, numbers = law_of(word) or (None, [])
+    if law is None or law.excess_kurtosis is None:
+        return 0.0 if word == NORMAL else math.nan
+    return law.excess_kurtosis(*numbers)
 
 
 def has_equal_covariance(word: str) -> bool:
     """True if a word names a law of covariance σ² I."""
-    return word == NORMAL or hasattr(law_of(word), "excess_kurtosis")
+    return not math.isnan(excess_kurtosis(word))
 
 
 def is_law(word: str) -> bool:
@@ -350,17 +296,21 @@ def is_law(word: str) -> bool:
     return word == NORMAL or law_of(word) is not None
 
 
-def departures(conditions: Mapping[str, Any]) -> list[Departure]:
+def departures(conditions: Mapping[str, Any]) -> list[tuple[Step, list[float]]]:
     """The steps that lead from normal noise to that of a cell: another law, then outliers; none for normal noise.
 
     Args:
         conditions: values of the conditions ``angle``, ``law``, ``outlier_share`` and ``outlier_size``, as far as they
             are not at their defaults; others do not matter.
+
+    Returns:
+        Each step with its last arguments, the half-angle and the numbers.
     """
-    law = law_of(conditions.get("law", NORMAL), math.radians(conditions.get("angle", 180.0)))
-    steps: list[Departure] = [] if law is None else [law]
+    half_angle, steps = math.radians(conditions.get("angle", 180.0)), []
+    if (law := law_of(conditions.get("law", NORMAL))) is not None:
+        steps.append((law[0].step, [half_angle, *law[1]]))
     if (share := conditions.get("outlier_share", 0.0)) > 0.0:
-        steps.append(Outliers(share, conditions.get("outlier_size", SIZE)))
+        steps.append((outliers, [half_angle, share, conditions.get("outlier_size", SIZE)]))
     return steps
 
 

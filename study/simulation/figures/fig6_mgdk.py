@@ -19,7 +19,7 @@ from matplotlib.patches import Circle
 from study import style
 from study.arrays import Floats
 from study.fits import fit, mgdk
-from study.simulation.analysis.regret import point_sets
+from study.simulation.claims.claim import point_sets
 from study.simulation.figures.figure import Frame, NotApplicable, Tables, at_first
 from study.simulation.statistics import quantile
 

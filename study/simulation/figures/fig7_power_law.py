@@ -24,7 +24,7 @@ from matplotlib.lines import Line2D
 
 from study import style
 from study.fits.cap import cap_moments
-from study.simulation.analysis.regret import gdke_bias, median_at_bound
+from study.simulation.analysis.theory import gdke_bias, median_at_bound
 from study.simulation.figures.figure import Frame, NotApplicable, Tables, at_first, behind_medians, log_axes, look
 from study.simulation.statistics import power_law
 
@@ -99,9 +99,9 @@ def _laws(level: Any, part: pd.DataFrame) -> list[dict[str, Any]]:
             continue
         medians.append(median)
         samples, error = curve["samples"].to_numpy(), curve["error"].to_numpy()
-        law = power_law(samples, median, error)
+        law, factor = power_law(samples, median, error)
         there = np.isfinite(median) & (median > 0.0)
-        off = np.abs(np.log(median[there] / (law.factor * samples[there] ** law.exponent)))
+        off = np.abs(np.log(median[there] / (factor * samples[there] ** law.value)))
         allowed = np.maximum(_TOLERANCE, 3.0 * error[there] / median[there])
         lost = samples[~there]
         which = f"$N$ = {', '.join(f'{n:.0f}' for n in lost)}" if there.any() else "every $N$"
@@ -109,9 +109,9 @@ def _laws(level: Any, part: pd.DataFrame) -> list[dict[str, Any]]:
             {
                 "level": level,
                 "estimators": [str(name)],
-                "exponent": law.exponent,
+                "exponent": law.value,
                 "interval": 1.96 * law.error,
-                "describes": bool(np.isfinite(law.exponent) and np.all(off <= allowed)),
+                "describes": bool(np.isfinite(law.value) and np.all(off <= allowed)),
                 "failed": f"half of the fits\nwithout a number at {which}" if len(lost) else "",
             }
         )
@@ -182,7 +182,7 @@ def _draw_panel(ax: Axes, frame: Frame, level: float, short: bool) -> bool:
 
 def _bound_words(bound: pd.DataFrame, short: bool) -> str:
     x, y = bound["samples"].to_numpy(), bound["bound"].to_numpy()
-    exponent = power_law(x, y, 0.01 * y).exponent  # equal weights
+    exponent = power_law(x, y, 0.01 * y)[0].value  # equal weights
     return "√tr CRLB: " + (style.decimals(exponent, 2) if short else f"exponent {style.decimals(exponent, 3)}")
 
 

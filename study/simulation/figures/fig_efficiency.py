@@ -23,7 +23,7 @@ from matplotlib.lines import Line2D
 
 from study import style
 from study.fits.cap import cap_moments
-from study.simulation.analysis.regret import gdke_leaves, median_attainable, noise_at_kappa, ugdk_leaves
+from study.simulation.analysis.theory import gdke_leaves, median_attainable, noise_at_kappa, ugdk_leaves
 from study.simulation.claims.claim import error_over
 from study.simulation.figures import figure as shared
 from study.simulation.figures.figure import Frame, NotApplicable, Tables

@@ -22,8 +22,8 @@ from study import style
 from study.arrays import Floats
 from study.files import RunError
 from study.fits.cap import cap_moments
-from study.simulation.analysis.regret import median_at_bound
 from study.simulation.analysis.summary import stored_summary
+from study.simulation.analysis.theory import median_at_bound
 from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
 from study.simulation.experiment.noise import GaussianNoise
 from study.simulation.runs.run_folder import Run

@@ -38,7 +38,7 @@ from study.fits.registry import fit_samples
 from study.simulation.experiment.conditions import STORED, named_in
 from study.simulation.experiment.config import ChainStatus, Posterior, Study
 from study.simulation.experiment.designs import Cell
-from study.simulation.experiment.sampling import Trial, all_trials
+from study.simulation.experiment.replay import Trial, all_trials
 from study.simulation.posterior.sampler import Chain, Prior, likelihood_rank, sample, shrink_factor
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Packet, Parts

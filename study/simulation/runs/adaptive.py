@@ -19,10 +19,8 @@ import pyarrow.compute as pc
 
 from study.simulation.experiment.config import Precision, Study
 from study.simulation.experiment.designs import Batch, Cell, Group
-from study.simulation.experiment.sampling import groups, trials_of, units_of
 from study.simulation.runs import schemas
-from study.simulation.runs.jobs import Layout
-from study.simulation.runs.parts import Parts
+from study.simulation.runs.parts import Layout, Parts
 from study.simulation.statistics import Measure, measured
 
 CellBatch = list[tuple[list[Batch], list[Cell]]]
@@ -193,7 +191,7 @@ class Rounds(Layout):
         """The units that hold trials, in the order of the tables."""
         for progress in self.progress.values():
             if progress.stages:
-                yield from units_of(self.study, progress.group, progress.stages[-1].last)
+                yield from self.study.units_of(progress.group, progress.stages[-1].last)
 
     def cut(self, unit: Batch) -> Iterator[Batch]:
         """Cut a unit into the pieces that the stages have of it."""
@@ -225,14 +223,14 @@ class Rounds(Layout):
         """Pieces of the stages that are measured, and of the last one."""
         result: tuple[list[Batch], list[Batch]] = [], []
         for stage in progress.stages:
-            for unit in units_of(self.study, progress.group, stage.last):
+            for unit in self.study.units_of(progress.group, stage.last):
                 result[stage is progress.stages[-1]].extend(_within(unit, stage))
         return result
 
     def restart(self) -> None:
         """Forget all measures, because some of the rows are lost, and begin at the first checkpoints."""
         points, study = self.precision.checkpoints, self.study
-        self.progress = {g.stream: GroupProgress(g, points(trials_of(study, g))) for g in groups(study)}
+        self.progress = {g.stream: GroupProgress(g, points(study.trials_of(g))) for g in study.groups()}
 
     def stop(self) -> None:
         """Go no further: the open cells stay as they were at their last checkpoint."""

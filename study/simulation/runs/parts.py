@@ -1,4 +1,7 @@
-"""Part files: the finished rows of a run that is not finished. A part has a header, and is named by its own digest.
+"""Rows of a run that is not finished: tasks that compute them, part files that hold them, their order in tables.
+
+A study's units may be cut into pieces that are computed by themselves. The stored rows of each unit are joined in the
+order of the tables, however the unit was cut. A part file has a header, and is named by its own digest.
 
     parts/units-<SHA-256 of the file's bytes>.part
         one line of JSON: the format, the software, seconds since the part before, and the packets with their keys;
@@ -15,16 +18,26 @@ number of files grows with the logarithm of time, and a kill costs no more than 
 
 import hashlib
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from pydantic import BaseModel, ValidationError
 
+from study.arrays import Ints
 from study.files import RunError, explained, write
+from study.fits import ESTIMATORS
+from study.simulation import statistics
+from study.simulation.experiment.compute import Columns, Errors, Result, compute, lost, stack
+from study.simulation.experiment.config import Study
+from study.simulation.experiment.designs import Batch, Group
+from study.simulation.runs import schemas
 
 FORMAT = 5
 """Format of parts and tables. Raise it when rows of the same key would change, or files would be read wrongly."""
@@ -265,3 +278,258 @@ class Parts:
             for place, (key, outputs) in enumerate(packet.keys):
                 kind = self._kinds.setdefault(outputs, outputs)  # equal tuples are one in memory
                 self._where.setdefault(key, []).append((stored, place, kind))
+
+
+POINTS = "points"
+_OVERHEAD = 10_000.0
+"""Overhead of a call, in samples that could be drawn meanwhile."""
+_ROW = 40.0
+"""Cost of a row, in samples; high, because packets of many rows are read whole."""
+_LONG = 1e9
+"""Weight, some ten seconds of one worker, from which processes are worth the two seconds in which they start."""
+
+
+@dataclass(frozen=True)
+class UnitTask:
+    """Outputs to compute of a batch of trials.
+
+    Attributes:
+        batch: the trials.
+        key: a digest of all that determines their rows.
+        outputs: estimators with their versions, and perhaps points.
+    """
+
+    batch: Batch
+    key: str
+    outputs: tuple[str, ...]
+
+    @property
+    def weight(self) -> float:
+        """Work in samples: those drawn and fitted, an overhead per block and level, and a cost per row."""
+        batch, levels = self.batch, len(self.batch.group.levels)
+        samples = sum(samples * trials for samples, trials in batch.group.sizes(batch.first, batch.last))
+        blocks = -(-batch.last // batch.group.size) - batch.first // batch.group.size
+        return samples * (1.0 + levels) + _OVERHEAD * blocks * (1 + levels) + _ROW * batch.rows * len(self.outputs)
+
+
+def takes_long(study: Study) -> bool:
+    """Tell whether processes compute a study sooner than threads, which start at once but share one interpreter."""
+    layout = Layout(study)
+    return any(weight > _LONG for weight in accumulate(layout.task(unit).weight for unit in study.units()))
+
+
+def estimators_of(outputs: Iterable[str]) -> tuple[str, ...]:
+    """Names of the estimators among outputs."""
+    return tuple(o.rpartition("@")[0] for o in outputs if "@" in o)
+
+
+def execute(study: Study, tasks: tuple[UnitTask, ...]) -> Packet:
+    """Compute tasks of a study; workers run this."""
+    return _packed(study, tasks, compute)
+
+
+def give_up(study: Study, task: UnitTask, message: str) -> Packet:
+    """Rows of a task whose worker died twice: every fit failed.
+
+    Args:
+        study: the config.
+        task: the task.
+        message: how the worker died.
+    """
+    return _packed(study, (task,), lambda part, batch: lost(part, batch, message))
+
+
+def _packed(study: Study, tasks: tuple[UnitTask, ...], result: Callable[[Study, Batch], Result]) -> Packet:
+    of_tasks = []
+    for task in tasks:
+        points = study.keep_points if any(o.startswith(POINTS) for o in task.outputs) else 0
+        part = study.model_copy(update={"estimators": estimators_of(task.outputs), "keep_points": points})
+        of_tasks.append(tables(part, result(part, task.batch)))
+    stacked, rows = {}, {}
+    for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
+        filled = [unit[name] for unit in of_tasks if unit[name]]
+        if filled:
+            stacked[name] = schemas.table(columns, stack(filled))
+            rows[name] = [len(next(iter(unit[name].values()))) if unit[name] else 0 for unit in of_tasks]
+    return Packet([(task.key, task.outputs) for task in tasks], rows, {k: encode(t) for k, t in stacked.items()})
+
+
+def tables(study: Study, result: Result) -> dict[str, Columns]:
+    """Columns of each table that a unit fills; none of those that the study does not keep.
+
+    Args:
+        study: the config.
+        result: of the unit; where the study keeps summaries alone, the unit holds all trials of its cells.
+    """
+    table: dict[str, Columns] = {"errors": {}, "summary": {}, "points": result.points, "failures": result.failures}
+    if study.keep == "errors":
+        table["errors"] = result.errors
+    elif result.blocks:
+        table["summary"] = statistics.of_errors(Errors.joined(result.blocks))
+        samples = result.blocks[0].cells[0].samples
+        result.clock("summary", samples, sum(block.fits.radius.size for block in result.blocks))
+    return table | {"timings": result.timings}
+
+
+class Layout:
+    """The tasks of a run whose units are all known, and cut along those of an earlier study.
+
+    Args:
+        study: the config.
+        earlier: the earlier study; None to leave units whole.
+    """
+
+    def __init__(self, study: Study, earlier: Study | None = None) -> None:
+        self.study = study
+        # rows of a summary have a column for each measure
+        measures = " ".join(statistics.MEASURES) if study.keep == "summary" else ""
+        self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
+        self._estimators = tuple(f"{name}@{ESTIMATORS[name].version}" for name in study.estimators)
+        self._earlier = earlier if earlier is not None and related(study, earlier) else None
+        self._groups = {group.stream: group for group in self._earlier.groups()} if self._earlier is not None else {}
+        self._halves: tuple[Group, Group | None, Group | None] | None = None
+
+    def task(self, batch: Batch) -> UnitTask:
+        """The task of a batch, with all of its outputs."""
+        content = self._stem + batch.group.digest + f"{batch.first}-{batch.last}".encode()
+        points = (f"{POINTS}:{self.study.keep_points}",) if batch.first < self.study.keep_points else ()
+        return UnitTask(batch, hashlib.blake2b(content, digest_size=12).hexdigest(), self._estimators + points)
+
+    def missing(self, parts: Parts, batches: Iterable[Batch] | None = None) -> Iterator[UnitTask]:
+        """Tasks with the outputs that parts do not have; tasks that have none are left out.
+
+        Args:
+            parts: the stored rows.
+            batches: the trials; those that may have to be computed, by default.
+        """
+        for batch in self.pending() if batches is None else batches:
+            task = self.task(batch)
+            there = parts.outputs(task.key)
+            if missing := tuple(o for o in task.outputs if o not in there):
+                yield replace(task, outputs=missing)
+
+    def units(self) -> Iterator[Batch]:
+        """The units, in the order of the tables."""
+        return self.study.units()
+
+    def cut(self, unit: Batch) -> Iterator[Batch]:
+        """Cut a unit into the earlier run's trials of its cells, further trials of them, and other cells."""
+        earlier = self._groups.get(unit.group.stream)
+        if self._earlier is None or earlier is None:
+            yield unit
+            return
+        if self._halves is None or self._halves[0] is not unit.group:  # units of a group come one after the other
+            self._halves = unit.group, *unit.group.shared(earlier)
+        _, shared, others = self._halves
+        if others is not None:
+            yield Batch(others, unit.first, unit.last)
+        if shared is not None:
+            middle = min(max(self._earlier.trials_of(shared), unit.first), unit.last)
+            if unit.first < middle:
+                yield Batch(shared, unit.first, middle)
+            if middle < unit.last:
+                yield Batch(shared, middle, unit.last)
+
+    def pieces(self) -> Iterator[Batch]:
+        """All pieces of all units."""
+        return (piece for unit in self.units() for piece in self.cut(unit))
+
+    def pending(self) -> Iterator[Batch]:
+        """The pieces that may have to be computed."""
+        return self.pieces()
+
+    def advance(self, parts: Parts) -> bool:
+        """Find further units, once the parts hold all that was pending; false if there are none."""
+        return False
+
+    def restart(self) -> None:
+        """Forget what was concluded from the parts, because some of them are lost."""
+
+    def ahead(self) -> float:
+        """Share of the pending pieces in all that may still have to be computed."""
+        return 1.0
+
+    def rows(self, parts: Parts, name: str) -> Iterator[pa.Table]:
+        """Read a table's rows, unit by unit.
+
+        Args:
+            parts: the stored rows.
+            name: the table: errors, points, failures, timings or summary.
+
+        Raises:
+            RunError: if rows are missing.
+        """
+        estimators = self.study.estimators
+        for unit in self.units() if parts.holds(name) else ():
+            pieces = list(self.cut(unit))
+            stored = [entry for piece in pieces for entry in self.stored(parts, piece, name)]
+            result = [table for _, table in stored]
+            datasets = {"errors": sum(piece.rows for piece in pieces), "summary": len(unit.cells)}.get(name, 0)
+            if datasets and sum(table.num_rows for table in result) != datasets * len(estimators):
+                raise RunError(f"{parts.folder}: rows of trials {unit.first} to {unit.last - 1} are missing; run again")
+            in_order = len(result) == 1 and (name == "points" or estimators_of(stored[0][0]) == estimators)
+            if in_order or name == "timings":
+                yield from result
+            elif result:
+                table = pa.concat_tables(result)
+                yield table.take(order(estimators, unit, table))
+
+    def stored(self, parts: Parts, piece: Batch, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:
+        """Read the stored rows of a piece, without those of outputs that the study does not have.
+
+        Rows that were taken from another study's run have its columns. They get those of this one: a condition that it
+        did not give is at its default, and one that this study does not give is left out.
+
+        Args:
+            parts: the stored rows.
+            piece: of a unit.
+            name: the table.
+
+        Yields:
+            Outputs, and their rows.
+        """
+        task = self.task(piece)
+        columns = schemas.of_units(self.study.dimension, self.study.conditions())[name]
+        for outputs, fresh, table in parts.tables(task.key, name):
+            wanted = tuple(output for output in fresh if output in task.outputs)
+            if not wanted or (name == "points" and not any(o.startswith(POINTS) for o in wanted)):
+                continue
+            if wanted != outputs and name in ("errors", "failures", "summary"):
+                table = table.filter(pc.is_in(_words(table, "estimator"), pa.array(estimators_of(wanted))))
+            yield wanted, schemas.completed(table, columns)
+
+
+def order(estimators: tuple[str, ...], unit: Batch, table: pa.Table) -> Ints:
+    """The order of a unit's rows in the table.
+
+    Args:
+        estimators: their names, in the order of the config.
+        unit: the unit.
+        table: its rows, of errors, failures, points or summary, in any order.
+    """
+    if "group" in table.schema.names:  # a summary, of the cells of a grid
+        cells = _places(table, "group", [cell.name for cell in unit.cells])
+        return np.lexsort([_places(table, "estimator", estimators), cells])
+    trial = table["trial"].to_numpy()
+    keys = [trial]
+    if "estimator" in table.schema.names:
+        keys.append(_places(table, "estimator", estimators))
+    if unit.cells:
+        keys.append(_places(table, "cell", [cell.name for cell in unit.cells]))
+    return np.lexsort([*keys, trial // unit.group.size])  # the last counts most
+
+
+def _places(table: pa.Table, column: str, words: Iterable[str]) -> Ints:
+    """Place of each row's word among others."""
+    return np.asarray(pc.index_in(_words(table, column), pa.array(list(words))).to_numpy())
+
+
+def _words(table: pa.Table, column: str) -> pa.ChunkedArray:
+    """A column of words, without its dictionary."""
+    return table[column].cast(pa.string())
+
+
+def related(study: Study, earlier: Study) -> bool:
+    """Tell whether equal conditions have equal rows in two studies, and each has as many as its design says."""
+    fixed = study.precision is None and earlier.precision is None
+    return fixed and study.stem() == earlier.stem() and study.design.same_draws(earlier.design)

@@ -16,8 +16,7 @@ from study.files import RunError
 from study.simulation.experiment.compute import TOGETHER, compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell, Group
-from study.simulation.experiment.sampling import groups, sizes_of, trials_of
-from study.simulation.runs.jobs import tables, takes_long
+from study.simulation.runs.parts import tables, takes_long
 from study.text import DAY, duration, size
 
 _SIZES = 7
@@ -209,8 +208,8 @@ def plan(study: Study, jobs: int) -> Plan:
     if study.cells() > _MOST_COUNTED:
         return _extrapolated(study, jobs)
     portions: Counter[frozenset[tuple[Kind, int]]] = Counter()
-    for group in groups(study):
-        for unit, units in sizes_of(study, group):
+    for group in study.groups():
+        for unit, units in study.sizes_of(group):
             portion = Counter[Kind]()
             for samples, count in group.sizes(unit.first, unit.last):
                 portion[Kind(samples, len(group.levels), group.width)] += count
@@ -222,7 +221,7 @@ def plan(study: Study, jobs: int) -> Plan:
     samples = sum(count * kind.cells * kind.samples for kind, count in work.items())
     n_units = portions.total()
     processes = jobs > 1 and takes_long(study)  # they do not wait for one interpreter, but take a while to start
-    places = chain.from_iterable(group.places(0, trials_of(study, group)) for group in groups(study))
+    places = chain.from_iterable(group.places(0, study.trials_of(group)) for group in study.groups())
     cells = islice((cell for cell, _, _ in places), 0, None, max(1, study.cells() // _MOST_CELLS))  # evenly spread
     pace = measure(study, list(cells), 1 if processes else jobs)
     longest = max(pace.of(dict(kinds)) for kinds in portions)

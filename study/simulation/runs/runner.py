@@ -1,7 +1,15 @@
-"""The runner: computes what is missing of a study's run, stores it as it comes back, and joins it to tables."""
+"""The runner: computes what is missing of a study's run, stores it as it comes back, and joins it to tables.
+
+More trials, cells or estimators leave the rows of a smaller study as they are, bit for bit. So if a finished run of a
+smaller study, of the same name, lies next to a new one or in its folder, the new one's units are cut into pieces that
+the earlier run has and pieces that it has not. Rows of an estimator of another version, and of units whose worker died,
+are computed again. A run of the very same config in another folder is not used, because a study is run again to check
+it. An adaptive study neither takes rows of another run nor gives any.
+"""
 
 import contextlib
 import json
+import re
 import sys
 import time
 from collections import Counter
@@ -13,16 +21,28 @@ from operator import attrgetter
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 from threadpoolctl import threadpool_limits
 
-from study.files import RunError, writing
+from study.files import RunError, TableRows, writing
 from study.fits import ESTIMATORS
+from study.fits.random import Name
 from study.fits.registry import only_here, origins
 from study.simulation.experiment.config import Study
 from study.simulation.runs import provenance, schemas
 from study.simulation.runs.adaptive import BUDGET, TARGET, Rounds, TimeBudget
-from study.simulation.runs.jobs import EarlierRun, Layout, UnitTask, execute, give_up, neighbour
-from study.simulation.runs.parts import FORMAT, Parts
+from study.simulation.runs.parts import (
+    FORMAT,
+    Layout,
+    Packet,
+    Parts,
+    UnitTask,
+    estimators_of,
+    execute,
+    give_up,
+    order,
+    related,
+)
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import Dispatch, Threads, Workers
 
@@ -121,6 +141,83 @@ def _counted(rows: Iterator[pa.Table], causes: Counter[str]) -> Iterator[pa.Tabl
     for table in rows:
         causes.update(table["cause"].cast(pa.string()).to_pylist())
         yield table
+
+
+class EarlierRun:
+    """A finished run whose rows are reused.
+
+    Args:
+        run: the run.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        made = run.manifest()["estimators"]
+        self.outputs = {f"{name}@{made[name]}" for name in run.study.estimators}
+        self._errors = TableRows(run.path("errors"))
+        self._failures = run.arrow("failures") if run.has("failures") else None
+        self._begin: dict[Name, tuple[int, int]] = {}
+        row, estimators = 0, len(run.study.estimators)
+        for unit in run.study.units():
+            self._begin.setdefault(unit.group.stream, (row, unit.group.width * estimators))
+            row += unit.rows * estimators
+
+    @classmethod
+    def of(cls, run: Run) -> "EarlierRun | None":
+        """Open a run; None if it is not finished, or its rows are damaged."""
+        if "errors" not in run.digests() or {"errors", "failures"} & set(run.damaged()):
+            return None
+        try:
+            return cls(run)
+        except RunError:  # it keeps no table that its manifest vouches for
+            return None
+
+    def take(self, task: UnitTask) -> Packet | None:
+        """Take the rows of a task that this run has, in the order that the task gives them; None if it has none.
+
+        Args:
+            task: outputs of a piece, as `Layout` cut it along this run's study.
+        """
+        unit = task.batch
+        trials = self.run.study.trials_of(unit.group)
+        outputs = tuple(o for o in task.outputs if o in self.outputs)
+        if unit.last > trials or not outputs or unit.group.stream not in self._begin:
+            return None
+        begin, per_trial = self._begin[unit.group.stream]
+        size = unit.group.size  # whole blocks hold the cells one after the other
+        low, high = unit.first // size * size, -(-unit.last // size) * size
+        whole = self._errors.rows(begin + per_trial * low, begin + per_trial * min(high, trials))
+        use = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
+        use &= pc.field("estimator").cast(pa.string()).isin(list(estimators_of(outputs)))
+        if unit.cells:
+            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.cells])
+        result = {"errors": whole.filter(use)}
+        if result["errors"].num_rows != unit.rows * len(outputs):
+            return None
+        if self._failures is not None:
+            cells = pc.unique(result["errors"]["cell"]).to_pylist()
+            result["failures"] = self._failures.filter(use & pc.field("cell").cast(pa.string()).isin(cells))
+            if "worker" in pc.unique(result["failures"]["cause"]).to_pylist():
+                return None
+        ordered = {name: table.take(order(estimators_of(outputs), unit, table)) for name, table in result.items()}
+        return Packet.of([(task.key, outputs)], [ordered])
+
+
+def neighbour(study: Study, folder: Path) -> Run | None:
+    """Find the finished run of the same name, next to a folder, that has most rows of a study."""
+    result: list[tuple[int, Run]] = []
+    for path in sorted(folder.parent.glob(f"{study.name}-*")):
+        if path == folder or not re.fullmatch(r"[0-9a-f]{10}", path.name.removeprefix(f"{study.name}-")):
+            continue
+        try:
+            run = Run.open(path)
+        except RunError:
+            continue
+        if run.study.digest() != study.digest() and related(study, run.study):
+            shared = set(run.study.estimators) & set(study.estimators)
+            result.append((sum(item.rows for item in run.study.units()) * len(shared), run))
+    result.sort(key=lambda entry: -entry[0])
+    return next((run for rows, run in result if rows and EarlierRun.of(run)), None)
 
 
 Progress = Callable[[float], None]

@@ -7,10 +7,8 @@ from pathlib import Path
 
 from study.files import RunError, holder
 from study.simulation.experiment.config import Study
-from study.simulation.experiment.sampling import units
 from study.simulation.runs.adaptive import CAP, TARGET, Rounds
-from study.simulation.runs.jobs import Layout
-from study.simulation.runs.parts import DAMAGED, Parts
+from study.simulation.runs.parts import DAMAGED, Layout, Parts
 from study.simulation.runs.provenance import described, other_version
 from study.simulation.runs.run_folder import ManifestMissingError, Run
 from study.text import columns
@@ -121,7 +119,7 @@ def _state(run: Run, parts: Parts, broken: bool) -> str:
 
 def _units(run: Run, parts: Parts, layout: Layout) -> dict[str, int | None]:
     if run.finished() and run.up_to_date():
-        total = None if run.study.precision else sum(1 for _ in units(run.study))
+        total = None if run.study.precision else sum(1 for _ in run.study.units())
         return {"total": total, "done": total, "missing": 0}
     count, missing = (sum(1 for _ in pieces) for pieces in (layout.pieces(), layout.missing(parts)))
     return {"total": count, "done": count - missing, "missing": missing}

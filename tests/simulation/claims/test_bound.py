@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.simulation.analysis.regret import median_attainable
+from study.simulation.analysis.theory import median_attainable
 from study.simulation.claims.claim import Verdict
 
 LEVELS = np.geomspace(1e-4, 10**0.5, 19)

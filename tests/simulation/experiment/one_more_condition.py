@@ -2,7 +2,7 @@
 
 Not a test: `test_conditions.py` starts it, with the commands to run as JSON. The first entry, ``shift``, is a number
 and concerns how draws are placed; the second, ``family``, is a word and has draws of its own. Neither has any effect
-on the points, for nothing asks for their values.
+on the points, for nothing asks for their values. Only the first says that posteriors take account of it.
 """
 
 import json
@@ -15,7 +15,7 @@ import study
 ENTRIES = """
 SHIFT = Condition(
     name="shift", symbol="δ", meaning="shift δ", unit="length", allowed=lambda v: v >= 0, rule="at least 0",
-    default=0.0, silent=True, digits=3,
+    default=0.0, silent=True, digits=3, by_posterior=True,
 )
 FAMILY = Condition(
     name="family", symbol="F", meaning="family of the noise", allowed=lambda v: v in ("normal", "other"),

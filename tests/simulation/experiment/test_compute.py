@@ -12,9 +12,8 @@ import pytest
 import study
 from study.fits import Estimator
 from study.fits.samples import blank
-from study.simulation.experiment.compute import Result, compute, lost
+from study.simulation.experiment.compute import Result, compute, draw, lost
 from study.simulation.experiment.designs import Batch
-from study.simulation.experiment.sampling import draw, units
 
 ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
 
@@ -39,7 +38,7 @@ def fixed(monkeypatch):
 
 def rows(made):
     """The error rows of a whole study."""
-    parts = [compute(made, unit).errors for unit in units(made)]
+    parts = [compute(made, unit).errors for unit in made.units()]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -84,7 +83,7 @@ def test_bounds_are_of_the_realised_directions(make_study, d, shaped):
     """The bound of each trial is √tr CRLB of the directions that were drawn for it; so is the radius'."""
     shape = np.diag(np.arange(1.0, d + 1)).tolist() if shaped else None
     made = make_study({"dimension": d, "noise_shape": shape}, noise=[0.1, 3.0], trials=4)
-    unit = next(units(made))
+    unit = next(made.units())
     u = draw(made, next(unit.parts(0))).directions.swapaxes(1, 2).copy()
     u[:, :, 0] = 1.0 - u[:, :, 0]
     found = compute(made, unit).errors
@@ -99,7 +98,7 @@ def test_an_estimator_that_takes_no_covariance(make_study):
     """It says so in a run, too."""
     shape = [[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
     made = make_study({"estimators": ["hinge"], "noise_shape": shape}, trials=3, samples=30, noise=0.05)
-    result = compute(made, next(units(made)))
+    result = compute(made, next(made.units()))
     assert set(result.errors["status"]) == {study.Status.FAILED}
     assert all(message.startswith("ValueError: ") for message in result.failures["message"])
 
@@ -107,7 +106,7 @@ def test_an_estimator_that_takes_no_covariance(make_study):
 def test_order_and_number_of_rows(make_study):
     """Rows come cell by cell, estimator by estimator, trial by trial, with the cell's values beside them."""
     made = make_study({"estimators": ["ugdk", "lls"]}, trials=3, noise=[0.1, 0.2], radius=[1, 2])
-    unit = next(units(made))
+    unit = next(made.units())
     found = compute(made, unit).errors
     cells = next(unit.parts(0)).cells
     expected = [(c.name, e, t) for c in cells for e in ("ugdk", "lls") for t in range(3)]
@@ -124,7 +123,7 @@ def test_first_trials_points_are_kept(make_study, keep, monkeypatch):
     """The points of the first trials of each cell are stored, as many as the config says, across blocks."""
     monkeypatch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 2)
     made = make_study({"keep_points": keep}, trials=5, noise=[0.1, 0.2])
-    result = compute(made, next(units(made)))
+    result = compute(made, next(made.units()))
     kept = min(keep, 5)
     if not keep:
         assert result.points == {}
@@ -138,7 +137,7 @@ def test_first_trials_points_are_kept(make_study, keep, monkeypatch):
 def test_timings_account_for_every_fit(make_study):
     """Every step of every estimator is timed, for as many data sets as there are."""
     made = make_study({"estimators": ["ugdk", "lls"]}, trials=7, samples=[10, 20], noise=[0.1, 0.2])
-    for unit in units(made):
+    for unit in made.units():
         result: Result = compute(made, unit)
         fits = dict(zip(result.timings["step"], result.timings["fits"], strict=True))
         assert fits == {"draw": 7, "bound": 7, "points": 14, "moments": 14, "ugdk": 14, "lls": 14}
@@ -173,7 +172,7 @@ def test_no_estimators_leave_no_rows(make_study, route):
     """A unit without estimators gives timings and points alone, as for a run that has lost those tables."""
     made = make_study({"estimators": ["gdke"], "route": route}, noise=[0.1, 0.2])
     alone = made.model_copy(update={"estimators": ()})
-    result = compute(alone, next(units(made)))
+    result = compute(alone, next(made.units()))
     assert result.errors == {}
     assert {"draw", "bound", "moments"} <= set(result.timings["step"])
 
@@ -194,7 +193,7 @@ def sometimes(monkeypatch):
 def test_an_exception_is_a_status_of_its_trial(make_study):
     """The trials on which an estimator raises are named; other trials and other estimators are not affected."""
     made = make_study({"estimators": ["lls", "sometimes"], "keep_points": 40}, trials=40, noise=[0.1, 0.2])
-    result = compute(made, next(units(made)))
+    result = compute(made, next(made.units()))
     found, failures, points = result.errors, result.failures, result.points
     mine, lls = found["estimator"] == "sometimes", found["estimator"] == "lls"
     failed = found["status"][mine] == study.Status.FAILED
@@ -218,7 +217,7 @@ def test_an_exception_is_a_status_of_its_trial(make_study):
 def test_failures_do_not_depend_on_batches(make_study):
     """The same trials fail, with the same numbers beside them, whatever is computed together."""
     made = make_study({"estimators": ["sometimes"]}, trials=12, noise=0.2)
-    unit = next(units(made))
+    unit = next(made.units())
     whole = compute(made, unit).errors
     for first, last in ((0, 5), (5, 6), (6, 12)):
         for name, column in compute(made, Batch(unit.group, first, last)).errors.items():
@@ -235,7 +234,7 @@ def test_answers_of_another_shape_are_failures(make_study, monkeypatch, wrong):
 
     monkeypatch.setitem(study.ESTIMATORS, "short", Estimator(short, "a test"))
     made = make_study({"estimators": ["short"]}, trials=3)
-    result = compute(made, next(units(made)))
+    result = compute(made, next(made.units()))
     assert set(result.errors["status"]) == {study.Status.FAILED}
     assert all(f"ValueError: {wrong} has shape (0," in message for message in result.failures["message"])
 
@@ -248,13 +247,13 @@ def test_a_long_message_is_cut(make_study, monkeypatch):
 
     monkeypatch.setitem(study.ESTIMATORS, "talkative", Estimator(talkative, "a test"))
     made = make_study({"estimators": ["talkative"]}, trials=1)
-    assert [len(m) for m in compute(made, next(units(made))).failures["message"]] == [500]
+    assert [len(m) for m in compute(made, next(made.units())).failures["message"]] == [500]
 
 
 def test_a_lost_unit(make_study):
     """A unit that could not be computed has all its rows, in the same order, failed and without numbers."""
     made = make_study({"estimators": ["ugdk", "lls"]}, trials=4, noise=[0.1, 0.2])
-    unit = next(units(made))
+    unit = next(made.units())
     told, real = lost(made, unit, "the worker died"), compute(made, unit)
     assert list(told.errors) == list(real.errors)
     for name in ("cell", "trial", "estimator", "samples", "noise", "angle", "radius", "center"):
@@ -273,7 +272,7 @@ LEVELS = {"noise": [0.5, 2.0, 8.0], "radius": [1, 3], "center": [0, 4]}
 
 def first_batch(study):
     """The first batch of a study."""
-    return next(next(units(study)).parts(0))
+    return next(next(study.units()).parts(0))
 
 
 def unit_vectors(draws):
@@ -301,7 +300,7 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
 def test_cells_with_independent_draws_share_nothing(make_study):
     """With independent draws, no two cells have a common direction or normal."""
     study = make_study({"keep_points": 9}, trials=3, draws="independent", **LEVELS)
-    batches = [batch for unit in units(study) for batch in unit.parts(0)]
+    batches = [batch for unit in study.units() for batch in unit.parts(0)]
     assert len(batches) == 12
     drawn = [draw(study, batch) for batch in batches]
     for left, right in combinations(drawn, 2):

@@ -33,18 +33,21 @@ def wider(tmp_path_factory, make_text):
     random = {"kind": "random", "trials": 30, "noise": {"law": "log_uniform", "low": 0.01, "high": 0.1}}
     law = {"law": "choice", "values": [0.0, 0.5]}
     plain, top = {"noise": [0.1, 0.2], "trials": 40}, {"estimators": ["gdke", "als"]}
-    posterior = '[posterior]\ntrials = 1\nwalkers = 16\nmax_steps = 100\nwhere = { shift = 0.5, family = "other" }\n'
+    posterior = "[posterior]\ntrials = 1\nwalkers = 16\nmax_steps = 100\nwhere = { shift = 0.5 }\n"
+    shift = {"shift": TWO["shift"]}
     configs = {
         "plain": make_text(top, **plain),
         "default": make_text(top, **plain, shift=0, family="normal"),
-        "both": make_text(top, **plain, **TWO) + posterior,
+        "both": make_text(top, **plain, **TWO),
+        "chains": make_text(top, **plain, **shift) + posterior,
         "summary": make_text(top | {"keep": "summary"}, **plain, **TWO),
         "random": make_text(top, **random),
         "law": make_text(top, **random, shift=law),
         "wrong": make_text(top, **plain, shift=-1, family="odd"),
         "no-law": make_text(top, **random, family="other"),
         "moments": make_text(top | {"route": "moments"}, **plain, **TWO),
-        "no-cell": make_text(top, **plain, **TWO) + posterior.replace('"other"', '"another"'),
+        "no-cell": make_text(top, **plain, **shift) + posterior.replace("0.5", "0.7"),
+        "no-account": make_text(top, **plain, **TWO) + posterior,
     }
     for name, text in configs.items():
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
@@ -121,7 +124,7 @@ def test_a_law_of_it(wider):
 
 
 def test_every_table_and_text_has_it(wider):
-    """Summary, comparison, worst trials and posteriors name it; a study that keeps its summary alone does too."""
+    """Summary, comparison and worst trials name it; a study that keeps its summary alone does too."""
     said, folder = wider
     short = table(folder / "both", "summary")
     assert set(zip(short["shift"], short["family"], strict=True)) == {(s, f) for s in (0.0, 0.5) for f in TWO["family"]}
@@ -133,13 +136,18 @@ def test_every_table_and_text_has_it(wider):
 
 
 def test_faults_of_it(wider):
-    """A value that is not allowed comes with the rule; a condition that a random design cannot draw is unknown."""
+    """A value that is not allowed comes with the rule; a condition that a random design cannot draw is unknown.
+
+    Posteriors take the condition that says so, and refuse the other.
+    """
     said, _ = wider
+    assert "exit 0" in said["chains"]
     for words in (
         "design.shift = -1: -1 not allowed: every value must be at least 0",
         "design.family = 'odd': 'odd' not allowed: every value must be normal or other",
         "design.family = 'other': unknown key: not one of this kind of design",
-        "posterior.where: no cell has family = another",
+        "posterior.where: no cell has shift = 0.7",
+        "posterior: its likelihoods, of normal noise of the true σ and directions by area, take no account of family: ",
         'route: the route "moments" takes no account of shift and family: take them out, or route = "points"',
     ):
         assert words in said["stderr"]

@@ -20,7 +20,6 @@ from study.simulation.experiment import config
 from study.simulation.experiment.conditions import Constant
 from study.simulation.experiment.config import MEASURES, Posterior, Precision, Study, load, parse
 from study.simulation.experiment.designs import Cell
-from study.simulation.experiment.sampling import units
 from study.simulation.runs import schemas
 from study.toml import ConfigError
 
@@ -156,7 +155,7 @@ def test_names_and_canonical_forms():
 def test_cells_of_many_samples_have_fewer_trials(make_study, limit, expected):
     """At most 5000 samples a cell: 500 trials of 10, 50 of 100, 5 of 1000; at least one."""
     found = dict.fromkeys(expected, 0)
-    for unit in units(make_study(trials=1000, samples=[10, 100, 1000], most_samples=limit)):
+    for unit in make_study(trials=1000, samples=[10, 100, 1000], most_samples=limit).units():
         for batch in unit.parts(0):
             found[batch.group.samples] += batch.trials
     assert found == expected

@@ -18,7 +18,6 @@ import study
 from study.simulation.experiment import designs
 from study.simulation.experiment.config import load
 from study.simulation.experiment.designs import Cell, block_trials
-from study.simulation.experiment.sampling import groups, units
 
 AXES = {"samples": [4, 50], "noise": [0.1, 0.2, 0.3], "angle": [20, 90], "radius": [1, 2], "center": [0, 1, 5]}
 
@@ -56,10 +55,10 @@ def test_every_trial_of_every_cell_once(some_study, monkeypatch):
     No two batches draw from the same stream.
     """
     monkeypatch.setattr(designs, "_SAMPLES_PER_UNIT", 60_000)
-    assert list(units(some_study)) == list(units(some_study))
-    names = Counter(name for unit in units(some_study) for batch in unit.parts(0) for name, _, _ in batch.blocks())
+    assert list(some_study.units()) == list(some_study.units())
+    names = Counter(name for unit in some_study.units() for batch in unit.parts(0) for name, _, _ in batch.blocks())
     assert set(names.values()) == {1}
-    found = Counter(served(units(some_study)))
+    found = Counter(served(some_study.units()))
     assert set(found.values()) == {1}
     trials = range(some_study.design.trials)
     if some_study.design.kind == "random":
@@ -76,12 +75,12 @@ def test_number_of_cells(make_study, monkeypatch):
     monkeypatch.setattr(designs, "_SAMPLES_PER_UNIT", 60_000)
     assert make_study(**STUDIES["shared"]).cells() == 2 * 3 * 2 * 2 * 3
     assert make_study(**STUDIES["relative"]).cells() == 2 * 2 * 2 * 2 * 3
-    assert len(list(units(make_study(**STUDIES["shared"])))) > 4
+    assert len(list(make_study(**STUDIES["shared"]).units())) > 4
 
 
 def test_order_of_a_grid(make_study):
     """Cells come by samples, then angle, then noise, radius and centre, each in the order of the config."""
-    work = units(make_study(samples=[50, 4], noise=[0.2, 0.1], angle=[90, 20], radius=[2, 1], center=[1, 0]))
+    work = make_study(samples=[50, 4], noise=[0.2, 0.1], angle=[90, 20], radius=[2, 1], center=[1, 0]).units()
     cells = [cell for unit in work for batch in unit.parts(0) for cell in batch.cells]
     assert {cell.center for cell in cells} == {(0.0,) * 3, (1.0 / math.sqrt(3.0),) * 3}  # on the main diagonal
     keys = [(-c.samples, -c.angle, -c.noise, -c.radius, -c.distance) for c in cells]
@@ -94,7 +93,7 @@ def test_relative_noise_is_times_the_radius(make_study):
     for entries in (STUDIES["relative"], STUDIES["shared"]):
         made = make_study(**entries)
         relative = made.design.noise is None
-        for unit in units(made):
+        for unit in made.units():
             for cell in next(unit.parts(0)).cells:
                 levels = [v * cell.radius for v in made.design.noise_over_radius] if relative else made.design.noise
                 assert cell.noise in levels
@@ -126,7 +125,7 @@ def test_names_do_not_depend_on_the_grid(make_study):
     """A condition has the same name whatever else its grid holds, and whatever the kind of design."""
 
     def names(**entries):
-        return {c.name for unit in units(make_study(**entries)) for b in unit.parts(0) for c in b.cells}
+        return {c.name for unit in make_study(**entries).units() for b in unit.parts(0) for c in b.cells}
 
     alone = names(samples=4, noise=0.1, angle=20, radius=2, center=5)
     assert len(alone) == 1
@@ -138,10 +137,9 @@ def test_names_and_order_are_the_same_in_every_process():
     path = Path(study.__file__).parents[1] / "configs" / "sweep.toml"
     code = (
         "import sys, pathlib; from study.simulation.experiment.config import load\n"
-        "from study.simulation.experiment.sampling import units\n"
-        "for u in units(load(pathlib.Path(sys.argv[1]))): print(u, [c.name for b in u.parts(0) for c in b.cells])"
+        "for u in load(pathlib.Path(sys.argv[1])).units(): print(u, [c.name for b in u.parts(0) for c in b.cells])"
     )
-    own = "".join(f"{u} {[c.name for b in u.parts(0) for c in b.cells]}\n" for u in units(load(path)))
+    own = "".join(f"{u} {[c.name for b in u.parts(0) for c in b.cells]}\n" for u in load(path).units())
     for seed in ("1", "2"):
         environment = {"PYTHONHASHSEED": seed, "PYTHONPATH": str(path.parents[1])}
         command = [sys.executable, "-c", code, str(path)]
@@ -156,7 +154,7 @@ def test_block_size_depends_on_samples_alone(make_study, samples):
     assert size == 1 or size * samples <= 2**15
     for entries in ({"trials": 3000}, {"trials": 2999, "noise": [1, 2], "angle": [5, 7]}, {"draws": "independent"}):
         trials = entries.get("trials", 2)
-        for unit in units(make_study(samples=[samples], **entries)):
+        for unit in make_study(samples=[samples], **entries).units():
             for batch in unit.parts(0):
                 assert batch.first % size == 0
                 assert batch.trials == min(size, trials - batch.first)
@@ -175,7 +173,7 @@ def cells(make_study):
 
     def make(top=None, **changes):
         study = make_study(top, **{"kind": "random", "trials": TRIALS, **LAWS, **changes})
-        return [cell for unit in units(study) for batch in unit.parts(0) for cell in batch.cells]
+        return [cell for unit in study.units() for batch in unit.parts(0) for cell in batch.cells]
 
     return make
 
@@ -266,7 +264,7 @@ def test_the_number_of_trials_moves_nothing(cells, drawn, trials):
 
 def test_one_trial_alone(make_study, drawn):
     """A trial's condition is found from its number, without those before it."""
-    (group,) = groups(make_study(kind="random", trials=TRIALS, **LAWS))
+    (group,) = make_study(kind="random", trials=TRIALS, **LAWS).groups()
     assert [group.cell(i) for i in (2999, 7, 1024)] == [drawn[i] for i in (2999, 7, 1024)]
 
 
@@ -288,5 +286,5 @@ def test_equal_conditions_have_equal_names(cells, make_study):
     """A centre at the origin is one condition, however its heading fell, and the same as in a grid."""
     plain = {"samples": 10, "noise": 0.1, "angle": 90.0, "radius": 1.0, "center": 0.0}
     grid = make_study(**plain)
-    names = {cell.name for unit in units(grid) for batch in unit.parts(0) for cell in batch.cells}
+    names = {cell.name for unit in grid.units() for batch in unit.parts(0) for cell in batch.cells}
     assert {cell.name for cell in cells(trials=20, **plain)} == names

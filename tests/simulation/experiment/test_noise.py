@@ -13,10 +13,10 @@ import study
 from study.fits import cap, fit
 from study.fits.random import lanes
 from study.simulation.experiment import noise as laws
-from study.simulation.experiment.compute import compute
+from study.simulation.experiment.compute import Draws, compute, draw
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.experiment.noise import GaussianNoise, departures, freedom, gaussian, has_equal_covariance, is_law
-from study.simulation.experiment.sampling import Draws, all_trials, draw, units
+from study.simulation.experiment.replay import all_trials
 from study.simulation.runs import schemas
 
 MARGINALS = {
@@ -41,8 +41,8 @@ def numbers_of(seed, first, last):
 def drawn(conditions, d=3, n=40_000, trials=2):
     """Normal noise, and what the conditions make of it (trials, d, n)."""
     normals = noise = np.random.default_rng(20260).standard_normal((trials, d, n))
-    for departure in departures(conditions):
-        noise = departure.applied(noise, np.zeros_like(noise), numbers_of(8, 0, trials))
+    for step, numbers in departures(conditions):
+        noise = step(noise, np.zeros_like(noise), numbers_of(8, 0, trials), *numbers)
     return normals, noise
 
 
@@ -92,10 +92,10 @@ def test_transforms_are_quantiles():
     """Laplace and uniform numbers are the normal ones' quantiles, by SciPy's distributions, also far in the tails."""
     z = np.linspace(0.0, 35.0, 71)[None, None]
     for law in ("laplace", "uniform"):
-        (step,) = departures({"law": law})
+        ((step, numbers),) = departures({"law": law})
         expected = MARGINALS[law].isf(stats.norm.sf(z))
-        np.testing.assert_allclose(step.applied(z, z, None), expected, rtol=1e-12, atol=1e-15)
-        np.testing.assert_array_equal(step.applied(-z, z, None), -step.applied(z, z, None))
+        np.testing.assert_allclose(step(z, z, None, *numbers), expected, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(step(-z, z, None, *numbers), -step(z, z, None, *numbers))
 
 
 def test_outliers():
@@ -150,7 +150,7 @@ def test_names_of_laws():
 
 def errors_of(study):
     """Columns of the error table, by cell's σ, laws and share."""
-    columns = [compute(study, unit).errors for unit in units(study)]
+    columns = [compute(study, unit).errors for unit in study.units()]
     names = [name for name in ("noise", "law", "directions", "outlier_share") if name in columns[0]]
     found = {}
     for part in columns:
@@ -171,7 +171,7 @@ def test_normal_cells_are_those_of_a_study_without(make_study):
 def test_a_trial_is_drawn_again(make_study):
     """Replayed alone, a trial of any law has the same points, to the bit, as among others; another seed has others."""
     study = make_study({"keep_points": 99}, trials=7, samples=12, **MIXED)
-    for unit in units(study):
+    for unit in study.units():
         columns = compute(study, unit).points
         for trial in all_trials(study):
             rows = (columns["cell"] == trial.cell.name) & (columns["trial"] == trial.trial)
@@ -183,14 +183,15 @@ def test_draws_do_not_depend_on_what_is_drawn_with_them():
     """Further numbers of the later half of a block are the same whether or not the first half is drawn."""
     whole, half = numbers_of(1, 0, 8), numbers_of(1, 5, 8)
     noise = np.zeros((8, 3, 12))
-    for step in departures({"law": "student(3)", "outlier_share": 0.3}):
-        np.testing.assert_array_equal(step.applied(noise, noise, whole)[5:], step.applied(noise[:3], noise[:3], half))
+    for step, numbers in departures({"law": "student(3)", "outlier_share": 0.3}):
+        later = step(noise[:3], noise[:3], half, *numbers)
+        np.testing.assert_array_equal(step(noise, noise, whole, *numbers)[5:], later)
 
 
 def test_the_bound_is_gaussian(make_study):
     """The bound does not depend on the law, and the tables say of which it is; those of other studies do not change."""
     study = make_study(trials=3, **MIXED)
-    batch = next(next(units(study)).parts(0))
+    batch = next(next(study.units()).parts(0))
     draws = draw(study, batch)
     np.testing.assert_array_equal(draws.unit_bound(), draws.law.unit_bound(draws.directions))
     for conditions, said in ((study.conditions(), True), (make_study().conditions(), False)):
@@ -225,7 +226,8 @@ def test_radial_noise_is_along_the_radius():
     normals = np.random.default_rng(5).standard_normal(u.shape)
     heights = u.copy()
     heights[:, 0] = 1.0 - u[:, 0]
-    noise = departures({"law": "radial"})[0].applied(normals, heights, None)
+    ((step, numbers),) = departures({"law": "radial"})
+    noise = step(normals, heights, None, *numbers)
     along = (noise * u).sum(axis=1)
     np.testing.assert_allclose(noise, along[:, None] * u, atol=1e-14)
     np.testing.assert_allclose(along, (normals * u).sum(axis=1), atol=1e-14)
@@ -238,8 +240,8 @@ def structured(law, u, angle, seed=1):
     normals = np.random.default_rng(seed).standard_normal(u.shape)
     heights = u.copy()
     heights[:, 0] = 1.0 - u[:, 0]
-    (step,) = departures({"law": law, "angle": np.degrees(angle)})
-    return step.applied(normals, heights, numbers_of(4, 0, len(u))), normals
+    ((step, numbers),) = departures({"law": law, "angle": np.degrees(angle)})
+    return step(normals, heights, numbers_of(4, 0, len(u)), *numbers), normals
 
 
 def test_noise_grows_to_the_rim():
@@ -310,7 +312,7 @@ def test_a_path_swings_from_rim_to_rim(d):
 def test_the_bound_holds_for_radial_noise(make_study):
     """Variances of MLE's centre and radius over the bound are 1 within 5 standard errors: σ = .003, 3000 trials."""
     study = make_study({"estimators": ["mle"]}, trials=3000, samples=60, angle=90, noise=0.003, law="radial")
-    columns = [compute(study, unit).errors for unit in units(study)]
+    columns = [compute(study, unit).errors for unit in study.units()]
     for error, bound in (("error", "bound"), ("radius_error", "radius_bound")):
         ratio = np.concatenate([(part[error] / part[bound]) ** 2 for part in columns])
         assert abs(ratio.mean() - 1.0) < 5 * ratio.std() / np.sqrt(ratio.size)
@@ -360,7 +362,7 @@ def test_directions_have_their_own_draws_and_bound(make_study):
     """Cells by area are those of a study without other laws, to the bit; the bound is of the realised directions."""
     plain = errors_of(make_study({"estimators": ["gdke"]}, trials=4, samples=20))
     study = make_study({"estimators": ["gdke"]}, trials=4, samples=20, directions=["polar", "area", "spaced"])
-    columns = [compute(study, unit).errors for unit in units(study)]
+    columns = [compute(study, unit).errors for unit in study.units()]
     law = np.concatenate([part["directions"] for part in columns])
     error = np.concatenate([part["error"] for part in columns])
     np.testing.assert_array_equal(error[law == "area"], list(plain.values()))
@@ -386,7 +388,7 @@ def test_estimators_get_the_stated_variance(make_study):
     for trial in all_trials(study):
         share = dict(trial.cell.further).get("stated_variance", 1.0)
         assert trial.samples.noise == pytest.approx(0.3 * np.sqrt(share), rel=1e-15)
-    columns = compute(study, next(units(study))).errors
+    columns = compute(study, next(study.units())).errors
     first = columns["stated_variance"] == 1.0
     np.testing.assert_array_equal(columns["bound"][first], columns["bound"][~first])
     trial = next(all_trials(study))
@@ -408,7 +410,7 @@ def test_random_designs(make_study, more):
     The other conditions are those that are drawn without them; a default in words is as if it were left out.
     """
     with_more, plain = (
-        [next(unit.parts(0)).cells[0] for unit in units(make_study(kind="random", trials=9, samples=50, **given))]
+        [next(unit.parts(0)).cells[0] for unit in make_study(kind="random", trials=9, samples=50, **given).units()]
         for given in (more, {})
     )
     assert all(set(dict(cell.further)) == set(more) for cell in with_more)
@@ -462,7 +464,7 @@ def test_bound_is_exact_at_tiny_angles(make_study, d, angle, shaped):
     """Variances of centre and radius agree with sixty-digit arithmetic to 1e-8, down to 1e-4 degrees."""
     shape = (np.diag(np.arange(0.7, d)) + 0.3).tolist() if shaped else None
     made = make_study({"dimension": d, "noise_shape": shape}, angle=angle, samples=20, trials=3)
-    draws = draw(made, next(next(units(made)).parts(0)))
+    draws = draw(made, next(next(made.units()).parts(0)))
     bound = draws.unit_bound()
     for trial in range(3):
         expected = exact_variances(draws.directions[trial], draws.law.covariance(1.0))

@@ -5,9 +5,9 @@ import pytest
 
 import study
 from study.fits import Status
-from study.simulation.analysis import regret
+from study.simulation.experiment import replay
 from study.simulation.experiment.compute import compute, stack
-from study.simulation.experiment.sampling import ReplayError, all_trials, find, units
+from study.simulation.experiment.replay import ReplayError, all_trials, find
 
 KEPT = 3
 
@@ -39,7 +39,7 @@ def made(request, design, make_study):
     with pytest.MonkeyPatch.context() as patch:  # several batches per cell
         patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 2)
         made = make_study(top | ({"noise_shape": SHAPES[d]} if kind == "shaped" else {}), **design)
-        results = [compute(made, unit) for unit in units(made)]
+        results = [compute(made, unit) for unit in made.units()]
         yield made, stack([r.errors for r in results]), stack([r.points for r in results if r.points])
 
 
@@ -62,7 +62,7 @@ def test_the_points_are_the_stored_ones(made):
             if not len(kept["trial"]):
                 continue  # of a random design, where each cell has one trial
             again = find(made, cell, trial)
-            frame = regret.points(again)
+            frame = replay.points(again)
             names = [f"x_{i + 1}" for i in range(made.dimension)]
             assert list(frame.columns) == names
             np.testing.assert_array_equal(frame.to_numpy(), np.column_stack([kept[name] for name in names]))
@@ -79,7 +79,7 @@ def test_the_answers_are_the_error_tables_rows(made):
     for cell in list(dict.fromkeys(errors["cell"]))[::7]:
         for trial in np.unique(chosen(errors, cell=cell)["trial"])[-2:].tolist():
             again = find(made, cell, trial)
-            found, told = regret.fit_table(made, again), chosen(errors, cell=cell, trial=trial)
+            found, told = replay.fit_table(made, again), chosen(errors, cell=cell, trial=trial)
             assert list(found["estimator"]) == list(told["estimator"]) == list(made.estimators)
             same = {"error": "error", "axis": "error_1", "radius_error": "radius_error", "condition": "condition"}
             for mine, theirs in (same | {"iterations": "iterations"}).items():
@@ -174,7 +174,7 @@ def test_what_is_printed(make_study, d):
     """A line of the trial, three of its truth, and a table of a line per estimator with the answers' digits."""
     made = make_study({"dimension": d, "estimators": ["mle", "lls", "ugdk"]}, center=6.0, radius=2.0, samples=5)
     trial = next(all_trials(made))
-    lines = list(regret.trial_printed(made, trial))
+    lines = list(replay.printed(made, trial))
     assert lines[0] == f"{made.run_name()}, cell {trial.cell.name}, trial 0"
     assert lines[1] == "  N = 5, σ = 0.1 (0.05 r), φ = 90°"
     assert lines[2] == f"  true centre ({', '.join([f'{6.0 / d**0.5:.9g}'] * d)}), radius 2"
@@ -184,7 +184,7 @@ def test_what_is_printed(make_study, d):
     assert lines[3] == told
     assert lines[4].split()[:4] == ["estimator", "error", "over", "bound"]
     assert len(lines) == 8
-    for line, row in zip(lines[5:], regret.fit_table(made, trial).to_dict("records"), strict=True):
+    for line, row in zip(lines[5:], replay.fit_table(made, trial).to_dict("records"), strict=True):
         cells = line.split()
         numbers = [row[name] for name in ("error", "over_bound", "axis", "radius_error", "noise", "condition")]
         assert cells[0] == row["estimator"]
@@ -198,7 +198,7 @@ def test_robust_is_settled_without_its_outliers(make_study):
     made = make_study({"estimators": ["robust", "mle"]}, noise=0.001, samples=40, angle=60, radius=1.0, trials=1)
     trial = next(all_trials(made))
     trial.samples.x[0, :, :4] *= 5.0
-    for name, found in regret.fits(made, trial).items():
+    for name, found in replay.fits(made, trial).items():
         if name != "truth":
             own = study.fit(trial.samples.points[0], name)
             assert found.status == own.status, name

@@ -13,7 +13,7 @@ import study
 from study.files import RunError
 from study.fits import Status
 from study.simulation.experiment.config import ChainStatus, Study, parse
-from study.simulation.experiment.sampling import find
+from study.simulation.experiment.replay import find
 from study.simulation.posterior import run as chain_task
 from study.simulation.posterior.run import chain_tasks, compute, printed, prior_of
 from study.simulation.posterior.sampler import sample

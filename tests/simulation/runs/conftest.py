@@ -14,7 +14,7 @@ import pytest
 
 import study
 from study.simulation.experiment.config import parse
-from study.simulation.runs import jobs, provenance, runner
+from study.simulation.runs import parts, provenance, runner
 
 sys.path.append(str(Path(__file__).parent))  # worker processes, too, import `deadly` by its name
 
@@ -69,7 +69,7 @@ def small_parts(monkeypatch):
 @pytest.fixture
 def computed(monkeypatch):
     """A list of the computed fits: the cell's name, the trial and the estimator of each."""
-    done, real = [], jobs.compute
+    done, real = [], parts.compute
 
     def watched(made, unit):
         for batch in unit.parts(0):
@@ -77,7 +77,7 @@ def computed(monkeypatch):
             done.extend((c.name, t, e) for c in batch.cells for t in numbers for e in made.estimators)
         return real(made, unit)
 
-    monkeypatch.setattr(jobs, "compute", watched)
+    monkeypatch.setattr(parts, "compute", watched)
     return done
 
 

@@ -24,7 +24,7 @@ from joblib.externals.loky import reusable_executor
 from study.files import RunError
 from study.simulation.experiment import designs
 from study.simulation.experiment.config import parse
-from study.simulation.runs import jobs, parts, runner
+from study.simulation.runs import parts, runner
 from study.simulation.runs.workers import Threads, Workers
 
 designs._SAMPLES_PER_UNIT = 500  # one block in a unit, and one unit in a part
@@ -95,7 +95,7 @@ def killer(numbers, log):
 def serve(request, log):
     """Make a run, and log the computed keys and the steps."""
     trap = Trap(request.get("kill_at"))
-    real = jobs.execute
+    real = parts.execute
 
     def execute(made, some):
         os.write(log, "".join(f"{task.key}\n" for task in some).encode())

@@ -1,6 +1,6 @@
 """Work that ends its worker. Not a test: worker processes import it by its name.
 
-`kill`, `kill_while_sending` and `starve` stand in for `study.simulation.runs.jobs.execute`. They leave a file in a
+`kill`, `kill_while_sending` and `starve` stand in for `study.simulation.runs.parts.execute`. They leave a file in a
 folder each time that a worker ends.
 """
 
@@ -10,14 +10,14 @@ import struct
 import sys
 import uuid
 
-from study.simulation.runs import jobs
+from study.simulation.runs import parts
 
 
 def kill(folder, cells, most, study, some):
     """Compute jobs, but kill this process if one of the cells is among them, at most so many times."""
     if _deadly(folder, cells, most, some):
         os.kill(os.getpid(), signal.SIGKILL)
-    return jobs.execute(study, some)
+    return parts.execute(study, some)
 
 
 def kill_while_sending(folder, cells, most, study, some):
@@ -30,14 +30,14 @@ def kill_while_sending(folder, cells, most, study, some):
         queue._wlock.acquire()
         os.write(queue._writer.fileno(), struct.pack("!i", 1000) + b"half")  # a message of 1000 bytes
         os.kill(os.getpid(), signal.SIGKILL)
-    return jobs.execute(study, some)
+    return parts.execute(study, some)
 
 
 def starve(folder, cells, most, study, some):
     """Compute jobs, but raise MemoryError if one of the cells is among them, at most so many times."""
     if _deadly(folder, cells, most, some):
         raise MemoryError("cannot allocate")
-    return jobs.execute(study, some)
+    return parts.execute(study, some)
 
 
 def _deadly(folder, cells, most, some):

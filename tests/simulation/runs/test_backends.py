@@ -24,7 +24,6 @@ import study
 from study.files import RunError
 from study.fits.samples import Estimator
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import units
 from study.simulation.runs import provenance, workers
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.plan import plan
@@ -238,7 +237,7 @@ def test_progress_is_told_to_the_end(start, make_text):
     """The callback is called once per task, with shares that add up to 1."""
     shares = []
     start(progress=shares.append)
-    assert len(shares) == len(list(units(parse(make_text()))))
+    assert len(shares) == len(list(parse(make_text()).units()))
     assert sum(shares) == pytest.approx(1.0)
     assert min(shares) > 0.0
 
@@ -358,7 +357,7 @@ def test_a_worker_that_differs_refuses(name):
 
 
 @pytest.mark.parametrize(
-    "changed", ["fits/closed_forms.py", "simulation/experiment/sampling.py", "simulation/statistics.py"]
+    "changed", ["fits/closed_forms.py", "simulation/experiment/compute.py", "simulation/statistics.py"]
 )
 def test_another_source_is_another_fingerprint(tmp_path, monkeypatch, changed):
     """A worker whose code of the fits, the experiment or the statistics differs in one byte would be refused."""

@@ -14,8 +14,7 @@ import pytest
 import study
 from study.files import TableRows
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import units
-from study.simulation.runs.jobs import UnitTask
+from study.simulation.runs.parts import UnitTask
 from study.simulation.runs.status import status
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
@@ -48,7 +47,7 @@ def entries(request):
 
 def test_bytes_do_not_depend_on_the_number_of_workers(start, entries, make_text):
     """One, two and three workers write the same files."""
-    assert len(list(units(parse(make_text(**entries))))) > 3
+    assert len(list(parse(make_text(**entries)).units())) > 3
     alone = tables(start(jobs=1, **entries))
     for jobs in (2, 3):
         assert tables(start(jobs=jobs, **entries)) == alone

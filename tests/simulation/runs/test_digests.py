@@ -18,7 +18,6 @@ from study.fits import Status
 from study.fits.samples import Estimator
 from study.simulation.analysis.summary import summarise
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import units
 from study.simulation.runs import run_folder, runner
 from study.simulation.runs.parts import DAMAGED
 from study.simulation.runs.run_folder import ManifestDamagedError, ManifestMissingError, ManifestNewerError, Run
@@ -234,9 +233,9 @@ LIMITS = {
 def test_large_summaries_are_cut_by_cells(keep, monkeypatch, top, limit, most, cells):
     """Cells of many trials are units of their own, which make the same draws: the summary keeps its bytes."""
     whole = keep("whole", top)
-    assert [len(unit.group.cells) for unit in units(whole.study)] == [4] * 4
-    monkeypatch.setattr(f"study.simulation.experiment.sampling.{limit}", most)
-    assert [len(unit.group.cells) for unit in units(whole.study)] == cells
+    assert [len(unit.group.cells) for unit in whole.study.units()] == [4] * 4
+    monkeypatch.setattr(f"study.simulation.experiment.config.{limit}", most)
+    assert [len(unit.group.cells) for unit in whole.study.units()] == cells
     assert keep("apart", top).path("summary").read_bytes() == whole.path("summary").read_bytes()
 
 

@@ -13,9 +13,7 @@ import pytest
 
 import study
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import units
-from study.simulation.runs.jobs import Layout
-from study.simulation.runs.parts import DAMAGED, Parts
+from study.simulation.runs.parts import DAMAGED, Layout, Parts
 from study.simulation.runs.run_folder import Run
 
 CONFIG = """name = "fragile"
@@ -71,7 +69,7 @@ def committed(folder):
     """Keys of the rows in undamaged files of a run that is not finished."""
     parts, study = Parts(folder, "units"), parse(CONFIG)
     parts.load(set_aside=False)
-    keys = {Layout(study).task(unit).key for unit in units(study)}
+    keys = {Layout(study).task(unit).key for unit in study.units()}
     return {key for key in keys if parts.outputs(key)}
 
 

@@ -13,8 +13,7 @@ import pytest
 
 from study.files import RunError, holder, writing
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import units
-from study.simulation.runs.jobs import Layout
+from study.simulation.runs.parts import Layout
 from study.simulation.runs.run_folder import Run
 
 pytestmark = pytest.mark.usefixtures("same_software")
@@ -94,7 +93,7 @@ def test_a_unit_is_named_by_its_content(make_text):
 
     def keys(top=None, **design):
         study = parse(make_text(top, **design))
-        return {Layout(study).task(unit).key for unit in units(study)}
+        return {Layout(study).task(unit).key for unit in study.units()}
 
     alone = keys(samples=[40])
     assert alone < keys(samples=[6, 40])

@@ -1,11 +1,13 @@
 """A config that is changed line by line and run again and again: every run has the bytes of one from nothing."""
 
 import contextlib
+import re
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from study.simulation.experiment.conditions import SILENT
 from study.simulation.experiment.config import Study, parse
 from study.simulation.experiment.designs import GridDesign, RandomDesign
 from study.simulation.runs import runner
@@ -38,11 +40,6 @@ GRID = {
     "angle": [[60], [60, 90], [90, 45, 60]],
     "radius": [None, [1.0], [1.0, 2.0], [10.0, 1.0]],
     "center": [None, [0.0, 3.0], [3.0]],
-    "law": [None, ["normal", "student(3)"], ["laplace", "normal"], ["laplace"]],
-    "outlier_share": [None, [0.0, 0.1], [0.2, 0.1, 0.0], [0.1]],
-    "outlier_size": [None, [10.0, 5.0], [5.0], [3.0, 10.0]],
-    "stated_variance": [None, [1.0, 0.5], [0.5]],
-    "directions": [None, ["area", "spaced"], ["polar"], ["path", "area"]],
     "draws": [None, "independent"],
     "most_samples": [None, 200],
 }
@@ -55,12 +52,26 @@ RANDOM = {
     "angle": [{"law": "uniform", "low": 20, "high": 180}, {"law": "constant", "value": 60}],
     "radius": [None, {"law": "choice", "values": [1.0, 10.0]}],
     "center": [None, {"law": "constant", "value": 3.0}],
-    "outlier_share": [None, {"law": "choice", "values": [0.0, 0.1]}, {"law": "constant", "value": 0.0}],
-    "outlier_size": [None, {"law": "constant", "value": 5.0}],
-    "law": [None, "radial"],
-    "stated_variance": [None, {"law": "choice", "values": [1.0, 0.5]}],
-    "directions": [None, "polar"],
 }
+NUMBERS = (0.1, 0.5, 3.0, 5.0)
+
+
+def values_of(condition):
+    """Three values that a condition may have besides its default: of `NUMBERS`, or the words of its rule."""
+    words = re.findall(r"[a-z]+(?:\([\d., ]+\))?", condition.rule) if condition.kind is str else NUMBERS
+    allowed = [v for v in words if v != condition.default and condition.allowed(v)]
+    return allowed[0], allowed[len(allowed) // 2], allowed[-1]
+
+
+for silent in SILENT:
+    default, (one, two, three) = silent.default, values_of(silent)
+    if silent.axis:
+        GRID[silent.name] = [None, [default, two], [three, two, default], [one]]
+    if silent.law and silent.kind is str:
+        RANDOM[silent.name] = [None, three]
+    elif silent.law:
+        constants = [{"law": "constant", "value": value} for value in (default, one)]
+        RANDOM[silent.name] = [None, {"law": "choice", "values": [default, two]}, *constants]
 TOGETHER = {"noise": "noise_over_radius", "noise_over_radius": "noise"}
 """Keys of which a config has one: the other is left out where one is given, and the reverse."""
 
@@ -68,7 +79,7 @@ TOGETHER = {"noise": "noise_over_radius", "noise_over_radius": "noise"}
 def edits(design):
     """Edits of a config: one to three keys and their new values, and true for a run that is interrupted once."""
     keys = [*TOP, *(key for key, values in design.items() if len(values) > 1)]
-    keys += ["law", "outlier_share", "outlier_size"] * 3 if design is GRID else []
+    keys += [condition.name for condition in SILENT if condition.name in design] * 2
     one = st.sampled_from(keys).flatmap(lambda key: st.tuples(st.just(key), st.sampled_from((TOP | design)[key])))
     return st.tuples(st.lists(one, min_size=1, max_size=3), st.booleans())
 

@@ -9,7 +9,6 @@ import pytest
 from study.files import RunError
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
-from study.simulation.experiment.sampling import units
 from study.simulation.runs import plan as module
 from study.simulation.runs.plan import Kind, Pace, measure, plan
 
@@ -56,14 +55,14 @@ def test_counts_are_those_of_the_run(start, make_text, name):
     assert made.samples == one["samples"].sum()
     drawn = timings[timings["step"] == "draw"]
     assert made.draws == (drawn["samples"] * drawn["fits"]).sum()
-    assert made.units == len(list(units(study)))
+    assert made.units == len(list(study.units()))
 
 
 def test_units_of_equal_size_are_counted_at_once(make_text):
     """A last unit that is smaller than the others is one more; the sums are those over all units."""
     study = parse(make_text({"estimators": ["lls"]}, samples=[5, 400], trials=12_345))
-    made, every = plan(study, 1), [batch for unit in units(study) for batch in unit.parts(0)]
-    assert made.units == len(list(units(study))) > 2
+    made, every = plan(study, 1), [batch for unit in study.units() for batch in unit.parts(0)]
+    assert made.units == len(list(study.units())) > 2
     assert made.draws == sum(batch.trials * batch.group.samples for batch in every)
     assert made.samples == sum(batch.trials * batch.group.samples * len(batch.cells) for batch in every)
 
@@ -124,7 +123,7 @@ def test_sizes_are_the_studys(make_text):
     """The study's own numbers of samples are measured, or seven of them, and every one takes time."""
     for samples, expected in (([10, 20, 300], [10, 20, 300]), (list(range(10, 210, 10)), 7)):
         study = parse(make_text({"estimators": ["gdke"]}, samples=samples))
-        cells = [cell for unit in units(study) for batch in unit.parts(0) for cell in batch.cells]
+        cells = [cell for unit in study.units() for batch in unit.parts(0) for cell in batch.cells]
         pace = measure(study, cells, 2)
         assert (len(pace.samples) == expected) if isinstance(expected, int) else (list(pace.samples) == expected)
         assert pace.samples[0] == samples[0]
@@ -136,7 +135,7 @@ def test_sizes_are_the_studys(make_text):
 def test_the_first_measurement_does_not_count_alone(make_text, monkeypatch):
     """A first call of ten seconds, which loads compiled code, leaves the pace at the tenth of one of the others."""
     study = parse(make_text({"estimators": ["gdke"]}, samples=[10]))
-    cells = [cell for unit in units(study) for batch in unit.parts(0) for cell in batch.cells]
+    cells = [cell for unit in study.units() for batch in unit.parts(0) for cell in batch.cells]
     calls = [0.0]
 
     def slow_at_first(study, unit):

@@ -9,7 +9,7 @@ from unittest.mock import Mock
 import pytest
 
 import study
-from study.simulation.runs import jobs, parts, provenance
+from study.simulation.runs import parts, provenance
 from study.simulation.runs.parts import DAMAGED, Parts
 from study.simulation.runs.run_folder import Run
 
@@ -66,7 +66,7 @@ def test_only_what_is_missing_is_computed(start, stopped, computed, jobs):
 
 def test_what_was_finished_when_another_unit_failed_is_kept(start, computed, tmp_path, monkeypatch):
     """If a failure of the program ends the run, units that were finished but not yet written are written."""
-    real = jobs.compute
+    real = parts.compute
     monkeypatch.setattr(parts, "_SECONDS", 1e9)  # all that is finished waits to be written
 
     def broken(made, unit):
@@ -74,13 +74,13 @@ def test_what_was_finished_when_another_unit_failed_is_kept(start, computed, tmp
             raise ZeroDivisionError("a fault")
         return real(made, unit)
 
-    monkeypatch.setattr(jobs, "compute", broken)
+    monkeypatch.setattr(parts, "compute", broken)
     with pytest.raises(ZeroDivisionError):
         start(folder=tmp_path / "run", **ENTRIES)
     before = set(computed)
     assert len(before) > 100
     computed.clear()
-    monkeypatch.setattr(jobs, "compute", real)
+    monkeypatch.setattr(parts, "compute", real)
     start(folder=tmp_path / "run", **ENTRIES)
     assert not before & set(computed)
 
