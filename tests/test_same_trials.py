@@ -20,7 +20,6 @@ from study.simulation.analysis.summary_text import RowChoice, as_data, printed
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Evidence, evaluate
 from study.simulation.figures import FIGURES, Tables
-from study.simulation.report.material import Record
 from study.simulation.report.page import packed
 from study.simulation.report.runs import efficiency
 from study.simulation.runs import schemas
@@ -149,7 +148,7 @@ def test_a_fit_without_a_number_is_infinitely_far(pair, make_run, tmp_path):
 )
 def test_figures_are_of_all_trials(pair, name, text, frames):
     """Curves, slopes and maps do not depend on the status; only counts of statuses do."""
-    one, other = (FIGURES[name].prepare(Tables.of(run)) for run in pair(text))
+    one, other = (FIGURES[name].prepare(Tables(run)) for run in pair(text))
     for frame in frames:
         tables = [getattr(data, frame).drop(columns="not_ok", errors="ignore") for data in (one, other)]
         pd.testing.assert_frame_equal(*tables)
@@ -157,7 +156,7 @@ def test_figures_are_of_all_trials(pair, name, text, frames):
 
 def test_spreads_of_figures_3_and_4_are_of_all_trials(pair):
     """Ellipses of both estimators are of the same trials."""
-    one, other = (FIGURES["fig4_ugdk_ellipse"].prepare(Tables.of(run)).data.spreads for run in pair(shipped("ellipse")))
+    one, other = (FIGURES["fig4_ugdk_ellipse"].prepare(Tables(run)).data.spreads for run in pair(shipped("ellipse")))
     assert one == other
 
 
@@ -192,7 +191,7 @@ def test_the_report_compares_the_same_trials(pair):
     """Medians in its table, and the first measures of its explorer, do not depend on the status."""
     medians, first = [], []
     for run in pair(GRID):
-        record = Record.of(run, Tables.of(run))
+        record = Tables(run)
         (table,) = (part for part in efficiency(record) if "<table" in part)
         medians.append(re.sub(r'<span class="note">.*?</span>|<table class="\w+">', "", table.partition("<tbody>")[2]))
         first.append(unpacked(packed(record)))
@@ -228,7 +227,7 @@ def test_a_summary_of_an_earlier_version_is_read(pair, make_run, tmp_path):
     other = older(one, make_run(GRID, tmp_path / "run").folder)
     assert list(printed(other)) == list(printed(one))
     pd.testing.assert_frame_equal(
-        Tables.of(other).summary, one.table("summary").astype({"estimator": str}), check_dtype=False
+        Tables(other).summary, one.table("summary").astype({"estimator": str}), check_dtype=False
     )
     assert not up_to_date(other)
     summarise(other)

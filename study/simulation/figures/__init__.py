@@ -137,7 +137,7 @@ def draw_all(
     Raises:
         RunError: if a run did not finish, or the folder is a file or cannot be made.
     """
-    tables = [Tables.of(run) for run in runs]
+    tables = [Tables(run) for run in runs]
     for place in {folder or own_folder(run) for run in runs}:
         make_folder(place)
     gallery = Gallery(names)
