@@ -101,10 +101,9 @@ def status(folder: Folder, as_json: Json = False) -> None:
     null without [precision]), parts (whole, damaged, set_aside), failures (fits, failed, lost; null until the run is
     finished), tables, damaged, and made_by.
     """
-    from study.simulation.runs.status import printed
-    from study.simulation.runs.status import status as status_of
+    from study.simulation.runs.status import RunStatus, printed
 
-    result = status_of(folder)
+    result = RunStatus(folder)
     echo([json_text(vars(result))] if as_json else printed(result))
 
 
@@ -175,9 +174,9 @@ def diff(
     with group, estimator, conditions, measure, first, second, deviation in standard errors, chance, trials, equal,
     same_trials and different.
     """
-    from study.simulation.analysis.compare import as_data, compare, printed
+    from study.simulation.analysis.compare import Difference, as_data, printed
 
-    result = compare(opened(one), opened(other))
+    result = Difference(opened(one), opened(other))
     echo([json_text(as_data(result))] if as_json else printed(result))
     if result.different:
         raise typer.Exit(ExitCode.FAILURE)
@@ -194,10 +193,9 @@ def verify(
     All tables are checked by their digests, and a share of the units is computed again and compared to the bit. The
     exit code is 1 if anything differs.
     """
-    from study.simulation.analysis.verify import printed
-    from study.simulation.analysis.verify import verify as check
+    from study.simulation.analysis.verify import Verification, printed
 
-    result = check(opened(folder), share)
+    result = Verification(opened(folder), share)
     echo(printed(result))
     if result.faults:
         raise typer.Exit(ExitCode.FAILURE)

@@ -15,8 +15,8 @@ from study.simulation.runs import adaptive as cell_measures
 from study.simulation.runs import runner
 from study.simulation.runs.adaptive import Rounds, TimeBudget
 from study.simulation.runs.parts import Parts
+from study.simulation.runs.status import RunStatus
 from study.simulation.runs.status import printed as lines_of
-from study.simulation.runs.status import status
 from study.simulation.runs.workers import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software")
@@ -288,13 +288,13 @@ class TestBudget:
         """The status of a stopped run names the budget and counts open cells; that of a finished run has reasons."""
         run = stopped_after(go, 40)
         counts = run.table("precision")["reason"].value_counts()
-        lines = list(lines_of(status(run.folder)))
+        lines = list(lines_of(RunStatus(run.folder)))
         assert lines[0].endswith("stopped by its budget of 40 s; `study run` resumes it")
         (cells,) = [line for line in lines if line.startswith("  cells")]
         assert f"{counts['target']} reached the target" in cells
         assert f"{counts['budget']} are open" in cells
         go()
-        lines = list(lines_of(status(run.folder)))
+        lines = list(lines_of(RunStatus(run.folder)))
         assert lines[0].endswith(": finished")
         assert "0 are open" in next(line for line in lines if line.startswith("  cells"))
 
@@ -363,6 +363,6 @@ def test_status_of_a_run_that_finishes_meanwhile(go, monkeypatch):
         return names
 
     monkeypatch.setattr(Parts, "load", load_and_finish)
-    found = status(run.folder)
+    found = RunStatus(run.folder)
     assert found.finished
     assert found.units["missing"] == found.parts["whole"] == found.cells["open"] == 0
