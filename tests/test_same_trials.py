@@ -16,7 +16,7 @@ import pytest
 
 from study.fits import Status
 from study.simulation.analysis.summary import decade, stored_summary, summarise, up_to_date
-from study.simulation.analysis.summary_text import RowChoice, as_data, printed
+from study.simulation.analysis.summary_text import as_data, chosen_rows, printed
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Evidence, evaluate
 from study.simulation.figures import FIGURES, Tables
@@ -111,11 +111,11 @@ def test_summaries_are_of_all_trials(pair, text):
     one, other = pair(text)
     names = list(schemas.OF_ALL_TRIALS)
     pd.testing.assert_frame_equal(one.table("summary")[names], other.table("summary")[names])
-    plain, bracketed = (list(printed(run, every=True)) for run in (one, other))
+    plain, bracketed = (list(printed(run, chosen_rows(run), every=True)) for run in (one, other))
     assert "(" in bracketed[-1]
     words = lambda line: re.sub(r" \([\d.]+%\)", "", line).split()  # noqa: E731
     assert [words(line) for line in plain] == [words(line) for line in bracketed]
-    rows = [as_data(run, RowChoice())["rows"] for run in (one, other)]
+    rows = [as_data(run, chosen_rows(run))["rows"] for run in (one, other)]
     assert [row["ratio_median"] for row in rows[0]] == [row["ratio_median"] for row in rows[1]]
 
 
@@ -132,7 +132,8 @@ def test_a_fit_without_a_number_is_infinitely_far(pair, make_run, tmp_path):
     place = table.column_names.index("error")
     other.save("errors", table.set_column(place, "error", pa.array(np.full(table.num_rows, np.nan))))
     summarise(other)
-    assert all(len(re.findall(r"\binf\b", line)) == 5 for line in list(printed(other, every=True))[-32:])
+    lines = list(printed(other, chosen_rows(other), every=True))
+    assert all(len(re.findall(r"\binf\b", line)) == 5 for line in lines[-32:])
 
 
 @pytest.mark.parametrize(
@@ -225,7 +226,7 @@ def test_a_summary_of_an_earlier_version_is_read(pair, make_run, tmp_path):
     """Medians of all trials are made from the errors; `study run` stores them."""
     one, _ = pair(GRID)
     other = older(one, make_run(GRID, tmp_path / "run").folder)
-    assert list(printed(other)) == list(printed(one))
+    assert list(printed(other, chosen_rows(other))) == list(printed(one, chosen_rows(one)))
     pd.testing.assert_frame_equal(
         Tables(other).summary, one.table("summary").astype({"estimator": str}), check_dtype=False
     )
@@ -245,4 +246,4 @@ def test_a_summary_alone_of_an_earlier_version_is_read(make_run, tmp_path):
     expected = whole.table("summary")
     np.testing.assert_array_equal(found["ratio_median"][ok], expected["ratio_median"][ok])
     assert found["ratio_median"][~ok].isna().all()
-    assert any("unknown" in line for line in printed(other))
+    assert any("unknown" in line for line in printed(other, chosen_rows(other)))

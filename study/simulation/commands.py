@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from study.options import ExitCode, Json, echo
-from study.text import columns, json_text
+from study.text import columns, inert_frame, json_text
 
 if TYPE_CHECKING:
     from study.simulation.runs.run_folder import Run
@@ -143,21 +143,21 @@ def summary(
     names), and rows, each with the columns of the summary table (ratio_median is the median of all trials) and, where
     they are known, noise_over_radius and the medians at the bounds, median_cramer_rao and median_attainable.
     """
-    from study.simulation.analysis.summary_text import RowChoice, as_data, printed
-    from study.simulation.analysis.summary_text import as_csv as csv_text
+    from study.simulation.analysis.summary_text import as_data, chosen_rows, printed
 
     if as_json + as_csv + only_ok > 1:
         raise typer.BadParameter("give one of --json, --csv and --ok; the first two have ok fits in columns …_ok")
     run = opened(folder)
     try:
-        choice = RowChoice.of(run, where or [], estimators)
-        if as_json:
-            lines = [json_text(as_data(run, choice))]
-        else:
-            lines = csv_text(run, choice).splitlines() if as_csv else list(printed(run, choice, every, only_ok))
+        rows = chosen_rows(run, where or [], estimators)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
-    echo(lines)
+    if as_json:
+        echo([json_text(as_data(run, rows))])
+    elif as_csv:  # all columns; an empty field is not a number
+        echo(inert_frame(rows).to_csv(index=False, lineterminator="\n").splitlines())
+    else:
+        echo(printed(run, rows, every, only_ok))
 
 
 def diff(

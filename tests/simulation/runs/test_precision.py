@@ -9,7 +9,7 @@ import pytest
 import study
 from study.files import RunError
 from study.simulation.analysis.summary import summarise, summary
-from study.simulation.analysis.summary_text import printed
+from study.simulation.analysis.summary_text import chosen_rows, printed
 from study.simulation.experiment.config import parse
 from study.simulation.runs import adaptive as cell_measures
 from study.simulation.runs import runner
@@ -282,7 +282,7 @@ class TestBudget:
         assert (table["reason"] == "budget").all()
         assert len(run.table("errors")) == 0
         summarise(run)
-        assert list(printed(run))[2:] == ["no cell has a trial yet"]
+        assert list(printed(run, chosen_rows(run)))[2:] == ["no cell has a trial yet"]
 
     def test_status(self, go):
         """The status of a stopped run names the budget and counts open cells; that of a finished run has reasons."""
