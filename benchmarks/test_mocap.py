@@ -14,7 +14,7 @@ import pytest
 from study.recordings.formats.read import read_recording
 from study.recordings.joints.estimate import symmetric_fit
 from study.recordings.joints.find import find_joints
-from study.recordings.markersets.match import choose
+from study.recordings.markersets import choose
 from study.recordings.skeleton.calibrate import calibrate
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.synthetic.make import Recipe, synthesize

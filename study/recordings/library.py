@@ -4,64 +4,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from study.recordings import session
 from study.recordings.formats.read import read_recording
-from study.recordings.joints.calibration import Calibration, load_calibration, save_calibration
-from study.recordings.markersets import MarkerSetError, load_markerset
-from study.recordings.markersets.match import Match, choose, match, with_better
-from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint, joint_json, joint_line
-from study.recordings.recording import (
-    Recording,
-    RecordingError,
-    describe,
-    digest_of,
-    one_after_another,
-    printable,
-    recording_data,
-    with_origin,
-)
-from study.recordings.session import Session, refit_shapes, session_lines, session_table
+from study.recordings.joints.calibration import Calibration, load_calibration
+from study.recordings.markersets import MarkerSetError, Match, choose, load_markerset, match, with_better
+from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint
+from study.recordings.recording import Recording, RecordingError, one_after_another
+from study.recordings.session import Session, calibrate_session
 from study.recordings.skeleton import draw
-from study.recordings.skeleton.anatomy import Hips, points_of_the_body, regression_hint, with_anatomy
-from study.recordings.skeleton.calibrate import calibrate, overruled, require_same_subject
-
-__all__ = [
-    "Calibration",
-    "Hips",
-    "MarkerSetError",
-    "Match",
-    "Recording",
-    "RecordingError",
-    "Session",
-    "calibrate",
-    "choose",
-    "describe",
-    "digest_of",
-    "draw",
-    "draw_skeleton",
-    "find_clusters",
-    "find_joint",
-    "find_joints",
-    "fit_one_joint",
-    "fit_session",
-    "joint_json",
-    "joint_line",
-    "load_markerset",
-    "overruled",
-    "place_markerset",
-    "printable",
-    "read_recording",
-    "recording_data",
-    "refit_shapes",
-    "regression_hint",
-    "require_same_subject",
-    "save_calibration",
-    "session_lines",
-    "session_table",
-    "with_joints",
-    "with_origin",
-]
-"""All that the commands take of phases 1 and 2: they import this chapter alone."""
+from study.recordings.skeleton.anatomy import Hips, points_of_the_body, with_anatomy
+from study.recordings.skeleton.calibrate import calibrate, require_same_subject
 
 Source = str | Path | Recording
 """A recording, or its file."""
@@ -155,7 +106,7 @@ def find_joint(
         array([ 0. ,  0. , -0.4])
     """
     source = _read(recording)
-    return fit_one_joint(source, find_clusters(source, *map(",".join, (parent, child, across))), hinge)
+    return fit_one_joint(source, find_clusters(source, ",".join(parent), ",".join(child), ",".join(across), hinge))
 
 
 def draw_skeleton(
@@ -195,8 +146,7 @@ def draw_skeleton(
         True
     """
     placed, calibration = with_joints(_read(recording), joints, markerset)
-    if not force:
-        require_same_subject(calibration, placed.recording)
+    require_same_subject(calibration, placed.recording, force=force)
     return draw.draw_skeleton(calibration, placed.recording)
 
 
@@ -247,7 +197,7 @@ def fit_session(
     markerset: str | None = None,
     force: bool = False,
     hips: Hips = "motion",
-) -> tuple[Match, session.Session]:
+) -> tuple[Match, Session]:
     """Find the joints of several trials of one session.
 
     Args:
@@ -261,7 +211,7 @@ def fit_session(
     named = [match(together.whole, trial).recording for trial in trials]
     still = named[-1] if static else None
     parts = named[: len(named) - static]
-    merged = session.calibrate_session(together.markerset, parts, still, force=force)
+    merged = calibrate_session(together.markerset, parts, still, force=force)
     if merged.calibration.has_poses:
         for trial, source in reversed(list(zip(named, trials, strict=True))):
             drawn = draw.draw_skeleton(merged.calibration, trial)

@@ -116,19 +116,15 @@ class GrowingSegment:
         template: the shape (m, 3), metres; None as long as it is not known.
         size: root mean square distance of its markers from their centre, metres.
         jumps: number of frames left out because they show another shape.
+        whole: the first few shapes of frames that show all markers.
     """
 
     def __init__(self, markers: Sequence[str]) -> None:
         self.markers = tuple(markers)
         self.template: Floats | None = None
         self.size, self.jumps = 0.0, 0
-        self._first: list[Floats] = []
+        self.whole: list[Floats] = []
         self._recent = np.empty(0)
-
-    @property
-    def was_whole(self) -> bool:
-        """True if a frame has shown all markers."""
-        return bool(self._first)
 
     def poses(self, frames: Sequence[Mapping[str, Floats]]) -> tuple[Floats, Floats]:
         """Rotations R (3, 3, n) and origins o (3, n) in n frames, x = R a + o.
@@ -137,10 +133,10 @@ class GrowingSegment:
         """
         x = places(self.markers, frames)
         if self.template is None:
-            self._first += [shape for shape in x.transpose(2, 0, 1) if not np.isnan(shape).any()]
-            if len(self._first) < _SHAPES:
+            self.whole += [shape for shape in x.transpose(2, 0, 1) if not np.isnan(shape).any()]
+            if len(self.whole) < _SHAPES:
                 return np.full((3, 3, len(frames)), np.nan), np.full((3, len(frames)), np.nan)
-            typical = most_typical(np.array(self._first))
+            typical = most_typical(np.array(self.whole))
             self.template = typical - typical.mean(axis=0)
             self.size = float(np.sqrt(np.mean(np.sum(self.template**2, axis=1))))
         rotations, origins, known = fit_rigid_motion(self.template, x)
@@ -220,7 +216,7 @@ class GrowingJoint:
     def _lack(self, found: JointFit) -> str:
         """Reason why there are too few points for a fit; empty if there are enough."""
         if self.parent.template is None:
-            count = f"fewer than {_SHAPES} frames have" if self.parent.was_whole else "no frame has"
+            count = f"fewer than {_SHAPES} frames have" if self.parent.whole else "no frame has"
             return f"{count} all markers of its parent"
         if not found.count.any():
             return "no frame has a marker of its child and enough of its parent's"
@@ -373,7 +369,7 @@ def median(x: Floats) -> Floats:
     """Median along the last axis of the numbers that are there (the upper of two); NaN where none is."""
     count = np.sum(~np.isnan(x), axis=-1, keepdims=True)
     place = np.minimum(count // 2, x.shape[-1] - 1)
-    return np.asarray(np.take_along_axis(np.sort(x, axis=-1), place, axis=-1)[..., 0])
+    return np.take_along_axis(np.sort(x, axis=-1), place, axis=-1)[..., 0]
 
 
 def places(markers: Sequence[str], frames: Sequence[Mapping[str, Floats]]) -> Floats:

@@ -10,20 +10,18 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace
+from study.recordings.joints.calibration import Calibration, JointPlace, accuracy_columns
 from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, JointStatus
 from study.recordings.joints.find import find_joints
 from study.recordings.joints.poses import SegmentPoses
-from study.recordings.joints.report import accuracy_columns
 from study.recordings.markersets import Joint, MarkerSet, Segment
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, rotation_range
-from study.recordings.skeleton.calibrate import hull_distances
+from study.recordings.skeleton.calibrate import hull_distances, hull_doubt
 from study.text import did_you_mean, json_text, number
 
 _LOOSE = 0.05
@@ -86,49 +84,20 @@ PARENT, CHILD, JOINT = "parent", "child", "joint"
 """Names of the two segments and of the joint."""
 
 
-@dataclass(frozen=True)
-class Clusters:
-    """The markers on the two segments of a joint, by their labels in the recording."""
-
-    parent: tuple[str, ...]
-    """At least three: their pose gives the axes of the answer."""
-    child: tuple[str, ...]
-    """At least one; with three or more the child has a pose, and the joint a second opinion."""
-    across: tuple[str, ...] = ()
-    """The lateral and the medial point, midway between which a hinge lies along its axis, or none."""
-
-    @property
-    def markers(self) -> tuple[str, ...]:
-        """All markers, the parent's first."""
-        return self.parent + self.child
-
-    @property
-    def every(self) -> tuple[str, ...]:
-        """All markers, and the points for the axis."""
-        return tuple(dict.fromkeys(self.markers + self.across))
-
-    def markerset(self, hinge: bool) -> MarkerSet:
-        """The marker set with these two segments and one joint between them."""
-        return MarkerSet(
-            name="one joint",
-            segments=(
-                Segment(name=PARENT, markers=self.parent),
-                Segment(name=CHILD, markers=self.child, parent=PARENT),
-            ),
-            joints=(
-                Joint(name=JOINT, parent=PARENT, child=CHILD, kind="hinge" if hinge else "ball", across=self.across),
-            ),
-        )
-
-
-def find_clusters(recording: Recording, parent: str, child: str, across: str = "") -> Clusters:
+def find_clusters(recording: Recording, parent: str, child: str, across: str = "", hinge: bool = False) -> MarkerSet:
     """Look up the markers of two segments in a recording.
 
     Args:
         recording: that has them.
-        parent: labels with commas between them; a subject's prefix and the case of letters do not matter.
-        child: likewise.
-        across: likewise, the lateral and the medial point of a hinge; empty if there are none.
+        parent: labels with commas between them, at least three: their pose gives the axes of the answer; a subject's
+            prefix and the case of letters do not matter.
+        child: likewise, at least one; with three or more the child has a pose, and the joint a second opinion.
+        across: likewise, the lateral and the medial point, midway between which a hinge lies along its axis; empty if
+            there are none.
+        hinge: True if the joint is known to be a hinge, such as a knee or an elbow.
+
+    Returns:
+        The marker set with these two segments and one joint between them.
 
     Raises:
         RecordingError: one line: unknown labels, with the nearest ones of the recording; markers without any sample; a
@@ -136,22 +105,23 @@ def find_clusters(recording: Recording, parent: str, child: str, across: str = "
             two for the axis.
     """
     known = {label.casefold(): label for label in reversed(recording.markers)}
-    found: list[tuple[str, ...]] = []
+    clusters: list[tuple[str, ...]] = []
     unknown: dict[str, list[str]] = {}
     for option, names in ((f"--{PARENT}", parent), (f"--{CHILD}", child), ("--across", across)):
         given = [name for part in names.split(",") if (name := part.strip())]
         labels = [_label(name, recording.markers, known) for name in given]
         if wrong := [name for name, label in zip(given, labels, strict=True) if label is None]:
             unknown[option] = wrong
-        found.append(tuple(label for label in labels if label is not None))
+        clusters.append(tuple(label for label in labels if label is not None))
     if unknown:
         listed = "; ".join(f"{option} {', '.join(map(repr, names))}" for option, names in unknown.items())
-        wrong = [name for names in unknown.values() for name in names]
-        remedy = did_you_mean(wrong, recording.markers)
+        remedy = did_you_mean([name for names in unknown.values() for name in names], recording.markers)
         raise RecordingError(f"{recording.name}: no marker of this name: {listed}; {remedy}")
-    clusters = Clusters(*found)
-    _require_usable(recording, clusters)
-    return clusters
+    if fault := next(_faults(recording, *clusters), ""):
+        raise RecordingError(f"{recording.name}: {fault}")
+    segments = Segment(name=PARENT, markers=clusters[0]), Segment(name=CHILD, markers=clusters[1], parent=PARENT)
+    joint = Joint(name=JOINT, parent=PARENT, child=CHILD, kind="hinge" if hinge else "ball", across=clusters[2])
+    return MarkerSet(name="one joint", segments=segments, joints=(joint,))
 
 
 def _label(name: str, markers: Sequence[str], small: dict[str, str]) -> str | None:
@@ -161,25 +131,21 @@ def _label(name: str, markers: Sequence[str], small: dict[str, str]) -> str | No
     return next(filter(None, labels), None)
 
 
-def _require_usable(recording: Recording, clusters: Clusters) -> None:
-    """Refuse clusters that cannot fix a joint whatever the motion."""
-    if twice := [label for label in dict.fromkeys(clusters.markers) if clusters.markers.count(label) > 1]:
-        raise RecordingError(
-            f"{recording.name}: {', '.join(twice)} is named twice; name each marker once, on the segment that it is on"
-        )
-    if clusters.across and len(set(clusters.across)) != 2:
-        raise RecordingError(f"{recording.name}: --across names {len(set(clusters.across))} points; it takes two")
-    never = [label for label in clusters.every if recording.missing()[recording.row(label)] == 1.0]
-    if never:
-        raise RecordingError(
-            f"{recording.name}: {', '.join(never)} has no sample in any frame; name other markers of the segment"
-        )
-    if not clusters.child:
-        raise RecordingError(f"{recording.name}: --child names no marker; one is enough, three give a second opinion")
-    if len(clusters.parent) < 3:
-        words = f"--parent names {len(clusters.parent)} markers; its axes need 3"
-        swap = "; --child has enough: exchange the two, the joint is the same point" if len(clusters.child) > 2 else ""
-        raise RecordingError(f"{recording.name}: {words}{swap}")
+def _faults(recording: Recording, parent: Sequence[str], child: Sequence[str], across: Sequence[str]) -> Iterator[str]:
+    """Reasons why labels of a recording cannot fix a joint whatever the motion."""
+    markers = [*parent, *child]
+    if twice := [label for label in dict.fromkeys(markers) if markers.count(label) > 1]:
+        yield f"{', '.join(twice)} is named twice; name each marker once, on the segment that it is on"
+    if across and len(set(across)) != 2:
+        yield f"--across names {len(set(across))} points; it takes two"
+    missing = recording.missing()
+    if never := [label for label in dict.fromkeys([*markers, *across]) if missing[recording.row(label)] == 1.0]:
+        yield f"{', '.join(never)} has no sample in any frame; name other markers of the segment"
+    if not child:
+        yield "--child names no marker; one is enough, three give a second opinion"
+    if len(parent) < 3:
+        swap = "; --child has enough: exchange the two, the joint is the same point" if len(child) > 2 else ""
+        yield f"--parent names {len(parent)} markers; its axes need 3{swap}"
 
 
 _PATTERN = re.compile(r"(hip|knee|ankle|shoulder|elbow|wrist)[\s_.-]*(joint)?[\s_.-]*cent(re|er)|[hkaswe]jc$", re.I)
@@ -187,18 +153,12 @@ NEAR = 0.1
 """Metres within which another program's centre may be of this joint, and not of the other side's."""
 
 
-class OtherCentre(NamedTuple):
-    """A point of a recording that another program calls a joint's centre.
+Centre = tuple[str, float, int]
+"""A point of a recording that another program calls a joint's centre.
 
-    Attributes:
-        label: of the point.
-        distance: median over the frames of its distance from the joint, across the axis of a hinge, metres.
-        frames: number of frames with both.
-    """
-
-    label: str
-    distance: float
-    frames: int
+Its label; the median over the frames of its distance from the joint, across the axis of a hinge, metres; and the number
+of frames with both.
+"""
 
 
 def is_centre(label: str) -> bool:
@@ -206,7 +166,7 @@ def is_centre(label: str) -> bool:
     return _PATTERN.search(label.strip()) is not None
 
 
-def other_centres(recording: Recording, joint: Floats, axis: Floats | None = None) -> tuple[OtherCentre, ...]:
+def other_centres(recording: Recording, joint: Floats, axis: Floats | None = None) -> tuple[Centre, ...]:
     """Measure the distances of other programs' centres from a joint.
 
     Args:
@@ -224,8 +184,8 @@ def other_centres(recording: Recording, joint: Floats, axis: Floats | None = Non
         distance = np.linalg.norm(off, axis=0)
         distance = distance[~np.isnan(distance)]
         if len(distance):
-            found.append(OtherCentre(label, float(np.median(distance)), len(distance)))
-    return tuple(sorted(found, key=lambda each: each.distance))
+            found.append((label, float(np.median(distance)), len(distance)))
+    return tuple(sorted(found, key=lambda centre: centre[1]))
 
 
 _ONE_AXIS = 0.2
@@ -240,7 +200,7 @@ class OneJoint:
 
     Attributes:
         recording: its name.
-        clusters: the markers that the joint was fitted to.
+        markerset: the two segments, with the markers that the joint was fitted to.
         found: the joint in both segments, with its status and estimates.
         in_recording: mean place over the frames, in the recording's axes (3,).
         frame: number, from 1, of the frame in which the parent's axes are the recording's; their origin is the mean of
@@ -257,7 +217,7 @@ class OneJoint:
     """
 
     recording: str
-    clusters: Clusters
+    markerset: MarkerSet
     found: JointPlace
     in_recording: Floats
     frame: int
@@ -267,7 +227,7 @@ class OneJoint:
     turn: float
     frames: int
     effective_frames: float
-    compared: tuple[OtherCentre, ...]
+    compared: tuple[Centre, ...]
     misplaced: tuple[str, ...]
     doubts: tuple[str, ...]
 
@@ -277,65 +237,64 @@ class OneJoint:
         return not self.doubts
 
 
-def fit_one_joint(recording: Recording, clusters: Clusters, hinge: bool = False) -> OneJoint:
+def fit_one_joint(recording: Recording, markerset: MarkerSet) -> OneJoint:
     """Fit the joint between two clusters of markers.
 
     The fit is that of phase 1 (`find_joints`) on a marker set of two segments.
 
     Args:
         recording: that has the markers.
-        clusters: the markers of the two segments.
-        hinge: True if the joint is known to be a hinge, such as a knee or an elbow.
+        markerset: of the two segments (see `find_clusters`).
 
     Returns:
         The joint; one that cannot be found has a status, a reason and NaN for its place.
     """
-    joints = find_joints(clusters.markerset(hinge), recording.select(clusters.every))
-    found = joints[JOINT]
+    joints = find_joints(markerset, recording.select((*markerset.markers(), *markerset.landmarks())))
+    found, n = joints[JOINT], accuracy_columns(joints[JOINT])
     parent, child = joints.poses.get(PARENT), joints.poses.get(CHILD)
-    world, axis = np.full((3, recording.frames), np.nan), None
+    world, axis, turn, frame = np.full((3, recording.frames), np.nan), None, np.nan, 0
+    places = np.full((len(markerset.segment(PARENT).markers), 3), np.nan)
     if parent is not None:
-        world = parent.to_world(found.in_parent)
+        world, places = parent.to_world(found.in_parent), parent.template
+        trace = np.nan_to_num(np.einsum("iit->t", parent.rotation), nan=-1.0)
+        frame = int(trace.argmax()) + 1
         if found.axis is not None:
             axis = np.einsum("ijt,j->it", parent.rotation, found.axis)
+        if child is not None:
+            turn = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
     known = ~np.isnan(world[0])
-    turn = np.nan
-    if parent is not None and child is not None:
-        turn = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
-    accuracy = accuracy_columns(found)
     compared = other_centres(recording, world, axis)
-    misplaced = misplaced_across(found, joints.poses, clusters.markers, recording)
-    doubts = [*misplaced, *_doubts(found, joints, recording, world), *_contradictions(compared, accuracy["error"])]
+    misplaced = misplaced_across(found, joints.poses, markerset.markers(), recording)
+    doubts = [*misplaced, *_doubts(joints, recording, world)]
+    # the nearest of other programs' centres may be of this joint, but contradict its error
+    if compared and max(CENTIMETRE, _ERRORS * n["error"]) < compared[0][1] < NEAR:
+        label, distance, _ = compared[0]
+        words = f"{label} of another program is {1000 * distance:.0f} mm away, beyond what the error explains"
+        doubts.append(words)
     return OneJoint(
         recording=recording.name,
-        clusters=clusters,
+        markerset=markerset,
         found=found,
         in_recording=world[:, known].mean(axis=1) if known.any() else np.full(3, np.nan),
-        frame=0 if parent is None else _reference(parent.rotation),
-        places=np.full((len(clusters.parent), 3), np.nan) if parent is None else parent.template,
-        error=accuracy["error"],
-        moved=(accuracy["moved_least"], accuracy["moved_most"]),
+        frame=frame,
+        places=places,
+        error=n["error"],
+        moved=(n["moved_least"], n["moved_most"]),
         turn=turn,
         frames=0 if found.estimate is None else found.estimate.frames,
-        effective_frames=accuracy["worth"],
+        effective_frames=n["worth"],
         compared=compared,
         misplaced=misplaced,
         doubts=tuple(doubts),
     )
 
 
-def _reference(rotation: Floats) -> int:
-    """Number, from 1, of the frame in which a segment's axes are the recording's; 0 if there is none."""
-    trace = np.nan_to_num(np.einsum("iit->t", rotation), nan=-1.0)
-    return int(trace.argmax()) + 1 if trace.size else 0
-
-
-def _doubts(found: JointPlace, joints: Calibration, recording: Recording, world: Floats) -> list[str]:
+def _doubts(joints: Calibration, recording: Recording, world: Floats) -> list[str]:
     """Reasons not to rely on a joint: its status, a pose that is missing, a place outside the body."""
+    found, n = joints[JOINT], accuracy_columns(joints[JOINT])
     # a ball that moved as a hinge has no centre
     wanted = JointStatus.HINGE if found.joint.kind == "hinge" else JointStatus.OK
     doubts = [] if found.status == wanted else [found.reason]
-    n = accuracy_columns(found)
     if found.joint.kind == "ball" and n["moved_least"] < _ONE_AXIS * n["moved_most"]:
         doubts.append(
             f"it moved by {n['moved_least']:.0f}° about one axis and {n['moved_most']:.0f}° about another: a joint "
@@ -344,17 +303,9 @@ def _doubts(found: JointPlace, joints: Calibration, recording: Recording, world:
     doubts += joints.without_pose.values() if found.estimate is None else ()
     rows = [row for row, label in enumerate(recording.markers) if not is_centre(label)]
     if not np.isnan(world).all():
-        (hull,) = hull_distances(recording.positions[rows], world[None])
-        doubts += [hull.doubt] if hull.doubt else []
+        (share,), (distance,) = hull_distances(recording.positions[rows], world[None])
+        doubts += filter(None, [hull_doubt(share, distance)])
     return doubts
-
-
-def _contradictions(compared: tuple[OtherCentre, ...], error: float) -> list[str]:
-    """The doubt where the nearest of other programs' centres may be of this joint, but contradicts its error."""
-    if not compared or not max(CENTIMETRE, _ERRORS * error) < compared[0].distance < NEAR:
-        return []
-    label, distance, _ = compared[0]
-    return [f"{label} of another program is {1000 * distance:.0f} mm away, beyond what the error explains"]
 
 
 def joint_line(joint: OneJoint) -> str:
@@ -373,11 +324,11 @@ def joint_json(joint: OneJoint) -> str:
     ``compared``, a list of objects with ``label``, ``distance`` and ``frames``.
     """
     found, estimate = joint.found, joint.found.estimate
-    places = zip(joint.clusters.parent, joint.places, strict=True)
+    segments = joint.markerset.segments
     values = {
         "recording": joint.recording,
-        "parent_markers": dict(places),
-        "child_markers": list(joint.clusters.child),
+        "parent_markers": dict(zip(segments[0].markers, joint.places, strict=True)),
+        "child_markers": list(segments[1].markers),
         "kind": found.joint.kind,
         "ok": joint.ok,
         "status": SHORT_TEXTS[found.status],
@@ -394,7 +345,7 @@ def joint_json(joint: OneJoint) -> str:
         "side": None if estimate is None else estimate.side,
         "frames": joint.frames,
         "effective_frames": joint.effective_frames,
-        "compared": [each._asdict() for each in joint.compared],
+        "compared": [dict(zip(("label", "distance", "frames"), each, strict=True)) for each in joint.compared],
     }
     return json_text(values)
 
@@ -415,9 +366,9 @@ def _parts(joint: OneJoint) -> Iterator[str]:
     if joint.frames:
         yield f"{joint.frames} frames, effectively {number(joint.effective_frames, '.0f')}"
     across = "" if found.axis is None else " across the axis"
-    for i, each in enumerate(joint.compared):
-        if i == 0 or each.distance < NEAR:
-            yield f"{each.label} of another program is {1000 * each.distance:.1f} mm away{across}"
+    for i, (label, distance, _) in enumerate(joint.compared):
+        if i == 0 or distance < NEAR:
+            yield f"{label} of another program is {1000 * distance:.1f} mm away{across}"
     yield f"doubts: {'; '.join(joint.doubts)}" if joint.doubts else "no doubts"
 
 

@@ -16,12 +16,27 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Bools, Floats, Ints
-from study.files import InputError
+from study.files import InputError, write
 from study.text import columns
 
 
 class RecordingError(InputError):
     """A recording cannot be used; the message, one line, gives its name, the place and the reason."""
+
+
+def save_whole(path: str | Path, data: bytes) -> Path:
+    """Write a file whole or not at all, into a folder that is made if there is none.
+
+    Raises:
+        RecordingError: if it cannot be written.
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, data)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +89,7 @@ class Recording:
 
     def of(self, marker: str) -> Floats:
         """Positions of one marker (3, frames), metres; a view."""
-        positions: Floats = self.positions[self.row(marker)]
-        return positions
+        return np.asarray(self.positions[self.row(marker)])
 
     def row(self, marker: str) -> int:
         """Row of a marker in `positions`.
@@ -91,13 +105,11 @@ class Recording:
 
     def seen(self) -> Bools:
         """True where a marker has a sample (markers, frames)."""
-        seen: Bools = ~np.isnan(self.positions[:, 0])
-        return seen
+        return ~np.isnan(self.positions[:, 0])
 
     def missing(self) -> Floats:
         """Share of the frames in which each marker is missing (markers,)."""
-        share: Floats = 1.0 - self.seen().mean(axis=1)
-        return share
+        return np.asarray(1.0 - self.seen().mean(axis=1))
 
     def select(self, markers: Sequence[str] | None = None, frames: slice | Ints | None = None) -> "Recording":
         """The recording with these markers, in this order, and these frames; all if None.
@@ -276,7 +288,11 @@ def assemble(
         raise RecordingError(f"{'1 frame' if frames else 'no frames'} in it; motion needs at least 2")
     rows, markers, notes = name_points(contents.labels, subject, contents.prefixes)
     notes = [*contents.notes, *notes]
-    used = _unit(unit or contents.unit or usual_unit)
+    wanted = unit or contents.unit or usual_unit
+    used = known_unit(wanted or "")
+    if used is None:
+        words = "is not given" if wanted is None else f"{wanted!r} is not known"
+        raise RecordingError(f"its unit {words}; give one of {', '.join(UNITS)} with --unit")
     if unit is None and not contents.unit:
         notes.append(f"the file does not give its unit: {used} assumed")
     rate = contents.rate if rate is None else rate
@@ -315,15 +331,6 @@ def known_unit(text: str) -> str | None:
     return word if word in UNITS else None
 
 
-def _unit(text: str | None) -> str:
-    """The unit, as a key of `UNITS`; an error if it is not given or not known."""
-    known = None if text is None else known_unit(text)
-    if known is None:
-        words = "is not given" if text is None else f"{text!r} is not known"
-        raise RecordingError(f"its unit {words}; give one of {', '.join(UNITS)} with --unit")
-    return known
-
-
 def _extent(positions: Floats, seen: Bools) -> float:
     """Median over some frames of the diagonal of the markers' bounding box, metres; `_BODY[0]` for one marker."""
     frames = np.unique(np.linspace(0, positions.shape[2] - 1, 200).astype(int))
@@ -339,15 +346,20 @@ STILL = 0.001
 """A marker whose bounding box has a smaller diagonal does not move; metres."""
 
 
+def _stretches(flags: Bools) -> list[tuple[int, int]]:
+    """The first place of each stretch of true values, and the first place after it."""
+    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
+    return list(zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
+
+
 def gaps(seen: Bools) -> tuple[int, int, int]:
     """Count the frames in which a marker is missing, the runs of such frames, and the frames of the longest run.
 
     Args:
         seen: True where it has a sample (frames,).
     """
-    edges = np.diff(np.concatenate([[True], seen, [True]]).astype(np.int8))
-    starts, ends = np.flatnonzero(edges == -1), np.flatnonzero(edges == 1)
-    return int((~seen).sum()), len(starts), int((ends - starts).max(initial=0))
+    lengths = [end - start for start, end in _stretches(~seen)]
+    return sum(lengths), len(lengths), max(lengths, default=0)
 
 
 def extents(recording: Recording) -> Floats:
@@ -355,8 +367,7 @@ def extents(recording: Recording) -> Floats:
     positions = recording.positions
     low = np.fmin.reduce(positions, axis=2)  # unlike nanmin, it does not warn about a marker without samples
     high = np.fmax.reduce(positions, axis=2)
-    diagonal: Floats = np.linalg.norm(high - low, axis=1)
-    return diagonal
+    return np.asarray(np.linalg.norm(high - low, axis=1))
 
 
 def whole_frames(seen: Bools) -> list[tuple[int, int]]:
@@ -365,10 +376,7 @@ def whole_frames(seen: Bools) -> list[tuple[int, int]]:
     Args:
         seen: True where a marker has a sample (markers, frames).
     """
-    whole = seen[seen.any(axis=1)].all(axis=0)
-    edges = np.diff(np.concatenate([[False], whole, [False]]).astype(np.int8))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [(int(start) + 1, int(end)) for start, end in zip(starts, ends, strict=True)]
+    return [(start + 1, end) for start, end in _stretches(np.all(seen[seen.any(axis=1)], axis=0))]
 
 
 def describe(recording: Recording) -> list[str]:
@@ -384,8 +392,7 @@ def describe(recording: Recording) -> list[str]:
         f"{1 - seen.mean():.1%} of the samples missing"
     ]
     lines += [f"note: {note}" for note in recording.notes]
-    never = [recording.markers[row] for row in np.flatnonzero(~seen.any(axis=1))]
-    if never:
+    if never := [recording.markers[row] for row in np.flatnonzero(~seen.any(axis=1))]:
         lines.append(f"without any sample: {', '.join(never)}")
     lines += _whole_line(seen)
     still = [marker for marker, far in zip(recording.markers, moved, strict=True) if far < STILL]

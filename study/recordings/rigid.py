@@ -1,8 +1,4 @@
-"""Rigid bodies from markers: wrong samples, the shape of a segment, its poses, and angles between two segments.
-
-Outliers. A distance between two markers of a rigid segment does not depend on its pose, and its median over time is not
-moved by some wrong frames. A sample whose distances to the other markers are far from their medians is a swapped marker
-or a stray one.
+"""Rigid bodies: their poses from points, rotations, and angles between two of them.
 
 Angles of a joint over time are rotation vectors about its mean position. They come from the rotations of one segment in
 the other's axes; or, where only one segment has a pose, from the markers of the other about the joint's centre, to
@@ -13,142 +9,19 @@ frame. The rotation is built from the two leading singular directions; the third
 points in a plane, as three always are, need no special case, and a mirror image is never taken for a rotation. Points
 that are missing in a frame do not enter the fit. A frame of four points takes less than a microsecond.
 
-The cross sums take any fixed point in place of the centroid, for fits about a joint.
+About a joint, that takes the place of the centroid, and two points fix the rotation.
 
-Shapes. Classical scaling turns the median distances between markers into a shape. Generalised Procrustes analysis
-refines it on the frames without outliers: fit the shape to each frame, take the mean of the markers in the shape's
-axes, repeat.
-
-Source: Kabsch 1976, 1978; Torgerson 1952 (scaling); Gower 1975 (Procrustes), without change of size.
+Source: Kabsch 1976, 1978.
 """
 
-import itertools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from study.arrays import Bools, Floats, Ints
+from study.arrays import Bools, Floats
 from study.fits.jit import compiled
 from study.fits.linalg import diagonalise
-
-_FAR = 6.0
-"""A distance this many robust standard deviations from its median is wrong..."""
-_SLACK = 0.1
-"""...if it is also this share of the median away from it: on a stiff segment distances scatter by next to nothing."""
-
-
-def usual_distances(x: Floats) -> tuple[Floats, Floats]:
-    """Median distance between each two markers, and the largest deviation from it that is accepted.
-
-    Args:
-        x: markers of one segment (m, 3, frames), metres; NaN where missing.
-
-    Returns:
-        Two arrays (m, m), metres; NaN for markers that no frame shows together.
-    """
-    m = len(x)
-    middle, limit = np.full((m, m), np.nan), np.full((m, m), np.nan)
-    np.fill_diagonal(middle, 0.0)
-    for i in range(m):
-        for j in range(i):
-            distance = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=0))
-            distance = distance[~np.isnan(distance)]
-            if len(distance):
-                middle[i, j] = middle[j, i] = np.median(distance)
-                spread = 1.4826 * np.median(np.abs(distance - middle[i, j]))  # 1 for a Gaussian of deviation 1
-                limit[i, j] = limit[j, i] = max(_FAR * spread, _SLACK * middle[i, j])
-    return middle, limit
-
-
-def distance_outliers(x: Floats, middle: Floats, limit: Floats) -> Bools:
-    """Find samples whose distances to the other markers of the frame are wrong.
-
-    In each frame the marker with the most wrong distances is rejected, then the next, until the rest agree; of two
-    markers with equally many, the one with the larger deviations. Of two markers alone either may be wrong, so both
-    are rejected.
-
-    Args:
-        x: markers of one segment (m, 3, frames), metres; NaN where missing.
-        middle: their usual distances (m, m).
-        limit: largest accepted deviation from these (m, m).
-
-    Returns:
-        Samples to reject (m, frames).
-    """
-    m = len(x)
-    off = np.zeros((m, m, x.shape[2]))
-    for i in range(m):
-        for j in range(i):
-            distance = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=0))
-            with np.errstate(invalid="ignore", divide="ignore"):
-                off[i, j] = off[j, i] = np.nan_to_num(np.abs(distance - middle[i, j]) / limit[i, j])
-    result = np.zeros((m, x.shape[2]), dtype=np.bool_)
-    suspect = np.flatnonzero((off > 1.0).any(axis=(0, 1)))
-    part = off[:, :, suspect]
-    for _ in range(m):
-        wrong = (part > 1.0).sum(axis=1)  # (m, suspects)
-        left = wrong.any(axis=0)
-        if not left.any():
-            break
-        # the count decides; the size of the deviations breaks ties
-        score = wrong + 1e-3 * np.minimum(part.sum(axis=1), 100.0)
-        worst = score.argmax(axis=0)
-        at = np.flatnonzero(left)
-        rejected = np.zeros((m, len(suspect)), dtype=np.bool_)
-        rejected[worst[at], at] = True
-        last_two = (~result[:, suspect] & ~np.isnan(x[:, 0][:, suspect])).sum(axis=0) == 2
-        rejected |= (wrong > 0) & (left & ((wrong > 0).sum(axis=0) == 2) & last_two)
-        result[:, suspect] |= rejected
-        part = np.where(rejected[:, None] | rejected[None], 0.0, part)
-    return result
-
-
-_EXCHANGE = 0.01
-"""Metres: least distance between the places of two markers, as the others show them, that tells them apart."""
-_BETTER = 0.5
-"""Misfit with two labels exchanged, as a share of that without, below which a frame has them exchanged."""
-_OFTEN = 0.05
-"""Share of the frames from which an exchange is no stray outlier."""
-
-
-def exchanged_labels(x: Floats) -> tuple[int, int, Bools] | None:
-    """Find the two markers of a rigid segment whose labels are exchanged in a part of the frames.
-
-    Distances to the other markers tell the two apart. In the frames of the smaller part they are those of the other.
-    An exchange is clear in most frames, so it is not mistaken for a segment that bends.
-
-    Args:
-        x: markers of one segment (m, 3, frames), metres; NaN where missing.
-
-    Returns:
-        The two markers' numbers, and the frames in which their labels are exchanged (frames,); None if no two are in
-        a twentieth of the frames that show all markers.
-    """
-    seen = ~np.isnan(x).any(axis=(0, 1))
-    best, least = None, _OFTEN * max(seen.sum(), 1)
-    between = np.linalg.norm(x[:, None] - x[None], axis=2)[:, :, seen]
-    for i, j in itertools.combinations(range(len(x)), 2):
-        others = [k for k in range(len(x)) if k not in (i, j)]
-        one, two = between[i, others], between[j, others]
-        apart = one - two
-        if not apart.size or np.sqrt((apart**2).sum(axis=0).mean()) < _EXCHANGE:
-            continue
-        main = np.linalg.svd(apart, full_matrices=False)[2][0] > 0.0  # an exchange changes the sign of all differences
-        main = main if 2 * main.sum() >= len(main) else ~main
-        places = np.median(one[:, main], axis=1)[:, None], np.median(two[:, main], axis=1)[:, None]
-        plain, crossed = (np.abs(one - a).sum(axis=0) + np.abs(two - b).sum(axis=0) for a, b in (places, places[::-1]))
-        frames = crossed < _BETTER * plain
-        unclear = ~frames & (plain > _BETTER * crossed)  # where skin moves as far as the two are apart
-        if frames.sum() > max(least, unclear.sum()):
-            best, least = (i, j, frames), frames.sum()
-    if best is None:
-        return None
-    exchanged = np.zeros(x.shape[2], dtype=np.bool_)
-    exchanged[seen] = best[2]
-    return best[0], best[1], exchanged
-
 
 _LOCKED = 1e-9
 """Sine of the angle between the first and the third axis below which they are one axis."""
@@ -203,6 +76,13 @@ def to_world(rotations: Floats, origins: Floats, point: Floats) -> Floats:
 def relative_rotation(parent: Floats, child: Floats) -> Floats:
     """Rotations of one body in another's axes, R_PᵀR_Q (3, 3, frames), from both in the world (3, 3, frames)."""
     return np.asarray(np.einsum("jit,jkt->ikt", parent, child))
+
+
+def quaternions(rotations: Floats) -> Floats:
+    """Quaternions x, y, z, w (frames, 4) of rotations (frames, 3, 3), without jumps of sign."""
+    turns = Rotation.from_matrix(rotations).as_quat()
+    signs = np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
+    return np.asarray(turns * np.cumprod([1.0, *signs])[:, None])
 
 
 def mean_rotated_covariance(rotation: Floats, covariance: Floats) -> Floats:
@@ -340,7 +220,7 @@ def _cross(v: Triple, w: Triple) -> Triple:
 
 
 @compiled
-def best_rotation(cross: Floats, square: Floats, vectors: Floats, rotation: Floats) -> bool:
+def _best_rotation(cross: Floats, square: Floats, vectors: Floats, rotation: Floats) -> bool:
     """Find the rotation (3, 3) that maximises Tr(RᵀH) for ``cross`` = H = Σ x aᵀ: it takes a, b, a × b to p, q, p × q.
 
     a and b are the leading right singular vectors of H, p and q the left ones. ``square`` and ``vectors`` (3, 3) are
@@ -365,74 +245,114 @@ def best_rotation(cross: Floats, square: Floats, vectors: Floats, rotation: Floa
 
 
 @compiled
-def centroids(template: Floats, x: Floats, used: Bools, t: int) -> tuple[int, Triple, Triple]:
-    """Count the points used in frame t, and return the means of their template places (m, 3) and of x (m, 3, n)."""
-    count, a0, a1, a2, x0, x1, x2 = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(template.shape[0]):
+def _means(places: Floats, x: Floats, used: Bools, t: int, a: Floats, b: Floats) -> None:
+    """Put the means of the places and of x over the points used in frame t into a and b (3,)."""
+    a[:], b[:], count = 0.0, 0.0, 0
+    for k in range(used.shape[0]):
         if used[k, t]:
             count += 1
-            a0, a1, a2 = a0 + template[k, 0], a1 + template[k, 1], a2 + template[k, 2]
-            x0, x1, x2 = x0 + x[k, 0, t], x1 + x[k, 1, t], x2 + x[k, 2, t]
+            for i in range(3):
+                a[i] += places[k, i]
+                b[i] += x[k, i, t]
     share = 1.0 / max(count, 1)
-    return count, (share * a0, share * a1, share * a2), (share * x0, share * x1, share * x2)
+    for i in range(3):
+        a[i], b[i] = share * a[i], share * b[i]
 
 
 @compiled
-def cross_sums(template: Floats, x: Floats, used: Bools, t: int, a: Triple, b: Triple, cross: Floats) -> None:
+def _cross_sums(places: Floats, x: Floats, used: Bools, t: int, a: Floats, b: Floats, cross: Floats) -> None:
     """Put Σ (x - b)(place - a)ᵀ over the points used in frame t into ``cross`` (3, 3)."""
-    for i in range(3):
-        for j in range(3):
-            cross[i, j] = 0.0
-    for k in range(template.shape[0]):
+    cross[:] = 0.0
+    for k in range(used.shape[0]):
         if used[k, t]:
-            d0, d1, d2 = template[k, 0] - a[0], template[k, 1] - a[1], template[k, 2] - a[2]
-            e0, e1, e2 = x[k, 0, t] - b[0], x[k, 1, t] - b[1], x[k, 2, t] - b[2]
-            cross[0, 0] += e0 * d0
-            cross[0, 1] += e0 * d1
-            cross[0, 2] += e0 * d2
-            cross[1, 0] += e1 * d0
-            cross[1, 1] += e1 * d1
-            cross[1, 2] += e1 * d2
-            cross[2, 0] += e2 * d0
-            cross[2, 1] += e2 * d1
-            cross[2, 2] += e2 * d2
+            for i in range(3):
+                for j in range(3):
+                    cross[i, j] += (x[k, i, t] - b[i]) * (places[k, j] - a[j])
+
+
+Poses = tuple[Floats, Floats, Bools, Bools, Floats]
+"""Poses over time, as `fit_poses_about` returns them."""
 
 
 @compiled
-def _fit_frame(
-    template: Floats, x: Floats, used: Bools, t: int, scratch: Floats, rotation: Floats, origin: Floats
-) -> bool:
-    """Fit a template (m, 3) to its points x (m, 3, n) in frame t; ``scratch`` is (3, 3, 3).
-
-    Returns False, with ``rotation`` and ``origin`` undefined, if the points used do not fix them.
-    """
-    cross, square, vectors = scratch[0], scratch[1], scratch[2]
-    count, a, b = centroids(template, x, used, t)
-    if count < 3:
-        return False
-    cross_sums(template, x, used, t, a, b, cross)
-    if not best_rotation(cross, square, vectors, rotation):
-        return False
-    for i in range(3):
-        origin[i] = b[i] - rotation[i, 0] * a[0] - rotation[i, 1] * a[1] - rotation[i, 2] * a[2]
-    return True
-
-
-@compiled
-def _fit_frames(template: Floats, x: Floats, used: Bools, rotations: Floats, origins: Floats, known: Bools) -> None:
-    """Fit a template to every frame; see `fit_rigid_motion`."""
-    n = x.shape[2]
-    scratch, rotation, origin = np.empty((3, 3, 3)), np.empty((3, 3)), np.empty(3)
+def _fit_frames(places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floats, poses: Poses) -> None:
+    """Compiled part of `fit_poses_about`."""
+    rotation, origin, fitted, used, square = poses
+    m, n = used.shape
+    a, b = np.empty(3), np.empty(3)
+    cross, scratch, vectors, r = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for t in range(n):
-        known[t] = _fit_frame(template, x, used, t, scratch, rotation, origin)
-        for i in range(3):
-            origins[i, t] = origin[i] if known[t] else math.nan
-            for j in range(3):
-                rotations[i, j, t] = rotation[i, j] if known[t] else math.nan
+        pinned = at[0, t] == at[0, t]
+        for k in range(m):  # the distance from the pin does not depend on the rotation
+            if pinned and used[k, t]:
+                wanted = away = 0.0
+                for i in range(3):
+                    wanted += (places[k, i] - pin[i]) ** 2
+                    away += (x[k, i, t] - at[i, t]) ** 2
+                if abs(math.sqrt(away) - math.sqrt(wanted)) > limits[k]:
+                    used[k, t] = False
+        count = used[:, t].sum()
+        while count >= (2 if pinned else 3):
+            a[:], b[:] = pin, at[:, t]
+            if not pinned:
+                _means(places, x, used, t, a, b)
+            _cross_sums(places, x, used, t, a, b, cross)
+            if not _best_rotation(cross, scratch, vectors, r):
+                break
+            o0 = b[0] - r[0, 0] * a[0] - r[0, 1] * a[1] - r[0, 2] * a[2]
+            o1 = b[1] - r[1, 0] * a[0] - r[1, 1] * a[1] - r[1, 2] * a[2]
+            o2 = b[2] - r[2, 0] * a[0] - r[2, 1] * a[1] - r[2, 2] * a[2]
+            worst, which, total = 0.0, -1, 0.0
+            for k in range(m):
+                if used[k, t]:
+                    p0, p1, p2 = places[k, 0], places[k, 1], places[k, 2]
+                    f0 = x[k, 0, t] - o0 - r[0, 0] * p0 - r[0, 1] * p1 - r[0, 2] * p2
+                    f1 = x[k, 1, t] - o1 - r[1, 0] * p0 - r[1, 1] * p1 - r[1, 2] * p2
+                    f2 = x[k, 2, t] - o2 - r[2, 0] * p0 - r[2, 1] * p1 - r[2, 2] * p2
+                    far = f0 * f0 + f1 * f1 + f2 * f2
+                    total += far
+                    if far > worst * limits[k] ** 2:
+                        worst, which = far / limits[k] ** 2, k
+            if worst > 1.0:
+                used[which, t] = False
+                count -= 1
+                continue
+            fitted[t], square[t] = True, total / count
+            rotation[:, :, t] = r
+            origin[0, t], origin[1, t], origin[2, t] = o0, o1, o2
+            break
+
+
+def fit_poses_about(
+    places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floats, used: Bools | None = None
+) -> Poses:
+    """Fit the pose of a rigid body about a fixed point of it in every video frame, by least squares.
+
+    Two points, or three in frames without the fixed point, fix it. Of points that are too far from their places the
+    farthest is rejected and the rest are fitted again. Time is proportional to the number of points.
+
+    Args:
+        places: of its points in its axes (m, 3), metres.
+        limits: largest distance of each from there (m,), metres.
+        x: the points in the world (m, 3, frames), metres; NaN where missing.
+        pin: the fixed point in its axes (3,), metres.
+        at: the fixed point in the world (3, frames), metres; NaN where it is not known.
+        used: samples to use (m, frames); all that are there, if None.
+
+    Returns:
+        Rotations R (3, 3, frames) and origins o (3, frames), metres, with x ≈ R a + o, NaN where unknown; the frames in
+        which they are known (frames,); the samples used (m, frames); and the mean square distance of these from their
+        places (frames,), m², NaN where the pose is unknown.
+    """
+    n, present = x.shape[2], np.asarray(~np.isnan(x).any(axis=1))
+    chosen = present if used is None else present & used
+    poses: Poses = np.full((3, 3, n), np.nan), np.full((3, n), np.nan), np.zeros(n, bool), chosen, np.full(n, np.nan)
+    _fit_frames(np.ascontiguousarray(places), limits, x, pin, np.ascontiguousarray(at), poses)
+    return poses
 
 
 def fit_rigid_motion(template: Floats, x: Floats, used: Bools | None = None) -> tuple[Floats, Floats, Bools]:
-    """Fit the pose of a rigid template in every video frame, by least squares.
+    """Fit the pose of a rigid template in every video frame, by least squares, whatever its points' distances.
 
     Args:
         template: points in the body's own axes (m, 3), metres.
@@ -443,12 +363,8 @@ def fit_rigid_motion(template: Floats, x: Floats, used: Bools | None = None) -> 
         Rotations R (3, 3, frames) and origins o (3, frames) with x ≈ R a + o, NaN where unknown; and the frames in
         which they are known (frames,), which have three points or more that do not lie on a line.
     """
-    present = ~np.isnan(x).any(axis=1)
-    n = x.shape[2]
-    rotations, origins, known = np.empty((3, 3, n)), np.empty((3, n)), np.empty(n, dtype=np.bool_)
-    chosen = present if used is None else present & used
-    _fit_frames(np.ascontiguousarray(template), x, np.asarray(chosen), rotations, origins, known)
-    return rotations, origins, known
+    nowhere = np.full((3, x.shape[2]), np.nan)
+    return fit_poses_about(template, np.full(len(template), np.inf), x, np.zeros(3), nowhere, used)[:3]
 
 
 _QUANTILE = 0.95
@@ -494,111 +410,3 @@ def rotation_range(rotation: Floats) -> float:
     mean = nearest_rotation(known.mean(axis=2))
     trace = np.einsum("ij,ijt->t", mean, known)
     return float(np.quantile(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)), _QUANTILE))
-
-
-_ENOUGH = 500
-"""Most frames that a shape is refined on, spread over the recording; more would not change it visibly."""
-_ROUNDS = 30
-_CONVERGED = 1e-7
-"""Refinement ends after a round that changes the shape by less than this share of its size."""
-
-
-@dataclass(frozen=True)
-class RigidTemplate:
-    """The shape of a segment's markers, and the samples that agree with it.
-
-    Attributes:
-        points: the shape (m, 3), metres, about its centroid; axes as in one frame of the recording. NaN for a marker
-            that no frame shows together with the others.
-        good: samples that are present and whose distances to the other markers are right (m, frames).
-        outliers: samples that are present and whose distances are wrong, such as swapped markers (m, frames).
-    """
-
-    points: Floats
-    good: Bools
-    outliers: Bools
-
-
-def fit_template(x: Floats) -> RigidTemplate:
-    """Find the shape of the markers of one segment.
-
-    Args:
-        x: markers (m, 3, frames), metres; NaN where missing.
-    """
-    m = len(x)
-    seen = ~np.isnan(x).any(axis=1)
-    outliers = np.zeros_like(seen)
-    if m > 1:
-        middle, limit = usual_distances(x)
-        outliers = distance_outliers(x, middle, limit)
-    good = seen & ~outliers
-    if m < 3:
-        points = _line(m, middle[0, 1] if m == 2 else 0.0)
-        return RigidTemplate(points, good, outliers)
-    whole = _jointly_visible(np.isfinite(middle))
-    points = np.full((m, 3), np.nan)
-    if len(whole) >= 3:
-        points[whole] = _refine(_classical_scaling(middle[np.ix_(whole, whole)]), x[whole], good[whole])
-    return RigidTemplate(points, good, outliers)
-
-
-def _jointly_visible(pairs: Bools) -> Ints:
-    """Markers of which each two share a frame; those that lack the most partners are left out first."""
-    chosen = list(range(len(pairs)))
-    while not pairs[np.ix_(chosen, chosen)].all():
-        del chosen[int(pairs[np.ix_(chosen, chosen)].sum(axis=1).argmin())]
-    return np.array(chosen)
-
-
-def _line(m: int, length: float) -> Floats:
-    """Shape of one or two markers: along the first axis, about their middle."""
-    points = np.zeros((m, 3))
-    if m == 2:
-        points[:, 0] = [-0.5 * length, 0.5 * length]
-    return points
-
-
-def _classical_scaling(distances: Floats) -> Floats:
-    """Points (m, 3) with nearly these distances (m, m), or their mirror image."""
-    m = len(distances)
-    centring = np.eye(m) - 1.0 / m
-    values, vectors = np.linalg.eigh(-0.5 * centring @ distances**2 @ centring)
-    leading = np.sqrt(np.maximum(values[-3:], 0.0))
-    return np.asarray(vectors[:, -3:] * leading)
-
-
-def _refine(points: Floats, x: Floats, good: Bools) -> Floats:
-    """Procrustes mean, started from the given shape or its mirror image, whichever is nearer to the frames."""
-    enough = np.flatnonzero(good.sum(axis=0) >= 3)
-    if not len(enough):
-        return np.full_like(points, np.nan)
-    chosen = enough[np.linspace(0, len(enough) - 1, min(len(enough), _ENOUGH)).astype(int)]
-    part, used = np.ascontiguousarray(x[:, :, chosen]), np.ascontiguousarray(good[:, chosen])
-    mirrored = points * np.array([1.0, 1.0, -1.0])
-    points = min(points, mirrored, key=lambda shape: _mean_square_distance(shape, part, used))
-    size = np.sqrt((points**2).sum())
-    for _ in range(_ROUNDS):
-        following = _mean_shape(points, part, used)
-        change = np.abs(following - points).max()
-        points = following if np.isfinite(change) else points  # points on a line fit no frame: keep the shape
-        if not change > _CONVERGED * size:
-            break
-    return points
-
-
-def _mean_shape(points: Floats, x: Floats, used: Bools) -> Floats:
-    """Mean of the markers (m, 3) in the axes of a shape fitted to each frame, about its centroid."""
-    rotations, origins, known = fit_rigid_motion(points, x, used)
-    y = to_local(rotations, origins, x)
-    count = (used & known).sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where((used & known)[:, None], y, 0.0).sum(axis=2) / count[:, None]
-    return np.asarray(mean - mean.mean(axis=0))
-
-
-def _mean_square_distance(points: Floats, x: Floats, used: Bools) -> float:
-    """Mean square distance of the markers from a shape fitted to each frame, m²; infinite if it fits none."""
-    rotations, origins, known = fit_rigid_motion(points, x, used)
-    y = to_local(rotations, origins, x) - points[:, :, None]
-    counted = used & known
-    return float((y**2).sum(axis=1)[counted].mean()) if counted.any() else np.inf

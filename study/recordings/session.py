@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape, joint_table
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     SHORT_TEXTS,
@@ -38,14 +38,12 @@ from study.recordings.joints.estimate import (
     largest_error,
 )
 from study.recordings.joints.find import find_joints
-from study.recordings.joints.report import joint_table
 from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import across, fit_rigid_motion
 from study.recordings.skeleton.calibrate import (
     calibrate,
     hull_distances,
-    overruled,
     require_same_subject,
     with_checks,
     with_doubts,
@@ -62,11 +60,11 @@ class AxesChange(NamedTuple):
 
     def place(self, points: Floats) -> Floats:
         """Points (…, 3) in the new axes."""
-        return np.asarray(points @ self.rotation.T + self.shift)
+        return points @ self.rotation.T + self.shift
 
     def covariance(self, matrix: Floats) -> Floats:
         """A covariance (3, 3) in the new axes."""
-        return np.asarray(self.rotation @ matrix @ self.rotation.T)
+        return self.rotation @ matrix @ self.rotation.T
 
 
 UNKNOWN = AxesChange(np.full((3, 3), np.nan), np.full(3, np.nan))
@@ -381,10 +379,7 @@ def calibrate_session(
         before = merge_calibrations(markerset, calibrations[:index])
         if not before.calibration.has_poses:
             continue
-        if force:
-            forced += overruled(before.calibration, every[index])
-        else:
-            require_same_subject(before.calibration, every[index])
+        forced += require_same_subject(before.calibration, every[index], force=force)
     fixed = None if static is None else len(trials)
     session = merge_calibrations(markerset, calibrations, fixed)
     if fixed is not None:
@@ -407,11 +402,8 @@ def _checked(session: Session, trials: Sequence[Recording]) -> Session:
     with np.errstate(invalid="ignore"):
         total = np.sqrt((weights * np.nan_to_num(misfits) ** 2).sum(axis=0) / weights.sum(axis=0))
     shapes = tuple(replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, total, strict=True))
-    hulls = [hull_distances(trial.positions, one.centers) for one, trial in zip(drawn, trials, strict=True)]
-    least = [
-        min(each, key=lambda hull: np.nan_to_num(hull.share_outside, nan=2.0)) for each in zip(*hulls, strict=True)
-    ]
-    return replace(session, calibration=with_doubts(replace(calibration, shapes=shapes), least))
+    outside = [hull_distances(trial.positions, one.centers)[0] for one, trial in zip(drawn, trials, strict=True)]
+    return replace(session, calibration=with_doubts(replace(calibration, shapes=shapes), np.fmin.reduce(outside)))
 
 
 def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:
@@ -421,7 +413,7 @@ def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:
     calibration lacks. Segments whose markers alone do not fix a pose keep their shapes.
 
     Args:
-        calibration: of the same subject with the same markers (see `subject_check`).
+        calibration: of the same subject with the same markers (see `other_subject`).
         recording: markers under the calibration's names.
     """
     here = calibrate(recording, calibration.markerset)

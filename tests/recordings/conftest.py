@@ -11,8 +11,7 @@ from study.recordings.formats.read import read_recording
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.joints.find import find_joints
-from study.recordings.markersets import load_markerset
-from study.recordings.markersets.match import choose
+from study.recordings.markersets import choose, load_markerset
 from study.recordings.recording import Recording
 from study.recordings.skeleton.calibrate import calibrate, with_checks
 from study.recordings.skeleton.draw import Skeleton

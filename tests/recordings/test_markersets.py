@@ -10,11 +10,16 @@ from study.recordings.markersets import (
     MarkerSet,
     MarkerSetError,
     Segment,
+    choose,
+    clusters,
+    is_output,
     load_markerset,
+    match,
     parse_markerset,
     shipped,
+    spellings,
+    with_better,
 )
-from study.recordings.markersets.match import choose, clusters, is_output, match, spellings, with_better
 from study.recordings.recording import Recording
 
 PELVIS = Segment(name="pelvis", markers=("A", "B", "C"))

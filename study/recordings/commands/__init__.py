@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from study.recordings.markersets.match import Match
+    from study.recordings.markersets import Match
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="a recording: .c3d, .trc, .csv, .tsv or .txt")]
 _SET = "name of a shipped marker set, or a file [default: the shipped one that fits best]"

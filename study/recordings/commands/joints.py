@@ -51,12 +51,14 @@ def case_study(
     from study.files import save_frame
     from study.recordings import case_study as precision_study
     from study.recordings import library
+    from study.recordings.formats.read import read_recording
     from study.recordings.joints.find import find_joints
+    from study.recordings.recording import digest_of, with_origin
     from study.style import save
     from study.text import json_text
 
-    recording = library.read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
-    match, digest = library.place_markerset(recording, markerset), library.digest_of(file)
+    recording = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    match, digest = library.place_markerset(recording, markerset), digest_of(file)
     folder = results_folder(match.source.name, out)
     if not as_json:
         print_match(match)
@@ -65,7 +67,7 @@ def case_study(
     paths = []
     for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
         paths.append(folder / f"case-study-{name}.parquet")
-        save_frame(library.with_origin(table, case.recording, digest), paths[-1])
+        save_frame(with_origin(table, case.recording, digest), paths[-1])
     paths += save(precision_study.draw(case), folder / "fig7_case")
     print_lines([json_text(case.data() | {"files": paths})] if as_json else paths)
 
@@ -97,17 +99,18 @@ def joint(
     Prints one line, and compares with joint centres that other programs left in the file. The exit code is 3 if the
     joint is not ok.
     """
-    from study.recordings import library
+    from study.recordings.formats.read import read_recording
+    from study.recordings.one_joint import find_clusters, fit_one_joint, joint_json, joint_line
 
     if across and not hinge:
         raise typer.BadParameter("--across: only a hinge has an axis; give --hinge, too")
-    recording = library.read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
-    answer = library.fit_one_joint(recording, library.find_clusters(recording, parent, child, across), hinge)
+    recording = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    answer = fit_one_joint(recording, find_clusters(recording, parent, child, across, hinge))
     if as_json:
-        typer.echo(library.joint_json(answer))
+        typer.echo(joint_json(answer))
     else:
         print_lines(f"note: {note}" for note in recording.notes)
-        print_lines([library.joint_line(answer)])
+        print_lines([joint_line(answer)])
     if not answer.ok:
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
@@ -142,7 +145,11 @@ def joints(
     """
     from study.files import save_frame
     from study.recordings import library
-    from study.recordings.joints import report
+    from study.recordings.formats.read import read_recording
+    from study.recordings.joints import calibration as report
+    from study.recordings.session import session_lines, session_table
+    from study.recordings.skeleton.anatomy import regression_hint
+    from study.recordings.skeleton.calibrate import calibrate
     from study.text import json_text
 
     if len(files) == 1 and static is None and force:
@@ -150,26 +157,26 @@ def joints(
     every = [*files, *([] if static is None else [static])]
     if len(every) > 1 and frames is not None:
         raise typer.BadParameter(f"--frames {frames}: a range is of one recording; give one")
-    recordings = [library.read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames) for file in every]
+    recordings = [read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames) for file in every]
     folder, further = results_folder("-".join(one.name for one in recordings), out), dict[str, object]()
     if len(recordings) > 1:
         match, session = library.fit_session(
             recordings, static=static is not None, markerset=markerset, force=force, hips=hips
         )
-        calibration, table, lines = session.calibration, library.session_table(session), library.session_lines(session)
+        calibration, table, lines = session.calibration, session_table(session), session_lines(session)
     else:
         match = library.place_markerset(recordings[0], markerset)
-        calibration = library.calibrate(match.recording, match.markerset, recordings[0], hips)
+        calibration = calibrate(match.recording, match.markerset, recordings[0], hips)
         compared = report.agreement_table(calibration, match.recording)
         lines = chain(report.joint_lines(calibration), report.agreement_lines(compared), calibration.warnings())
         table = report.joint_table(calibration).merge(compared, on="joint")
         table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
         further["without_pose"] = calibration.without_pose
     save_frame(table, folder / "joints.parquet")  # first: what reads the lines may stop reading, as `head` does
-    paths = [folder / "joints.parquet", library.save_calibration(calibration, folder / "calibration.json")]
+    paths = [folder / "joints.parquet", report.save_calibration(calibration, folder / "calibration.json")]
     if not as_json:
         print_match(match)
-        print_lines([*lines, *library.regression_hint(calibration, match.source)])
+        print_lines([*lines, *regression_hint(calibration, match.source)])
     head = {"recording": match.source.name, "notes": list(match.source.notes), "markerset": match.data()}
     data = head | {"joints": table.to_dict("records")} | further | {"files": paths}
     print_lines([json_text(data)] if as_json else paths)

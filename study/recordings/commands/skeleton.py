@@ -49,7 +49,7 @@ def fetch(
     except write.DownloadError as error:  # a failure, not a mistake of the user
         typer.echo(str(error), err=True)
         raise typer.Exit(1) from None
-    terms = write.LIBRARIES[library].terms
+    terms = write.LIBRARIES[library]
     if as_json:
         typer.echo(json_text({"library": library, "name": name, "file": path, "terms": terms}))
         return
@@ -93,7 +93,9 @@ def recording(
 
     With --json: recording, rate, frames, duration, missing, notes, markers, whole and markerset (null if none fits).
     """
-    from study.recordings.library import MarkerSetError, choose, describe, read_recording, recording_data
+    from study.recordings.formats.read import read_recording
+    from study.recordings.markersets import MarkerSetError, choose
+    from study.recordings.recording import describe, recording_data
     from study.text import json_text
 
     source = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
@@ -115,7 +117,7 @@ def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
     from study.files import save_frame
     from study.recordings.export import write_file
     from study.recordings.export.tree import joint_angles
-    from study.recordings.library import RecordingError
+    from study.recordings.recording import RecordingError
     from study.recordings.skeleton import scene
     from study.recordings.view import figure
     from study.recordings.view.webpage import write_motion, write_viewer
@@ -134,7 +136,7 @@ def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
     except RecordingError as error:
         typer.echo(f"{folder / 'skeleton.bvh'} is not written: {error}", err=True)
     yield write_motion(motion.scene, folder / "motion.json")
-    yield from save(figure.draw(figure.prepare(motion.scene)), folder / "fig1_skeleton")
+    yield from save(figure.draw(motion.scene), folder / "fig1_skeleton")
     yield write_viewer(motion.scene, folder / "viewer.html")
 
 
@@ -198,6 +200,13 @@ def skeleton(
     from study.recordings import library
     from study.recordings.export import planned_files, write_file
     from study.recordings.export.tree import ExportedMotion, RestPose, angle_lines
+    from study.recordings.formats.read import read_recording
+    from study.recordings.joints.calibration import save_calibration
+    from study.recordings.recording import printable
+    from study.recordings.session import refit_shapes
+    from study.recordings.skeleton.anatomy import regression_hint
+    from study.recordings.skeleton.calibrate import require_same_subject
+    from study.recordings.skeleton.draw import draw_skeleton
     from study.recordings.skeleton.scene import skeleton_data, skeleton_lines, skeleton_scene
     from study.recordings.view.figure import encoder
     from study.text import json_text
@@ -212,19 +221,17 @@ def skeleton(
         raise typer.BadParameter(f"--markerset {markerset}: a calibration has its own marker set; leave it out")
     if video:
         encoder()  # so that a missing one is reported before the work is done
-    name = library.printable(file.stem)
+    name = printable(file.stem)
     folder = results_folder(name, out)
     further = planned_files(write or "", folder, name, file)
-    source = library.read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    source = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
     match, used = library.with_joints(source, calibration, markerset, hips)
     if not as_json:
         print_match(match, calibration is not None)
-        print_lines([*used.lines(), *(library.regression_hint(used, source) if calibration is None else [])])
-    remarks = library.overruled(used, match.recording, refit) if force else []
-    if calibration is not None and not force:
-        library.require_same_subject(used, match.recording, refit)
-    used = library.refit_shapes(used, match.recording) if refit else used
-    drawn = library.draw.draw_skeleton(used, match.recording)
+        print_lines([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])
+    remarks = [] if calibration is None else require_same_subject(used, match.recording, refit, force)
+    used = refit_shapes(used, match.recording) if refit else used
+    drawn = draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
         print_lines([*skeleton_lines(scene), *angle_lines(used)])
@@ -232,7 +239,7 @@ def skeleton(
 
     def written() -> Iterator[Path]:
         if calibration is None:
-            yield library.save_calibration(used, folder / "calibration.json")
+            yield save_calibration(used, folder / "calibration.json")
         yield from written_files(motion, folder)
         yield from (write_file(motion, path) for path in further)
         if video:
@@ -291,7 +298,7 @@ def synthetic(
     Writes the recording, and tables of the true joints beside it. With --json: recording, frames, rate and files.
     """
     from study.recordings.formats.write import write_recording
-    from study.recordings.library import RecordingError
+    from study.recordings.recording import RecordingError
     from study.recordings.synthetic.make import Recipe, synthesize, write_truth
     from study.text import json_text
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pygltflib as gltf
-from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats, Ints
 from study.recordings.export.tree import Y_UP, ExportedMotion, JointNode, joint_tree
+from study.recordings.rigid import quaternions
 from study.recordings.skeleton.scene import Scene
 
 _WIDTH = 0.08
@@ -154,7 +154,7 @@ class _Document:
         times = self._accessor((np.arange(frames)[:, None] / rate).astype("f"), bounds=True)
         animation = gltf.Animation(name=name, samplers=[], channels=[])
         for number, node in enumerate(nodes):
-            paths = {"rotation": _quaternions(np.einsum("ij,jkt,lk->til", Y_UP, node.rotation, Y_UP)).astype("f")}
+            paths = {"rotation": quaternions(np.einsum("ij,jkt,lk->til", Y_UP, node.rotation, Y_UP)).astype("f")}
             if node.course is not None:
                 paths["translation"] = (Y_UP @ node.course).T.astype("f")
             for path, values in paths.items():
@@ -185,10 +185,3 @@ class _Document:
         self.gltf.buffers.append(gltf.Buffer(byteLength=len(self.bytes)))
         self.gltf.set_binary_blob(bytes(self.bytes))
         return b"".join(self.gltf.save_to_bytes())
-
-
-def _quaternions(rotations: Floats) -> Floats:
-    """Quaternions x, y, z, w (frames, 4) of rotations (frames, 3, 3), without jumps of sign."""
-    quaternions = Rotation.from_matrix(rotations).as_quat()
-    signs = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
-    return np.asarray(quaternions * np.cumprod([1.0, *signs])[:, None])

@@ -22,7 +22,7 @@ Rajagopal et al. 2016, Full-body musculoskeletal model; its coordinates have the
 Hierarchy: a node is a joint, rotated as the segment that moves about it; its offset is the bone to it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 from study.arrays import Floats, Ints
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import JointStatus
-from study.recordings.markersets.match import side
+from study.recordings.markersets import side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, to_world, zxy_angles
 from study.recordings.skeleton.anatomy import legs
@@ -92,9 +92,13 @@ def rest_rotations(calibration: Calibration, upright: Floats, rest: RestPose) ->
 def _posed(name: str, start: Floats, calibration: Calibration, rest: RestPose) -> Floats:
     """The rotation of a segment in the rest pose, from its rotation (3, 3) in the mean pose."""
     part = next((part for part, words in _WORDS.items() if any(word in name.lower() for word in words)), "")
-    bone, across = _bone(name, calibration), _across(name, calibration)
-    if part == "trunk" and across is not None:
-        return _level(start, across, bone)
+    below = [(side(place.joint.name), place.in_parent) for place in calibration.joints if place.joint.parent == name]
+    below = [(one, point) for one, point in below if not np.isnan(point).any()]
+    bone = _bone(name, below, calibration)
+    if part == "trunk" and {"left", "right"} <= {one for one, _ in below}:
+        left, right = (np.mean([point for one, point in below if one == which], axis=0) for which in ("left", "right"))
+        if np.linalg.norm(left - right) > 0.0:
+            return _level(start, left - right, bone)
     if bone is None or not part:
         return start
     if part == "foot":  # keeps its pitch
@@ -105,19 +109,19 @@ def _posed(name: str, start: Floats, calibration: Calibration, rest: RestPose) -
     return start if target is None else _shortest(start @ bone, target) @ start
 
 
-def _bone(name: str, calibration: Calibration) -> Floats | None:
-    """Direction of a segment (3,), in its axes: from its joint to the next one, or to the end of its markers."""
+def _bone(name: str, below: Sequence[tuple[str, Floats]], calibration: Calibration) -> Floats | None:
+    """Direction of a segment (3,), in its axes: from its joint to the next one, or to the end of its markers.
+
+    ``below`` are the joints that it carries, each with its side and its place (3,).
+    """
     above = next((place.in_child for place in calibration.joints if place.joint.child == name), None)
-    below = {place.joint.name: place.in_parent for place in calibration.joints if place.joint.parent == name}
-    below = {joint: point for joint, point in below.items() if not np.isnan(point).any()}
-    middle = [point for joint, point in below.items() if not side(joint)]
+    ends = [point for one, point in below if not one]
     if above is None or np.isnan(above).any():  # a root starts between the joints on both sides
-        sides = [point for joint, point in below.items() if side(joint)]
+        sides = [point for one, point in below if one]
         above = np.mean(sides, axis=0) if sides else None
-        ends = middle
-    else:
+    elif not ends:
         tip = limb_end(calibration.shape(name), above)
-        ends = middle or list(below.values()) or ([] if tip is None else [tip])
+        ends = [point for _, point in below] or ([] if tip is None else [tip])
     if above is None or not ends:
         return None
     bone = np.mean(ends, axis=0) - above
@@ -128,17 +132,6 @@ def limb_end(shape: SegmentShape, joint: Floats) -> Floats | None:
     """End of a segment (3,), in its axes: the middle of its markers farthest from its joint; None without markers."""
     away = np.linalg.norm(shape.places - joint, axis=1)
     return np.asarray(shape.places[away >= _TIP * away.max()].mean(axis=0)) if len(away) else None
-
-
-def _across(name: str, calibration: Calibration) -> Floats | None:
-    """Direction from the right to the left (3,), in a segment's axes, from its joints on both sides; None without."""
-    below = {place.joint.name: place.in_parent for place in calibration.joints if place.joint.parent == name}
-    below = {joint: point for joint, point in below.items() if not np.isnan(point).any()}
-    left, right = ([point for joint, point in below.items() if side(joint) == one] for one in ("left", "right"))
-    if not (left and right):
-        return None
-    across = np.mean(left, axis=0) - np.mean(right, axis=0)
-    return across if np.linalg.norm(across) > 0.0 else None
 
 
 def _level(start: Floats, across: Floats, bone: Floats | None) -> Floats:
@@ -235,11 +228,12 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
         columns[f"{root}_{name}"] = values
     for axis, values in zip("xyz", world @ skeleton.origins[0], strict=True):
         columns[f"{root}_t{axis}"] = values
-    between, bends = clinical_joints(skeleton.calibration), knees(skeleton.calibration)
+    between, segments = clinical_joints(skeleton.calibration), legs(skeleton.calibration.markerset)
+    shanks = {segments.get("left shank"), segments.get("right shank")}
     for place in skeleton.calibration.joints:
         if place.joint.name in between:
             turn = relative_rotation(clinical[place.joint.parent], clinical[place.joint.child])
-            columns |= _ball(place.joint.name, turn, -1.0 if place.joint.name in bends else 1.0)
+            columns |= _ball(place.joint.name, turn, -1.0 if place.joint.child in shanks else 1.0)
             continue
         turn = relative_rotation(turns[place.joint.parent], turns[place.joint.child])
         hinge = place.joint.kind == "hinge" and not np.isnan(place.axis_in_parent).any()
@@ -252,13 +246,6 @@ def clinical_joints(calibration: Calibration) -> list[str]:
     segments = set(legs(calibration.markerset).values())
     segments = {name for name in segments if not np.isnan(calibration.shape(name).anatomy).any()}
     return [place.joint.name for place in calibration.joints if {place.joint.parent, place.joint.child} <= segments]
-
-
-def knees(calibration: Calibration) -> list[str]:
-    """Names of the joints between thigh and shank."""
-    segments = legs(calibration.markerset)
-    shanks = {segments.get(f"{one} shank") for one in ("left", "right")}
-    return [place.joint.name for place in calibration.joints if place.joint.child in shanks]
 
 
 def angle_lines(calibration: Calibration) -> list[str]:

@@ -16,8 +16,6 @@ import re
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
-
 from study.files import regular
 from study.recordings.formats.text import (
     as_points,
@@ -67,8 +65,7 @@ def read_motive(lines: list[str]) -> FileContents:
         kinds = ", ".join(sorted({kind for _, kind, _ in columns})) or "no positions"
         raise RecordingError(f"no labelled markers in it, but {kinds}; export it from Motive with Markers")
     bodies = {name.partition(":")[0].strip() for _, kind, name in columns if kind.startswith("rigid body")}
-    end = max(i for i, line in enumerate(lines, start=1) if line.strip())
-    numbers = read_rows(lines[axes + 1 : end], axes + 2, ",", len(table[axes]))
+    numbers = read_rows(lines[axes + 1 :], axes + 2, ",", len(table[axes]))
     numbers, lacking = with_all_frames(numbers[:, 0], numbers, axes + 2)
     places = [place + axis for place, _, _ in chosen for axis in range(3)]
     keys = [cell.strip().lower() for cell in table[0]]
@@ -76,7 +73,7 @@ def read_motive(lines: list[str]) -> FileContents:
     rates = (given.get(f"{of} frame rate", "") for of in ("export", "capture"))
     return FileContents(
         labels=_labels([name for _, _, name in chosen], bodies),
-        points=as_points(np.ascontiguousarray(numbers[:, places])),
+        points=as_points(numbers[:, places]),
         rate=next((rate for rate in map(number_or_none, rates) if rate is not None), None),
         unit=given.get("length units") or None,
         notes=(*notes, *lacking),
@@ -145,7 +142,7 @@ def read_qualisys(lines: list[str]) -> FileContents:
     rate = number_or_none("".join(header.get("FREQUENCY", [])[:1]).replace(",", "."))
     if rate is None:
         raise RecordingError("no line FREQUENCY with the frames per second")
-    rows = lines[start : max((i for i, line in enumerate(lines, start=1) if line.strip()), default=0)]
+    rows = lines[start:]
     wanted = 3 * len(labels)
     cells = max((len(row.rstrip("\r\n").split("\t")) for row in rows), default=wanted)
     extra = 2 if cells >= wanted + 2 else 0  # Frame and Time, if they were exported; a row may end in a tab
@@ -155,8 +152,7 @@ def read_qualisys(lines: list[str]) -> FileContents:
         numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
     promised = "".join(header[_QUALISYS][:1])
     notes += missing_frames_note(len(numbers), int(promised)) if promised.isdigit() else ()
-    points = as_points(np.ascontiguousarray(numbers[:, extra:]))
-    return FileContents(labels, points, rate, "mm", notes=notes)
+    return FileContents(labels, as_points(numbers[:, extra:]), rate, "mm", notes=notes)
 
 
 def _header(lines: list[str]) -> tuple[dict[str, list[str]], int]:

@@ -33,7 +33,7 @@ def read_rows(lines: list[str], first: int, delimiter: str, columns: int, furthe
     """Read rows of numbers.
 
     Args:
-        lines: the rows.
+        lines: the rows; empty ones at the end do not count.
         first: number of the first one in the file, from 1.
         delimiter: between cells.
         columns: number of cells that a row must have.
@@ -45,6 +45,7 @@ def read_rows(lines: list[str], first: int, delimiter: str, columns: int, furthe
     Raises:
         RecordingError: with the line, if a row is cut short, or a cell is no number.
     """
+    lines = lines[: max((i for i, line in enumerate(lines, start=1) if line.strip()), default=0)]
     if not lines:
         return np.empty((0, columns))
     text = "\n".join(lines).replace('"', "")
@@ -126,8 +127,7 @@ def missing_frames_note(held: int, promised: int) -> tuple[str, ...]:
 
 def as_points(numbers: Floats) -> Floats:
     """Rows of coordinates (frames, 3 markers) as (markers, 3, frames)."""
-    points: Floats = numbers.T.reshape(numbers.shape[1] // 3, 3, len(numbers))
-    return points
+    return numbers.T.reshape(numbers.shape[1] // 3, 3, len(numbers))
 
 
 def until_blank(lines: list[str], start: int) -> list[str]:
@@ -181,8 +181,7 @@ def read_table(lines: list[str]) -> FileContents:
         if len(axes) < 3:
             lacking = ", ".join(sorted({"x", "y", "z"} - set(axes)))
             raise RecordingError(f"line {start + 1}: marker {marker} has no column for {lacking}")
-    end = max(i for i, line in enumerate(lines, start=1) if line.strip())
-    numbers = read_rows(lines[start + 1 : end], start + 2, delimiter, len(names))
+    numbers = read_rows(lines[start + 1 :], start + 2, delimiter, len(names))
     columns = [axes[axis] for axes in places.values() for axis in "xyz"]
     low = [name.lower() for name in names]
     notes: tuple[str, ...] = ()
@@ -248,7 +247,7 @@ def read_trc(lines: list[str]) -> FileContents:
         count = f"its header gives {markers} markers, and {len(places)} have a label"
         notes += (count + f": {unnamed} groups of columns without a label are left out" * (unnamed > 0),)
     columns = [column for place in places for column in (place, place + 1, place + 2)]
-    points = as_points(np.ascontiguousarray(numbers[:, columns]))
+    points = as_points(numbers[:, columns])
     used, words = _rate(rate, numbers[:, 1])
     return FileContents(list(places.values()), points, used, header.get("Units"), notes=notes + words)
 
@@ -366,7 +365,7 @@ def read_columns(lines: list[str], axes: int, rate: float | None = None) -> File
     columns = [column for i in markers for column in (i, i + 1, i + 2)]
     return FileContents(
         labels=[heads[i] for i in markers],
-        points=as_points(np.ascontiguousarray(numbers[:, columns])),
+        points=as_points(numbers[:, columns]),
         rate=rate_of_times(first, numbers, start + 1) if rate is None else rate,
         unit=(words[0] if words else None) or given.get("unit") or given.get("units") or None,
         notes=notes,
@@ -409,7 +408,7 @@ def _rows(lines: list[str], start: int, delimiter: str, cells: int) -> tuple[lis
     """
     start = next((i for i in range(start, len(lines)) if lines[i].strip(" ,;\t")), len(lines))
     if not cells:
-        return lines[start : max((i for i, line in enumerate(lines, 1) if line.strip()), default=0)], start
+        return lines[start:], start
     rows = until_blank(lines, start)
     end = start + len(rows)
     after = next((cells_of(line, delimiter) for line in lines[end:] if line.strip(" ,;\t")), [])

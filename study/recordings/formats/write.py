@@ -8,7 +8,6 @@ with funding from NSF EIA-0196217."
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,37 +24,14 @@ class DownloadError(RecordingError):
     """A download failed although the library may have the recording; it may work at another time or place."""
 
 
-@dataclass(frozen=True)
-class Library:
-    """A library: its address, and the names of its recordings."""
-
-    base: str
-    """Address of the folder with all recordings."""
-    name: re.Pattern[str]
-    """Names that its recordings can have."""
-    example: str
-    """One of these names."""
-    where: Callable[[re.Match[str]], str]
-    """The path of a recording below the base, from its name."""
-    terms: str
-    """Terms of use, in short."""
-
-
-def _cmu_place(name: re.Match[str]) -> str:
-    subject, trial = name["subject"].lstrip("0").zfill(2), name["trial"].lstrip("0").zfill(2)
-    return f"{subject}/{subject}_{trial}.c3d"
-
-
 LIBRARIES = {
-    "cmu": Library(
-        base="http://mocap.cs.cmu.edu/subjects",
-        name=re.compile(r"(?P<subject>[0-9]{1,3})[_-](?P<trial>[0-9]{1,2})(\.c3d)?"),
-        example="60_08",
-        where=_cmu_place,
-        terms="free for research and in products, not to be resold; acknowledge mocap.cs.cmu.edu, NSF EIA-0196217",
-    )
+    "cmu": "free for research and in products, not to be resold; acknowledge mocap.cs.cmu.edu, NSF EIA-0196217",
 }
-"""The known libraries."""
+"""The known libraries, and their terms of use in short."""
+CMU = "http://mocap.cs.cmu.edu/subjects"
+"""Address of the folder with all recordings of the library cmu."""
+_NAME = re.compile(r"([0-9]{1,3})[_-]([0-9]{1,2})(\.c3d)?")
+"""Names that its recordings can have: subject and trial."""
 
 
 def fetch(library: str, name: str, *, base: str | None = None, folder: Path | None = None) -> Path:
@@ -83,14 +59,13 @@ def fetch(library: str, name: str, *, base: str | None = None, folder: Path | No
         raise RecordingError(f"downloading needs {error.name}: pip install '.[mocap]'") from None
     if library not in LIBRARIES:
         raise RecordingError(f"no library {library!r}: {did_you_mean(library, LIBRARIES)}")
-    source = LIBRARIES[library]
-    parts = source.name.fullmatch(name)
+    parts = _NAME.fullmatch(name)
     if parts is None:
-        raise RecordingError(f"{name!r} cannot be a recording of {library}; give a name such as {source.example}")
-    place = source.where(parts)
-    address = (base or os.environ.get(f"STUDY_{library.upper()}_URL") or source.base).rstrip("/")
+        raise RecordingError(f"{name!r} cannot be a recording of {library}; give a name such as 60_08")
+    subject, trial = (parts[i].lstrip("0").zfill(2) for i in (1, 2))
+    address = (base or os.environ.get("STUDY_CMU_URL") or CMU).rstrip("/")
     folder = Path(pooch.os_cache("sphere-fit-study")) / library if folder is None else folder
-    url, target = f"{address}/{place}", folder / Path(place).name
+    url, target = f"{address}/{subject}/{subject}_{trial}.c3d", folder / f"{subject}_{trial}.c3d"
     if target.is_file():
         return target
     pooch.get_logger().setLevel("WARNING")  # else it reports every download and suggests a checksum

@@ -48,81 +48,22 @@ from study.recordings.rigid import skew
 
 
 @dataclass(frozen=True)
-class MarkerMoments:
-    """Moments of one marker in a segment's axes, and what noise of size 1 adds to them (weights 1/n).
+class LocalMarker:
+    """A marker in a segment's axes.
 
     Attributes:
-        mean: x̄ (3,), metres.
-        second, third, fourth: moments of z = x - x̄: mean zzᵀ (3, 3), mean |z|²z (3,), mean |z|⁴.
-        noise: mean F (3, 3).
-        noise_z: mean F z (3,).
-        trace_z: mean Tr(F) z (3,).
-        z_noise_z: mean zᵀFz.
-        shift, tilt: mean covariances (3, 3) of the noise's translation, the marker's own noise included, m², and of its
-            rotation, rad².
-        pivot: mean point about which it rotates (3,), metres.
-        used: frames with a sample that counts (frames,), n of them.
-        z: the samples (3, n), corrected for the mean effects of the noise, less their mean.
-        covariances: F of each sample (3, 3, n).
+        y: its place (3, frames), metres.
+        used: samples to use (frames,).
+        own: variance of its own noise, m².
     """
 
-    mean: Floats
-    second: Floats
-    third: Floats
-    fourth: float
-    noise: Floats
-    noise_z: Floats
-    trace_z: Floats
-    z_noise_z: float
-    shift: Floats
-    tilt: Floats
-    pivot: Floats
+    y: Floats
     used: Bools
-    z: Floats
-    covariances: Floats
+    own: float
 
-    @property
-    def count(self) -> int:
-        """Number of samples n."""
-        return int(self.z.shape[1])
-
-
-def marker_moments(y: Floats, used: Bools, pose: PoseNoise, own: float, size: float) -> MarkerMoments:
-    """Compute the moments of a marker.
-
-    Args:
-        y: the marker in the segment's axes (3, frames), metres.
-        used: samples to use (frames,), in frames whose pose is known.
-        pose: noise of the segment's pose.
-        own: variance s² of the marker's own noise, m².
-        size: variance of the noise in units of what ``pose`` and ``own`` say, to correct for its mean effects.
-    """
-    used = used & (pose.pattern >= 0)
-    x = pose.corrected(y.compress(used, axis=1), used, size)
-    f = pose.covariances(x, used, own)
-    share = 1.0 / max(x.shape[1], 1)
-    mean = share * x.sum(axis=1)
-    z = x - mean[:, None]
-    square = (z**2).sum(axis=0)
-    # means of F and of F_ij z_k (3, 3, 4)
-    of_f = share * (f.reshape(9, -1) @ np.vstack([np.ones_like(square), z]).T).reshape(3, 3, 4)
-    patterns = share * np.bincount(pose.pattern[used], minlength=len(pose.centroid))
-    return MarkerMoments(
-        mean=mean,
-        second=share * z @ z.T,
-        third=share * z @ square,
-        fourth=share * float(square @ square),
-        noise=of_f[:, :, 0],
-        noise_z=np.einsum("ijj->i", of_f[:, :, 1:]),
-        trace_z=np.einsum("iik->k", of_f[:, :, 1:]),
-        z_noise_z=share * float(np.vdot(f, z[:, None] * z)),
-        shift=own * np.eye(3) + np.einsum("k,kij->ij", patterns, pose.shift),
-        tilt=np.einsum("k,kij->ij", patterns, pose.tilt),
-        pivot=patterns @ pose.centroid,
-        used=used,
-        z=z,
-        covariances=f,
-    )
+    def in_frames(self, frames: slice) -> "LocalMarker":
+        """The marker in some of the frames."""
+        return LocalMarker(np.ascontiguousarray(self.y[:, frames]), self.used[frames], self.own)
 
 
 TINY = 1e-13
@@ -133,32 +74,60 @@ SHAPE_ERROR = 0.1
 
 
 class PooledMoments:
-    """Moments of the markers of one joint, with weights, in the subspace that the columns of a basis (3, d) span.
+    """Moments of the markers of one joint in a segment's axes, and what noise of size 1 adds to them (weights 1/n).
+
+    They have weights, and are used in the subspace that the columns of a basis (3, d) span.
+
+    Args:
+        markers: of the joint.
+        present: numbers of those with two samples or more in frames whose pose is known, M of them; others are left
+            out.
+        pose: noise of the segment's pose.
+        size: variance of the noise in units of what ``pose`` and the markers say, to correct for its mean effects.
 
     Attributes:
-        markers: moments of each marker.
-        present: places of these in the list that they were taken from.
-        n, mean, c, s: numbers of samples (M,), x̄ (M, 3), second moments C (M, 3, 3), third moments s (M, 3).
+        used: frames of each marker with a sample that counts (frames,), n of them.
+        z: samples of each (3, n), corrected for the mean effects of the noise, less their mean.
+        covariances: F of each sample of each (3, 3, n).
+        n, mean, c, s: numbers of samples (M,), x̄ (M, 3), mean zzᵀ C (M, 3, 3), mean |z|²z (M, 3).
         f, fz, trace_z, zfz: means of F (M, 3, 3), F z (M, 3), Tr(F) z (M, 3) and zᵀFz (M,).
         variance: variances of |z|² (M,).
-        shift, tilt, pivot: parts of the noise that `squared_noise` needs (M, 3, 3), (M, 3, 3), (M, 3).
+        shift, tilt: mean covariances (M, 3, 3) of the noise's translation, the marker's own noise included, m², and of
+            its rotation, rad².
+        pivot: mean point about which it rotates (M, 3), metres.
         w: weights (M,).
     """
 
-    def __init__(self, markers: Sequence[MarkerMoments], present: list[int]) -> None:
-        self.markers, self.present = markers, present
-        self.n = np.array([float(m.count) for m in markers])
-        self.mean = np.array([m.mean for m in markers])
-        self.c = np.array([m.second for m in markers])
-        self.s = np.array([m.third for m in markers])
-        self.f = np.array([m.noise for m in markers])
-        self.fz = np.array([m.noise_z for m in markers])
-        self.trace_z = np.array([m.trace_z for m in markers])
-        self.zfz = np.array([m.z_noise_z for m in markers])
-        self.variance = np.array([m.fourth for m in markers]) - np.einsum("pii->p", self.c) ** 2
-        self.shift = np.array([m.shift for m in markers])
-        self.tilt = np.array([m.tilt for m in markers])
-        self.pivot = np.array([m.pivot for m in markers])
+    def __init__(self, markers: Sequence[LocalMarker], present: list[int], pose: PoseNoise, size: float) -> None:
+        self.present, chosen = present, [markers[k] for k in present]
+        self.used = [marker.used & (pose.pattern >= 0) for marker in chosen]
+        x = [pose.corrected(m.y.compress(used, axis=1), used, size) for m, used in zip(chosen, self.used, strict=True)]
+        own = [marker.own for marker in chosen]
+        self.covariances = [pose.covariances(*sample) for sample in zip(x, self.used, own, strict=True)]
+        self.n = np.array([float(points.shape[1]) for points in x])
+        share = (1.0 / self.n).tolist()
+        self.mean = np.array([part * points.sum(axis=1) for part, points in zip(share, x, strict=True)])
+        self.z = [points - mean[:, None] for points, mean in zip(x, self.mean, strict=True)]
+        samples = list(zip(share, self.z, self.covariances, strict=True))
+        squares = [(z**2).sum(axis=0) for z in self.z]
+        self.c = np.array([part * z @ z.T for part, z, _ in samples])
+        self.s = np.array([part * z @ square for (part, z, _), square in zip(samples, squares, strict=True)])
+        fourth = np.array([part * float(square @ square) for part, square in zip(share, squares, strict=True)])
+        self.variance = fourth - np.einsum("pii->p", self.c) ** 2
+        # means of F and of F_ij z_k (3, 3, 4)
+        of_f = [
+            part * (f.reshape(9, -1) @ np.vstack([np.ones_like(z[0]), z]).T).reshape(3, 3, 4) for part, z, f in samples
+        ]
+        self.f = np.array([each[:, :, 0] for each in of_f])
+        self.fz = np.array([np.einsum("ijj->i", each[:, :, 1:]) for each in of_f])
+        self.trace_z = np.array([np.einsum("iik->k", each[:, :, 1:]) for each in of_f])
+        self.zfz = np.array([part * float(np.vdot(f, z[:, None] * z)) for part, z, f in samples])
+        numbers = (np.bincount(pose.pattern[used], minlength=len(pose.centroid)) for used in self.used)
+        patterns = [part * count for part, count in zip(share, numbers, strict=True)]
+        shifts = (np.einsum("k,kij->ij", part, pose.shift) for part in patterns)
+        self.shift = np.array([noise * np.eye(3) + shift for noise, shift in zip(own, shifts, strict=True)])
+        self.tilt = np.array([np.einsum("k,kij->ij", part, pose.tilt) for part in patterns])
+        self.pivot = np.array([part @ pose.centroid for part in patterns])
         self.w = self.n.copy()
 
     def solve(self, basis: Floats, given: float | None = None) -> tuple[float, Floats]:
@@ -217,18 +186,17 @@ class PooledMoments:
         f² - 4η vᵀFv + 2η² Tr F² (as in `squared_noise`) for the size, with f = |v|² less its mean. Both sum to zero at
         the solution.
         """
-        scores = np.zeros((4, len(self.markers[0].used)))
-        offsets, squared = self._offsets(center, basis), self.squared_noise(center)
-        for marker, o, square, weight in zip(self.markers, offsets, squared, self.w / self.n, strict=True):
-            z, f = marker.z, marker.covariances
+        scores = np.zeros((4, len(self.used[0])))
+        about = self._offsets(center, basis), self.squared_noise(center), self.w / self.n
+        for z, f, used, o, square, weight in zip(self.z, self.covariances, self.used, *about, strict=True):
             v = z - o[:, None]
             residual = (v**2).sum(axis=0)
             residual -= residual.mean()
             fv = f[:, 0] * v[0] + f[:, 1] * v[1] + f[:, 2] * v[2]
             trace = f[0, 0] + f[1, 1] + f[2, 2]
-            scores[:3, marker.used] += weight * (0.5 * z * residual - size * (fv + 0.5 * trace * z))
+            scores[:3, used] += weight * (0.5 * z * residual - size * (fv + 0.5 * trace * z))
             along = (fv * v).sum(axis=0)
-            scores[3, marker.used] += weight * (residual**2 - 4.0 * size * along + 2.0 * size**2 * square)
+            scores[3, used] += weight * (residual**2 - 4.0 * size * along + 2.0 * size**2 * square)
         return scores
 
     def reweight(self, center: Floats, basis: Floats) -> float:
@@ -241,7 +209,7 @@ class PooledMoments:
 
     def extents(self) -> Floats:
         """Eigenvalues of Σ n C (3,), ascending."""
-        return np.asarray(np.linalg.eigvalsh(np.einsum("p,pij->ij", self.n, self.c)))
+        return np.linalg.eigvalsh(np.einsum("p,pij->ij", self.n, self.c))
 
     def matrix(self, size: float, basis: Floats) -> Floats:
         """A = Σ w (C - ηF), in the basis (d, d)."""
@@ -277,12 +245,12 @@ class PooledMoments:
         Soft tissue is slow, and noise of markers and poses is new in each frame.
         """
         common, total = 0.0, 0.0
-        for marker, weight in zip(self.markers, self.w / self.n, strict=True):
-            squares = ((marker.z - (center - marker.mean)[:, None]) ** 2).sum(axis=0)
-            residual = np.zeros(len(marker.used))
-            residual[marker.used] = squares - squares.mean()
-            pairs = (marker.used[1:] & marker.used[:-1]).sum()
-            common += weight * float(residual[1:] @ residual[:-1]) * marker.count / max(pairs, 1)
+        for z, used, mean, n, w in zip(self.z, self.used, self.mean, self.n, self.w, strict=True):
+            squares, weight = ((z - (center - mean)[:, None]) ** 2).sum(axis=0), w / n
+            residual = np.zeros(len(used))
+            residual[used] = squares - squares.mean()
+            pairs = (used[1:] & used[:-1]).sum()
+            common += weight * float(residual[1:] @ residual[:-1]) * n / max(pairs, 1)
             total += weight * float(residual @ residual)
         return min(max(common / total, 0.0), 1.0) if 0.0 < total < math.inf else 1.0
 
@@ -339,7 +307,7 @@ class PooledMoments:
 
     def _within(self, vectors: Floats, basis: Floats) -> Floats:
         """Vectors (M, 3) projected on the subspace that a basis spans."""
-        return np.asarray(vectors @ basis @ basis.T)
+        return vectors @ basis @ basis.T
 
     def _extents(self, basis: Floats) -> tuple[Floats, Floats]:
         """Eigenvalues of Σ w C relative to Σ w F (d,), ascending and not below 0, and its vectors (d, d)."""
@@ -392,25 +360,6 @@ _LINE = 2.0 / math.sqrt(5.0)
 """Relative standard deviation of the variance along a random direction, for soft tissue that slides along one line."""
 CONDITION_LIMIT = 0.999
 """A condition ρ above this counts as 1: at the limit of `PooledMoments.solve`."""
-
-
-@dataclass(frozen=True)
-class LocalMarker:
-    """A marker in a segment's axes.
-
-    Attributes:
-        y: its place (3, frames), metres.
-        used: samples to use (frames,).
-        own: variance of its own noise, m².
-    """
-
-    y: Floats
-    used: Bools
-    own: float
-
-    def in_frames(self, frames: slice) -> "LocalMarker":
-        """The marker in some of the frames."""
-        return LocalMarker(np.ascontiguousarray(self.y[:, frames]), self.used[frames], self.own)
 
 
 @dataclass(frozen=True)
@@ -487,7 +436,7 @@ def fit_center(
     covariance, share = _covariance(scores, pooled, size, center, everything)
     frames = int((scores != 0.0).any(axis=0).sum())
     effective = share * frames
-    tissue = _LINE * pooled.slow_share(center) / math.sqrt(len(pooled.markers))
+    tissue = _LINE * pooled.slow_share(center) / math.sqrt(len(pooled.n))
     significance = pooled.significance(size, effective, everything, tissue)
     clear = pooled.significance(size, effective, everything, SHAPE_ERROR) > _SIGNIFICANT
     if hinge is None and pooled.exactly_planar():
@@ -556,11 +505,11 @@ def _pooled_moments(markers: Sequence[LocalMarker], pose: PoseNoise, given: floa
 
 def _moments_of_size(markers: Sequence[LocalMarker], pose: PoseNoise, size: float) -> PooledMoments | None:
     """Moments of the markers with two samples or more; None if these are too few, or lie on a line."""
-    moments = [marker_moments(m.y, m.used & (pose.pattern >= 0), pose, m.own, size) for m in markers]
-    present = [k for k, each in enumerate(moments) if each.count >= 2]
-    if sum(moments[k].count for k in present) < 3 + len(present):
+    counts = [int((marker.used & (pose.pattern >= 0)).sum()) for marker in markers]
+    present = [k for k, count in enumerate(counts) if count >= 2]
+    if sum(counts[k] for k in present) < 3 + len(present):
         return None
-    pooled = PooledMoments([moments[k] for k in present], present)
+    pooled = PooledMoments(markers, present, pose, size)
     return pooled if pooled.extents()[1] > TINY * pooled.extents()[2] else None
 
 

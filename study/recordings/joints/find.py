@@ -32,18 +32,11 @@ from study.recordings.joints.estimate import (
     local_marker,
     symmetric_fit,
 )
-from study.recordings.joints.poses import (
-    PosePoint,
-    SegmentPoses,
-    fit_poses,
-    marker_points,
-    poses_from_markers,
-    reference_frame,
-)
+from study.recordings.joints.poses import SegmentPoses, exchanged_labels, fit_poses, poses_from_markers, reference_frame
 from study.recordings.joints.skin import SkinErrors
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording
-from study.recordings.rigid import exchanged_labels, mean_rotated_covariance, nearest_rotation, relative_rotation
+from study.recordings.rigid import mean_rotated_covariance, nearest_rotation, relative_rotation
 
 _FRAMES = 300
 """Frames on which errors are propagated from joint to joint."""
@@ -130,9 +123,19 @@ class _Body:
         """Fit the poses of a joint's segments that have too few markers, with the joint as one more point."""
         for name in (joint.child, joint.parent):
             if isinstance(self.poses[name], str):
-                markers = marker_points(self.markerset.segment(name), self.recording)
-                self.poses[name] = fit_poses(name, [_as_point(joint.name, estimate), *markers], self.reference)
                 self.rests_on[name] = estimate
+                self.poses[name] = self.about_joint(name, joint.name, estimate, slice(None))
+
+    def about_joint(
+        self, segment: str, joint: str, base: Estimate, frames: Ints | slice, step: Floats | float = 0.0
+    ) -> SegmentPoses | str:
+        """Fit a segment's poses to its markers and a joint, moved by a step (3,) in the axes of its estimate.
+
+        The joint's own error is the same in every frame, so that it is no noise of the pose; it is propagated apart.
+        """
+        place, poses, markers = base.center + step, base.poses, self.markerset.segment(segment).markers
+        x = [poses.to_world(place), *(self.recording.of(marker)[:, frames] for marker in markers)]
+        return fit_poses(segment, [joint, *markers], x, poses.world_covariance(place), self.reference)
 
     def why_no_own_pose(self, segment: str) -> str:
         """Reason, in words, why a segment has no pose of its own."""
@@ -225,13 +228,11 @@ def _with_propagated_errors(estimate: Estimate, child: SegmentPoses | None, body
     base = body.rests_on[segment]
     part = np.linspace(0, body.recording.frames - 1, min(body.recording.frames, _FRAMES)).astype(int)
     fixed, base = estimate.poses.in_frames(part), replace(base, poses=base.poses.in_frames(part))
-    markers = marker_points(body.markerset.segment(segment), body.recording)
-    own = [PosePoint(marker.name, marker.x[:, part]) for marker in markers]
     values, vectors = np.linalg.eigh(base.covariance)
     sizes = np.maximum(np.sqrt(np.maximum(values, 0.0)), _ROUNDING)
     places = []
     for step in (np.zeros(3), *(vectors * sizes).T):
-        moved = fit_poses(segment, [_as_point(fixed.points[0], base, step), *own])
+        moved = body.about_joint(segment, fixed.points[0], base, part, step)
         place = np.full(3, np.nan)
         if isinstance(moved, SegmentPoses):
             center = _repeated(estimate, moved, child, part, body)
@@ -356,10 +357,3 @@ def _without_missing(markerset: MarkerSet, recording: Recording) -> MarkerSet:
     segments = tuple(s.model_copy(update={"markers": present(s.markers)}) for s in markerset.segments)
     joints = tuple(j.model_copy(update={"markers": present(markerset.markers_for(j))}) for j in markerset.joints)
     return markerset.model_copy(update={"segments": segments, "joints": joints})
-
-
-def _as_point(name: str, estimate: Estimate, step: Floats | float = 0.0) -> PosePoint:
-    """A joint as a point of a segment's pose, moved by a step (3,) in the axes of its estimate."""
-    place, poses = estimate.center + step, estimate.poses
-    # the joint's own error is the same in every frame, so that it is no noise of the pose; it is propagated apart
-    return PosePoint(name, poses.to_world(place), poses.world_covariance(place))

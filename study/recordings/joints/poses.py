@@ -1,7 +1,15 @@
 """Poses of each segment over time, from a rigid template of its markers, and the noise of markers and poses.
 
-Three markers fix a pose. A segment with two gets its third point from a joint that is known already, as a thigh does
-from its hip: the joint is fixed in both of its segments. The distances of markers from the rigid template show the
+Outliers. A distance between two markers of a rigid segment does not depend on its pose, and its median over time is not
+moved by some wrong frames. A sample whose distances to the other markers are far from their medians is a swapped marker
+or a stray one.
+
+Shapes. Classical scaling turns the median distances between markers into a shape. Generalised Procrustes analysis
+refines it on the frames without outliers: fit the shape to each frame, take the mean of the markers in the shape's
+axes, repeat.
+
+Poses. Three markers fix a pose. A segment with two gets its third point from a joint that is known already, as a thigh
+does from its hip: the joint is fixed in both of its segments. The distances of markers from the rigid template show the
 markers' noise, soft-tissue artefact included. A displacement that all markers of a segment share does not show.
 
 A pose fitted to noisy markers is displaced by ε̄ and rotated by a small angle δ. A point at v from the centroid of the
@@ -21,9 +29,11 @@ the estimating equations, carries what is needed: errors common to markers, uneq
 variance of the sum of scores is their spectrum at frequency zero. It is estimated by the mean over the lowest
 frequencies, up to a fraction of 1/τ, with τ = 1 + 2 Σ ρ(k) summed up to the first lag of at least 5τ.
 
-Source: Sokal 1997 (τ); Lazarus, Lewis, Stock & Watson 2018 (equal weights on the lowest frequencies).
+Source: Torgerson 1952 (scaling); Gower 1975 (Procrustes), without change of size; Sokal 1997 (τ); Lazarus, Lewis, Stock
+& Watson 2018 (equal weights on the lowest frequencies).
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -31,9 +41,210 @@ import numpy as np
 from scipy import fft
 
 from study.arrays import Bools, Floats, Ints
-from study.recordings.markersets import MarkerSet, Segment
+from study.recordings.markersets import MarkerSet
 from study.recordings.recording import Recording
-from study.recordings.rigid import fit_rigid_motion, fit_template, skew, to_local, to_world
+from study.recordings.rigid import fit_rigid_motion, skew, to_local, to_world
+
+_FAR = 6.0
+"""A distance this many robust standard deviations from its median is wrong..."""
+_SLACK = 0.1
+"""...if it is also this share of the median away from it: on a stiff segment distances scatter by next to nothing."""
+
+
+def usual_distances(x: Floats) -> tuple[Floats, Floats]:
+    """Median distance between each two markers, and the largest deviation from it that is accepted.
+
+    Args:
+        x: markers of one segment (m, 3, frames), metres; NaN where missing.
+
+    Returns:
+        Two arrays (m, m), metres; NaN for markers that no frame shows together.
+    """
+    m = len(x)
+    middle, limit = np.full((m, m), np.nan), np.full((m, m), np.nan)
+    np.fill_diagonal(middle, 0.0)
+    for i in range(m):
+        for j in range(i):
+            distance = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=0))
+            distance = distance[~np.isnan(distance)]
+            if len(distance):
+                middle[i, j] = middle[j, i] = np.median(distance)
+                spread = 1.4826 * np.median(np.abs(distance - middle[i, j]))  # 1 for a Gaussian of deviation 1
+                limit[i, j] = limit[j, i] = max(_FAR * spread, _SLACK * middle[i, j])
+    return middle, limit
+
+
+def distance_outliers(x: Floats, middle: Floats, limit: Floats) -> Bools:
+    """Find samples whose distances to the other markers of the frame are wrong.
+
+    In each frame the marker with the most wrong distances is rejected, then the next, until the rest agree; of two
+    markers with equally many, the one with the larger deviations. Of two markers alone either may be wrong, so both
+    are rejected.
+
+    Args:
+        x: markers of one segment (m, 3, frames), metres; NaN where missing.
+        middle: their usual distances (m, m).
+        limit: largest accepted deviation from these (m, m).
+
+    Returns:
+        Samples to reject (m, frames).
+    """
+    m = len(x)
+    off = np.zeros((m, m, x.shape[2]))
+    for i in range(m):
+        for j in range(i):
+            distance = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=0))
+            with np.errstate(invalid="ignore", divide="ignore"):
+                off[i, j] = off[j, i] = np.nan_to_num(np.abs(distance - middle[i, j]) / limit[i, j])
+    result = np.zeros((m, x.shape[2]), dtype=np.bool_)
+    suspect = np.flatnonzero((off > 1.0).any(axis=(0, 1)))
+    part = off[:, :, suspect]
+    for _ in range(m):
+        wrong = (part > 1.0).sum(axis=1)  # (m, suspects)
+        left = wrong.any(axis=0)
+        if not left.any():
+            break
+        # the count decides; the size of the deviations breaks ties
+        score = wrong + 1e-3 * np.minimum(part.sum(axis=1), 100.0)
+        worst = score.argmax(axis=0)
+        at = np.flatnonzero(left)
+        rejected = np.zeros((m, len(suspect)), dtype=np.bool_)
+        rejected[worst[at], at] = True
+        last_two = (~result[:, suspect] & ~np.isnan(x[:, 0][:, suspect])).sum(axis=0) == 2
+        rejected |= (wrong > 0) & (left & ((wrong > 0).sum(axis=0) == 2) & last_two)
+        result[:, suspect] |= rejected
+        part = np.where(rejected[:, None] | rejected[None], 0.0, part)
+    return result
+
+
+_EXCHANGE = 0.01
+"""Metres: least distance between the places of two markers, as the others show them, that tells them apart."""
+_BETTER = 0.5
+"""Misfit with two labels exchanged, as a share of that without, below which a frame has them exchanged."""
+_OFTEN = 0.05
+"""Share of the frames from which an exchange is no stray outlier."""
+
+
+def exchanged_labels(x: Floats) -> tuple[int, int, Bools] | None:
+    """Find the two markers of a rigid segment whose labels are exchanged in a part of the frames.
+
+    Distances to the other markers tell the two apart. In the frames of the smaller part they are those of the other.
+    An exchange is clear in most frames, so it is not mistaken for a segment that bends.
+
+    Args:
+        x: markers of one segment (m, 3, frames), metres; NaN where missing.
+
+    Returns:
+        The two markers' numbers, and the frames in which their labels are exchanged (frames,); None if no two are in
+        a twentieth of the frames that show all markers.
+    """
+    seen = ~np.isnan(x).any(axis=(0, 1))
+    best, least = None, _OFTEN * max(seen.sum(), 1)
+    between = np.linalg.norm(x[:, None] - x[None], axis=2)[:, :, seen]
+    for i, j in itertools.combinations(range(len(x)), 2):
+        others = [k for k in range(len(x)) if k not in (i, j)]
+        one, two = between[i, others], between[j, others]
+        apart = one - two
+        if not apart.size or np.sqrt((apart**2).sum(axis=0).mean()) < _EXCHANGE:
+            continue
+        main = np.linalg.svd(apart, full_matrices=False)[2][0] > 0.0  # an exchange changes the sign of all differences
+        main = main if 2 * main.sum() >= len(main) else ~main
+        places = np.median(one[:, main], axis=1)[:, None], np.median(two[:, main], axis=1)[:, None]
+        plain, crossed = (np.abs(one - a).sum(axis=0) + np.abs(two - b).sum(axis=0) for a, b in (places, places[::-1]))
+        frames = crossed < _BETTER * plain
+        unclear = ~frames & (plain > _BETTER * crossed)  # where skin moves as far as the two are apart
+        if frames.sum() > max(least, unclear.sum()):
+            best, least = (i, j, frames), frames.sum()
+    if best is None:
+        return None
+    exchanged = np.zeros(x.shape[2], dtype=np.bool_)
+    exchanged[seen] = best[2]
+    return best[0], best[1], exchanged
+
+
+_ENOUGH = 500
+"""Most frames that a shape is refined on, spread over the recording; more would not change it visibly."""
+_ROUNDS = 30
+_CONVERGED = 1e-7
+"""Refinement ends after a round that changes the shape by less than this share of its size."""
+
+
+def fit_template(x: Floats) -> tuple[Floats, Bools, Bools]:
+    """Find the shape of the markers of one segment, and the samples that agree with it.
+
+    Args:
+        x: markers (m, 3, frames), metres; NaN where missing.
+
+    Returns:
+        The shape (m, 3), metres, about its centroid, with axes as in one frame of the recording; NaN for a marker that
+        no frame shows together with the others. Samples that are present and whose distances to the other markers are
+        right (m, frames); and those whose distances are wrong, as those of swapped markers (m, frames).
+    """
+    m, seen = len(x), ~np.isnan(x).any(axis=1)
+    middle, limit = usual_distances(x)
+    outliers = distance_outliers(x, middle, limit)
+    good, points = seen & ~outliers, np.full((m, 3), np.nan)
+    if m < 3:  # along the first axis, about their middle
+        points = np.zeros((m, 3))
+        points[:, 0] = [-0.5 * middle[0, 1], 0.5 * middle[0, 1]] if m == 2 else 0.0
+    elif len(whole := _jointly_visible(np.isfinite(middle))) >= 3:
+        points[whole] = _refine(_classical_scaling(middle[np.ix_(whole, whole)]), x[whole], good[whole])
+    return points, good, outliers
+
+
+def _jointly_visible(pairs: Bools) -> Ints:
+    """Markers of which each two share a frame; those that lack the most partners are left out first."""
+    chosen = list(range(len(pairs)))
+    while not pairs[np.ix_(chosen, chosen)].all():
+        del chosen[int(pairs[np.ix_(chosen, chosen)].sum(axis=1).argmin())]
+    return np.array(chosen)
+
+
+def _classical_scaling(distances: Floats) -> Floats:
+    """Points (m, 3) with nearly these distances (m, m), or their mirror image."""
+    m = len(distances)
+    centring = np.eye(m) - 1.0 / m
+    values, vectors = np.linalg.eigh(-0.5 * centring @ distances**2 @ centring)
+    leading = np.sqrt(np.maximum(values[-3:], 0.0))
+    return np.asarray(vectors[:, -3:] * leading)
+
+
+def _refine(points: Floats, x: Floats, good: Bools) -> Floats:
+    """Procrustes mean, started from the given shape or its mirror image, whichever is nearer to the frames."""
+    enough = np.flatnonzero(good.sum(axis=0) >= 3)
+    if not len(enough):
+        return np.full_like(points, np.nan)
+    chosen = enough[np.linspace(0, len(enough) - 1, min(len(enough), _ENOUGH)).astype(int)]
+    part, used = np.ascontiguousarray(x[:, :, chosen]), np.ascontiguousarray(good[:, chosen])
+    mirrored = points * np.array([1.0, 1.0, -1.0])
+    points = min(points, mirrored, key=lambda shape: _mean_square_distance(shape, part, used))
+    size = np.sqrt((points**2).sum())
+    for _ in range(_ROUNDS):
+        following = _mean_shape(points, part, used)
+        change = np.abs(following - points).max()
+        points = following if np.isfinite(change) else points  # points on a line fit no frame: keep the shape
+        if not change > _CONVERGED * size:
+            break
+    return points
+
+
+def _mean_shape(points: Floats, x: Floats, used: Bools) -> Floats:
+    """Mean of the markers (m, 3) in the axes of a shape fitted to each frame, about its centroid."""
+    rotations, origins, known = fit_rigid_motion(points, x, used)
+    y = to_local(rotations, origins, x)
+    count = (used & known).sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where((used & known)[:, None], y, 0.0).sum(axis=2) / count[:, None]
+    return np.asarray(mean - mean.mean(axis=0))
+
+
+def _mean_square_distance(points: Floats, x: Floats, used: Bools) -> float:
+    """Mean square distance of the markers from a shape fitted to each frame, m²; infinite if it fits none."""
+    rotations, origins, known = fit_rigid_motion(points, x, used)
+    y = to_local(rotations, origins, x) - points[:, :, None]
+    counted = used & known
+    return float((y**2).sum(axis=1)[counted].mean()) if counted.any() else np.inf
+
 
 _WINDOW = 5.0
 """Autocorrelations are summed up to a lag of this many τ."""
@@ -146,7 +357,7 @@ class PoseNoise:
         """Covariance (patterns, 3, 3), m², that the pose of each pattern gives to a point fixed in the segment (3,)."""
         k = skew(np.asarray(point) - self.centroid)
         mixed = k @ self.cross
-        return np.asarray(self.shift + k @ self.tilt @ k.swapaxes(1, 2) - mixed - mixed.swapaxes(1, 2))
+        return self.shift + k @ self.tilt @ k.swapaxes(1, 2) - mixed - mixed.swapaxes(1, 2)
 
     def expansion(self, size: float = 1.0) -> Floats:
         """I + B (patterns, 3, 3) for noise of variance ``size``: undoes the mean contraction towards the centroid."""
@@ -169,7 +380,7 @@ class PoseNoise:
         """
         centroid = self.in_patterns_of(self.centroid, frames)
         shift = self.in_patterns_of(self.mean_shift(size), frames)
-        return np.asarray(centroid - shift + times(self.in_patterns_of(self.expansion(size), frames), y - centroid))
+        return centroid - shift + times(self.in_patterns_of(self.expansion(size), frames), y - centroid)
 
     def covariances(self, y: Floats, frames: Bools, own: float) -> Floats:
         """Covariance F (3, 3, n), m², of a marker by (*), for each of n samples.
@@ -185,7 +396,7 @@ class PoseNoise:
         v, cross = y - self.in_patterns_of(self.centroid, frames), self.in_patterns_of(self.cross, frames)
         tilted = _crossed(v, self.in_patterns_of(self.tilt, frames))
         half = _crossed(v, 0.5 * tilted.swapaxes(0, 1) - cross)  # ½ [v] Cov δ [v]ᵀ - [v] Cov(δ, ε̄)
-        return np.asarray(shift + half + half.swapaxes(0, 1))
+        return shift + half + half.swapaxes(0, 1)
 
     def in_patterns_of(self, values: Floats, frames: Bools) -> Floats:
         """Values of the patterns (patterns, …) in frames (frames,), as (…, n); (…, 1) if there is one pattern."""
@@ -194,7 +405,7 @@ class PoseNoise:
 
     def patterns_beyond(self, angle: float) -> Bools:
         """Patterns (patterns,) whose rotation about some axis has a standard deviation above an angle, radians."""
-        return np.asarray(np.linalg.eigvalsh(self.tilt)[:, -1] > angle**2)
+        return np.linalg.eigvalsh(self.tilt)[:, -1] > angle**2
 
     def in_frames(self, frames: Ints | slice) -> "PoseNoise":
         """The same noise in some of the frames."""
@@ -249,22 +460,6 @@ _LEAST_SIGMA = 1e-9
 """Metres: least noise, so that the shape of its covariance is defined where there is none."""
 _LOOSE = 0.35
 """Radians (20°): a pose whose rotation about some axis has a larger standard deviation is not used."""
-
-
-@dataclass(frozen=True)
-class PosePoint:
-    """A point that a segment's pose is fitted to.
-
-    Attributes:
-        name: of a marker or a joint.
-        x: its place in the world (3, frames), metres; NaN where missing.
-        noise: covariance of its noise in the world's axes, one for each frame (3, 3, frames), m²; None for a marker,
-            whose noise is found from the segment's residuals.
-    """
-
-    name: str
-    x: Floats
-    noise: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -342,56 +537,62 @@ class SegmentPoses:
         return np.asarray(np.einsum("ijt,jk,lkt->ilt", self.rotation, fixed, self.rotation, optimize=True))
 
 
-def fit_poses(segment: str, points: Sequence[PosePoint], reference: int = 0) -> SegmentPoses | str:
-    """Fit the poses of a segment to three points or more.
+def fit_poses(
+    segment: str, names: Sequence[str], places: Sequence[Floats], joint: Floats | None = None, reference: int = 0
+) -> SegmentPoses | str:
+    """Fit the poses of a segment to three points or more that are fixed in it.
 
     Args:
         segment: its name.
-        points: markers and joints that are fixed in it.
+        names: of the points: markers, or a joint and markers.
+        places: of each point in the world (3, frames), metres; NaN where missing.
+        joint: covariance of the noise of the first point, if that is a joint, in the world's axes, one for each frame
+            (3, 3, frames), m². The noise of markers is found from the residuals.
         reference: number of the frame in which the segment's axes are the world's, or the nearest one with a pose.
 
     Returns:
         The poses; or the reason why there are none, for a user.
     """
-    names = ", ".join(point.name for point in points) or "none"
-    if len(points) < 3:
-        return f"{segment} has {len(points)} point{'s' * (len(points) != 1)} ({names}); its pose needs 3"
-    x = np.ascontiguousarray(np.stack([point.x for point in points]))
-    shape = fit_template(x)
-    if np.isnan(shape.points).any():
-        apart = [p.name for p, row in zip(points, shape.points, strict=True) if np.isnan(row).any()]
+    listed = ", ".join(names) or "none"
+    if len(names) < 3:
+        return f"{segment} has {len(names)} point{'s' * (len(names) != 1)} ({listed}); its pose needs 3"
+    x = np.stack(places)
+    points, good, outliers = fit_template(x)
+    if np.isnan(points).any():
+        apart = [name for name, row in zip(names, points, strict=True) if np.isnan(row).any()]
         return f"{segment}: {', '.join(apart)} never seen together with the others"
-    rotation, origin, known = fit_rigid_motion(shape.points, x, shape.good)
+    rotation, origin, known = fit_rigid_motion(points, x, good)
     if known.sum() < 2:
-        return f"{segment}: its points ({names}) lie on a line, or three are never seen at once"
+        return f"{segment}: its points ({listed}) lie on a line, or three are never seen at once"
     start = np.flatnonzero(known)[np.abs(np.flatnonzero(known) - reference).argmin()]
     first = rotation[:, :, start].copy()
-    rotation, shape = np.einsum("ijt,kj->ikt", rotation, first), replace(shape, points=shape.points @ first.T)
-    residual = to_local(rotation, origin, x) - shape.points[:, :, None]
-    counted = shape.good & known
+    rotation, points = np.einsum("ijt,kj->ikt", rotation, first), points @ first.T
+    residual = to_local(rotation, origin, x) - points[:, :, None]
+    counted = good & known
     square = np.where(counted, (residual**2).sum(axis=1), 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         scatter = np.sqrt(square.sum(axis=1) / counted.sum(axis=1))
-    given = [None if point.noise is None else _mean_local(rotation, point.noise, known) for point in points]
-    sigma = _marker_sigma(shape.points, square, counted, given)
-    covariance = np.stack([sigma**2 * np.eye(3) if each is None else each for each in given])
-    noise = PoseNoise.of(shape.points, covariance, shape.good, known)
+    given = None if joint is None else _mean_local(rotation, joint, known)
+    sigma = _marker_sigma(points, square, counted, given)
+    covariance = np.repeat(sigma**2 * np.eye(3)[None], len(points), axis=0)
+    if given is not None:
+        covariance[0] = given
+    noise = PoseNoise.of(points, covariance, good, known)
     loose = noise.patterns_beyond(_LOOSE)
     if loose[noise.pattern[known]].all():
         angle = np.degrees(noise.worst_angle)
-        return (
-            f"{segment}: its points ({names}) lie nearly on a line: the rotation about it is known to {angle:.0f}° only"
-        )
+        words = f"its points ({listed}) lie nearly on a line: the rotation about it is known to {angle:.0f}° only"
+        return f"{segment}: {words}"
     known = known & ~np.where(known, loose[noise.pattern], False)
     return SegmentPoses(
         segment=segment,
-        points=tuple(point.name for point in points),
-        template=shape.points,
+        points=tuple(names),
+        template=points,
         rotation=np.where(known, rotation, np.nan),
         origin=np.where(known, origin, np.nan),
         known=known,
-        good=shape.good & known,
-        outliers=shape.outliers,
+        good=good & known,
+        outliers=outliers,
         scatter=scatter,
         sigma=sigma,
         noise=noise.without(~known),
@@ -401,14 +602,9 @@ def fit_poses(segment: str, points: Sequence[PosePoint], reference: int = 0) -> 
 def poses_from_markers(markerset: MarkerSet, recording: Recording, reference: int = 0) -> dict[str, SegmentPoses | str]:
     """Fit each segment's poses to its own markers alone; for a segment without any, the reason why."""
     return {
-        segment.name: fit_poses(segment.name, marker_points(segment, recording), reference)
-        for segment in markerset.segments
+        s.name: fit_poses(s.name, s.markers, [recording.of(marker) for marker in s.markers], reference=reference)
+        for s in markerset.segments
     }
-
-
-def marker_points(segment: Segment, recording: Recording) -> list[PosePoint]:
-    """Markers of a segment as points of its pose."""
-    return [PosePoint(marker, recording.of(marker)) for marker in segment.markers]
 
 
 def reference_frame(recording: Recording) -> int:
@@ -425,26 +621,24 @@ def _mean_local(rotation: Floats, noise: Floats, known: Bools) -> Floats:
     return np.asarray(np.einsum("jit,jkt,klt->il", r, w, r, optimize=True) / both.sum())
 
 
-def _marker_sigma(points: Floats, square: Floats, counted: Bools, given: Sequence[Floats | None]) -> float:
+def _marker_sigma(points: Floats, square: Floats, counted: Bools, joint: Floats | None) -> float:
     """Standard deviation of a marker's coordinate that explains the residuals of the rigid fits.
 
     Args:
         points: template (m, 3).
         square: squared residuals (m, frames), m².
         counted: samples of the fits (m, frames).
-        given: noise of each point, as far as it is known (3, 3), m².
+        joint: covariance of the noise of the first point, if that is a joint (3, 3), m².
     """
     whole = counted.all(axis=0)
     if not whole.any():  # never all at once: each frame has six fewer residuals than coordinates
         spare = (3 * counted.sum(axis=0) - 6)[counted.sum(axis=0) >= 3].sum()
         return max(float(np.sqrt(square.sum() / max(spare, 1))), _LEAST_SIGMA)
     left = rigid_residual_operator(points)
-    of_markers = np.kron(np.diag([each is None for each in given]).astype(float), np.eye(3))
-    of_joints = np.zeros_like(left)
-    for k, each in enumerate(given):
-        if each is not None:
-            of_joints[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = each
-    expected, known = np.trace(left @ of_markers), np.trace(left @ of_joints)
+    of_markers, of_joint = np.eye(len(left)), np.zeros_like(left)
+    if joint is not None:
+        of_markers[:3, :3], of_joint[:3, :3] = 0.0, joint
+    expected, known = np.trace(left @ of_markers), np.trace(left @ of_joint)
     found = float(square[:, whole].sum(axis=0).mean())
     # where the joint's noise alone explains all residuals, it is the best guess at the markers' noise
     least = 0.1 * found / np.trace(left)

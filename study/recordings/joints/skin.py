@@ -16,11 +16,10 @@ frames in which the joint bends differ from that of frames in which it straighte
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from study.arrays import Bools, Floats, Ints
+from study.arrays import Floats, Ints
 from study.recordings.joints.center import CONDITION_LIMIT, LocalMarker, fit_center
 from study.recordings.joints.estimate import SIGNIFICANT, Estimate, PlaceDifference, symmetric_fit
 from study.recordings.joints.poses import SegmentPoses
@@ -43,61 +42,34 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
 
 
-class Cluster(NamedTuple):
-    """The points that a segment's pose is fitted to, in its axes.
-
-    Attributes:
-        points: (m, 3), metres.
-        on_skin: which of them are markers (m,), and not joints.
-    """
-
-    points: Floats
-    on_skin: Bools
-
-    def shifts(self, place: Floats) -> Floats:
-        """Displacements (skin markers, 3, 3) of a point (3,) fixed in the segment per displacement of each marker."""
-        v = self.points - self.points.mean(axis=0)
-        k = skew(v)
-        inverse = np.linalg.pinv(np.einsum("mij,mkj->ik", k, k))
-        arm = skew(place - self.points.mean(axis=0))
-        each = np.eye(3) / len(v) - arm @ inverse @ k
-        return np.asarray(each[self.on_skin])
+def pose_shifts(points: Floats, place: Floats) -> Floats:
+    """Displacements (m, 3, 3) of a point (3,) fixed in a segment per displacement of each point of its pose (m, 3)."""
+    middle = points.mean(axis=0)
+    k = skew(points - middle)
+    return np.eye(3) / len(points) - skew(place - middle) @ np.linalg.pinv(np.einsum("mij,mkj->ik", k, k)) @ k
 
 
-class MarkerResponse(NamedTuple):
-    """Response of a sphere fit's centre to radial displacements that are linear in the joint's angles.
-
-    Attributes:
-        inverse: inverse of the normal matrix (3, 3), 0 along a dropped axis.
-        slopes: Σ over the frames of w r z θᵀ for each marker (M, 3, 3).
-        arms: unit lever arms (M, 3).
-        places: mean places of the markers (M, 3), metres.
-    """
-
-    inverse: Floats
-    slopes: Floats
-    arms: Floats
-    places: Floats
-
-
-def sphere_skin(response: MarkerResponse, frame: Cluster, markers: float, own: float) -> Floats:
+def sphere_skin(
+    inverse: Floats, slopes: Floats, arms: Floats, shifts: Sequence[Floats], markers: float, own: float
+) -> Floats:
     """Covariance (3, 3), m², of a centre that is fitted to spheres.
 
     Args:
-        response: of the fit.
-        frame: of the segment in whose axes it is fitted.
+        inverse: of the fit's normal matrix (3, 3), 0 along a dropped axis.
+        slopes: Σ over the frames of w r z θᵀ for each marker on a sphere (M, 3, 3), which is the centre's response to
+            radial displacements that are linear in the joint's angles θ.
+        arms: unit lever arms (M, 3).
+        shifts: displacement of each of these markers' places (k, 3, 3) in the axes of the fit, per displacement of the
+            markers on the segment that has these axes.
         markers: β² of the skin below the markers on spheres, (m/rad)².
-        own: β² of the skin of the frame's segment.
+        own: β² of the skin of the segment in whose axes they are.
     """
-    u = response.arms
-    along = u @ u.T
-    shared = markers * (_COMMON * along + (1.0 - _COMMON) * np.eye(len(u)))
-    if not len(u):
+    if not len(arms):
         return np.zeros((3, 3))
-    h = np.stack([np.einsum("i,kij->kj", arm, frame.shifts(at)) for arm, at in zip(u, response.places, strict=True)])
-    shared = shared + own * np.einsum("jki,lki->jl", h, h)
-    total = np.einsum("jl,jai,lbi->ab", shared, response.slopes, response.slopes)
-    return np.asarray(response.inverse @ total @ response.inverse)
+    shared = markers * (_COMMON * (arms @ arms.T) + (1.0 - _COMMON) * np.eye(len(arms)))
+    h = np.stack([np.einsum("i,kij->kj", arm, each) for arm, each in zip(arms, shifts, strict=True)])
+    total = np.einsum("jl,jai,lbi->ab", shared + own * np.einsum("jki,lki->jl", h, h), slopes, slopes)
+    return np.asarray(inverse @ total @ inverse)
 
 
 def pair_skin(angles: Floats, basis: Floats, moved: Floats) -> Floats:
@@ -115,16 +87,14 @@ def pair_skin(angles: Floats, basis: Floats, moved: Floats) -> Floats:
     return np.asarray(inverse @ total @ inverse)
 
 
-def image_skin(cluster: Cluster, place: Floats, own: float) -> Floats:
+def image_skin(shifts: Floats, own: float) -> Floats:
     """Covariance (3, 3) of the displacement of a point of a segment, for skin of unit variance along each axis.
 
     Args:
-        cluster: of the segment.
-        place: of the point (3,), metres.
+        shifts: displacement of the point per displacement of each of the segment's markers (k, 3, 3).
         own: share of the variance that is each marker's own; the rest is common to all.
     """
-    each = cluster.shifts(place)
-    return np.asarray(own * np.einsum("kij,klj->il", each, each) + (1.0 - own) * np.eye(3))
+    return np.asarray(own * np.einsum("kij,klj->il", shifts, shifts) + (1.0 - own) * np.eye(3))
 
 
 _BLOCKS = 16
@@ -338,42 +308,41 @@ class SkinErrors:
 
         They are the mean square slopes β² on the segment of the estimate's axes, and on the other, (m/rad)².
         """
-        frame = self._cluster(estimate.poses)
         if estimate.pair is None or child is None:
-            response = self._response(estimate, angles)
-            return [sphere_skin(response, frame, other, own) for own, other in several]
+            inverse, slopes, arms, places = self._response(estimate, angles)
+            shifts = [self._shifts(estimate.poses, place) for place in places]
+            return [sphere_skin(inverse, slopes, arms, shifts, other, own) for own, other in several]
         x = angles[:, ~np.isnan(angles[0])]
         x = x - x.mean(axis=1, keepdims=True)
         one, two = estimate.poses.in_frames(self.part), child.in_frames(self.part)
         both = one.known & two.known
         rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
-        images = image_skin(frame, estimate.center, 1.0)
-        others = mean_rotated_covariance(rotation, image_skin(self._cluster(two), estimate.pair.in_child, 0.5))
-        basis = across(estimate.axis)
-        second = x @ x.T / max(x.shape[1], 1)
+        images = image_skin(self._shifts(one, estimate.center), 1.0)
+        others = mean_rotated_covariance(rotation, image_skin(self._shifts(two, estimate.pair.in_child), 0.5))
+        basis, second = across(estimate.axis), x @ x.T / max(x.shape[1], 1)
         return [pair_skin(second, basis, own * images + other * others) for own, other in several]
 
-    def _response(self, estimate: Estimate, angles: Floats) -> MarkerResponse:
-        """Response of a sphere fit to skin."""
+    def _response(self, estimate: Estimate, angles: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Inverse, slopes and arms of a sphere fit for `sphere_skin`, and the markers' mean places (M, 3), metres."""
         fit, poses = estimate.sphere, estimate.poses.in_frames(self.part)
         assert fit is not None
         basis = across(fit.axis)
         within = basis @ basis.T
         inverse = basis @ np.linalg.pinv(basis.T @ fit.normal @ basis, hermitian=True) @ basis.T
-        rows = []
+        slopes, arms, places = [], [], []
         for name, seen, weight in zip(estimate.markers, estimate.used, fit.weights, strict=True):
             y = poses.to_local(self.recording.of(name)[:, self.part])
             used = seen[self.part] & ~np.isnan(angles[0]) & ~np.isnan(y[0])
-            if not (weight > 0.0 and used.sum() > 1):
-                continue
-            place = y[:, used].mean(axis=1)
-            arm = within @ (place - estimate.center)
-            length = max(float(np.linalg.norm(arm)), 1e-300)
-            z = within @ (y[:, used] - place[:, None])
-            rows.append((weight * length * z @ angles[:, used].T / used.sum(), arm / length, place))
-        slopes, arms, places = (np.array([row[i] for row in rows]) for i in range(3))
-        return MarkerResponse(inverse, slopes.reshape(-1, 3, 3), arms.reshape(-1, 3), places.reshape(-1, 3))
+            if weight > 0.0 and used.sum() > 1:
+                places.append(y[:, used].mean(axis=1))
+                arm = within @ (places[-1] - estimate.center)
+                length = max(float(np.linalg.norm(arm)), 1e-300)
+                arms.append(arm / length)
+                z = within @ (y[:, used] - places[-1][:, None])
+                slopes.append(weight * length * z @ angles[:, used].T / used.sum())
+        return inverse, np.array(slopes), np.array(arms), np.array(places)
 
-    def _cluster(self, poses: SegmentPoses) -> Cluster:
-        """Points of a segment's pose: markers on skin, and joints."""
-        return Cluster(poses.template, np.array([name in self.recording.markers for name in poses.points]))
+    def _shifts(self, poses: SegmentPoses, place: Floats) -> Floats:
+        """Displacements (k, 3, 3) of a point (3,) fixed in a segment per displacement of each of its markers."""
+        on_skin = np.array([name in self.recording.markers for name in poses.points])  # the others are joints
+        return np.asarray(pose_shifts(poses.template, place)[on_skin])

@@ -2,15 +2,24 @@
 
 It is read from a TOML file, shipped or a user's own. A file with faults gives one message with all of them, those of
 the schema and those between names.
+
+Matched to a recording, a set gets the label of each marker; what is missing, and the joints that can be found, follow.
+Laboratories write one label in many ways. It is compared without case, dots, underscores and spaces, and without a
+prefix that most labels of a recording have. Points of the body are known by the labels of the common sets.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
-from study.text import columns, did_you_mean
+from study.recordings.recording import Recording
+from study.text import columns, did_you_mean, nearest
 from study.toml import ConfigError, Fault, Frozen, Listed, as_tuple, report, toml_tables, toml_text
 
 Name = Annotated[str, Field(pattern=r"^\S(.*\S)?$")]
@@ -312,3 +321,335 @@ def _by_name(fault: Fault, sections: Mapping[str, list[object]]) -> Fault:
         table = sections[str(path[0])][path[1]]
         path[1] = table["name"] if isinstance(table, dict) else path[1]
     return Fault(tuple(path), fault.words, fault.value)
+
+
+_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
+_STEMS = {
+    "asis": "asi asis ias",
+    "psis": "psi psis ips",
+    "lateral epicondyle": "kne knee lfc fle lepi lek le kneelat",
+    "medial epicondyle": "mkne mknee knm mfc fme mepi mek me kneemed",
+    "lateral malleolus": "ank ankle lmal fal lm anklelat",
+    "medial malleolus": "mankle mank med mma mmal tam mm anklemed",
+    "heel": "hee heel cal calc fcc ca",
+    "first metatarsal": "mt1 fm1 fmh",
+    "fifth metatarsal": "mt5 fm5 vmh d5m 5meta",
+    "hip centre": "hjc",
+}
+"""The points of one side of the body, and their labels in common marker sets, behind the letter of a side."""
+_MIDDLE = {"sacrum": "sacr sacrum vsacral"}
+LANDMARKS = {
+    letter + label: f"{side} {point}"
+    for letter, side in (("l", "left"), ("r", "right"))
+    for point, labels in _STEMS.items()
+    for label in labels.split()
+} | {label: point for point, labels in _MIDDLE.items() for label in labels.split()}
+"""Points of the body by the `plain` forms of their labels."""
+
+
+_BONES = "pel|trx|hed|[lr](pel|fe|ti|fo|to|hu|ra|hn|cl)"  # of Plug-in Gait, each with the points o, a, l and p
+_QUANTITIES = "angles?|forces?|moments?|powers?|grf|centreofmass|centerofmass|com|progressangles"
+_OUTPUT = re.compile(
+    rf"^({_BONES})[oalp]$|({_QUANTITIES})(floor)?$|^[lr]?[hkaesw]jc|(joint|hip|knee|ankle)cent(re|er)$"
+)
+
+
+def plain(label: str) -> str:
+    """A label as it is compared: small letters and digits alone."""
+    return re.sub(r"[\W_]+", "", label).casefold()
+
+
+def spellings(labels: Sequence[str]) -> dict[str, str]:
+    """The labels by their `plain` forms, with and without the prefix that more than half of them have.
+
+    Of two labels with one form the first counts, and a whole label goes before one without its prefix. A side is no
+    prefix.
+    """
+    heads = [(re.match(r"[^\W_]+[\W_]+", label) or [""])[0] for label in labels]
+    head, count = Counter(heads).most_common(1)[0] if heads else ("", 0)
+    result: dict[str, str] = {}
+    for label in labels:
+        result.setdefault(plain(label), label)
+    if head and 2 * count > len(labels) and plain(head) not in _SIDES:
+        for label in labels:
+            result.setdefault(plain(label.removeprefix(head)), label)
+    return result
+
+
+def landmarks(labels: Sequence[str]) -> dict[str, str]:
+    """The points of the body that labels stand for: the label of each, such as LASI for "left asis".
+
+    Of two labels of one point the one whose form comes first in the table counts. A label may end in ``_study``, as
+    OpenCap's do, and that of a hip's centre in the name of a method, as in ``LHJC_reg``.
+    """
+    spelt = {form.removesuffix("study"): label for form, label in reversed(spellings(labels).items())}
+    spelt |= {form[:4]: label for form, label in spelt.items() if re.match("[lr]hjc.", form) and form[:4] not in spelt}
+    result: dict[str, str] = {}
+    for form, point in LANDMARKS.items():
+        if form in spelt:
+            result.setdefault(point, spelt[form])
+    return result
+
+
+def is_output(label: str) -> bool:
+    """True for the label of what a program computed: angles, forces, centres of joints and of mass, axes of bones."""
+    return bool(_OUTPUT.search(plain(label)))
+
+
+def opposite(one: str, other: str) -> bool:
+    """True if two labels begin with the letters of different sides."""
+    first, second = (_SIDES.get(plain(label)[:1]) for label in (one, other))
+    return None not in (first, second) and first != second
+
+
+def side(name: str) -> str:
+    """Side of the body that a point's name shows: "left", "right", or "" if it shows none."""
+    words = name.lower().replace("-", "_").replace(" ", "_").split("_")
+    return next((word for word in ("left", "right") if word in words), "")
+
+
+def mirrored(name: str) -> str:
+    """A joint's name on the other side of the body, with its capitals; the same if it tells no side."""
+    own = side(name)
+    return re.sub(rf"(?<![^_ -])({own})(?![^_ -])", _other_side, name, flags=re.IGNORECASE) if own else name
+
+
+def _other_side(word: re.Match[str]) -> str:
+    found = word[0]
+    other = "right" if found.lower() == "left" else "left"
+    return other.upper() if found.isupper() else other.capitalize() if found[0].isupper() else other
+
+
+def side_of(labels: Iterable[str]) -> str:
+    """The side, left or right, on which all labels begin; "" if they do not agree, or there are none."""
+    sides = {_SIDES.get(plain(label)[:1], "") for label in labels}
+    return sides.pop() if len(sides) == 1 else ""
+
+
+_NUMBERED = re.compile(r"(.*[^\W\d_]{2}[\W_]?)(\d+)$")
+"""A label of two letters or more and a number."""
+
+
+def clusters(labels: Sequence[str]) -> list[str]:
+    """Groups of three or more labels that differ by a number at the end alone, such as LTH1-LTH3."""
+    groups: dict[str, list[tuple[int, str]]] = {}
+    for label in labels:
+        if (numbered := _NUMBERED.match(label)) is not None:
+            groups.setdefault(numbered[1], []).append((int(numbered[2]), label))
+    return [f"{min(group)[1]}-{max(group)[1]}" for group in groups.values() if len(group) > 2]
+
+
+_LISTED, _FEW = 24, 6
+"""Most labels that a line lists: of markers, and of points that other programs computed."""
+_ENOUGH = 4
+"""Joints that show that a recording is of a part of a set's body."""
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """A recording and a marker set on it."""
+
+    whole: MarkerSet
+    """The whole marker set."""
+    source: Recording
+    """The whole recording."""
+    labels: dict[str, str]
+    """The recording's label of each marker that it has."""
+    lacking: dict[str, tuple[str, ...]]
+    """The missing markers of each segment that lacks any; optional ones do not count."""
+    lost: dict[str, str]
+    """The reason for each joint that cannot be found."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about sets that fit better."""
+
+    @cached_property
+    def markerset(self) -> MarkerSet:
+        """The set with the markers that the recording has and the joints that can be found; all segments remain."""
+        whole = self.whole
+
+        def there(markers: Sequence[str]) -> tuple[str, ...]:
+            return tuple(marker for marker in markers if marker in self.labels)
+
+        joints = []
+        for joint in whole.joints:
+            if joint.name not in self.lost:
+                across = joint.across if there(joint.across) == joint.across else ()
+                joints.append(joint.model_copy(update={"markers": there(joint.markers), "across": across}))
+        segments = [Segment(name=s.name, markers=there(s.markers), parent=s.parent) for s in whole.segments]
+        return MarkerSet(name=whole.name, about=whole.about, segments=tuple(segments), joints=tuple(joints))
+
+    @cached_property
+    def recording(self) -> Recording:
+        """The recording with the markers of the set alone, under their names and in the order of the set."""
+        chosen = self.source.select(list(self.labels.values()))
+        return Recording(chosen.name, tuple(self.labels), chosen.positions, chosen.rate, chosen.notes)
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """The joints that can be found."""
+        return self.markerset.joints
+
+    @property
+    def extra(self) -> tuple[str, ...]:
+        """Labels of the recording that are not markers of the set."""
+        used = set(self.labels.values())
+        return tuple(marker for marker in self.source.markers if marker not in used)
+
+    def lines(self, calibrated: bool = False) -> list[str]:
+        """The match in lines of text; ``calibrated`` if the marker set is that of a calibration, and was not chosen."""
+        name = self.whole.name + " of the calibration" * calibrated
+        lines = [
+            f"marker set {name}: {len(self.labels)} of the recording's {len(self.source.markers)} markers belong "
+            f"to it, {len(self.joints)} of {len(self.whole.joints)} joints can be found"
+        ]
+        renamed = [f"{label} is {marker}" for marker, label in self.labels.items() if label != marker]
+        lines += [f"labels: {', '.join(renamed)}"] * bool(renamed)
+        partly = {s.name for s in self.whole.segments if self.labels.keys() & s.markers}  # joints tell of others
+        lines += [
+            f"segment {segment} lacks {', '.join(map(self._missed, gone))}"
+            for segment, gone in self.lacking.items()
+            if segment in partly or any(self._missed(marker) != marker for marker in gone)
+        ]
+        lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
+        outputs = [label for label in self.extra if is_output(label)]
+        others = [label for label in self.extra if label not in outputs]
+        lines += [f"not in the {'calibration' if calibrated else 'marker set'}: {_listed(others, _LISTED)}"] * bool(
+            others
+        )
+        lines += [f"of another program's model, not markers: {_listed(outputs, _FEW)}"] * bool(outputs)
+        unused = [] if calibrated else clusters(self.extra)
+        lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
+        return [*lines, *self.remarks]
+
+    def data(self) -> dict[str, object]:
+        """The match for other programs.
+
+        Returns:
+            ``name``; ``labels``, the recording's label of each marker; ``lacking`` markers by segment; ``joints`` that
+            can be found; ``lost`` joints, each with the reason; ``extra`` labels.
+        """
+        return {
+            "name": self.whole.name,
+            "labels": self.labels,
+            "lacking": self.lacking,
+            "joints": [joint.name for joint in self.joints],
+            "lost": self.lost,
+            "extra": list(self.extra),
+        }
+
+    def _missed(self, marker: str) -> str:
+        """A missing marker, with the label of the recording that it may have."""
+        label = nearest(marker, [label for label in self.extra if not opposite(marker, label)])
+        return marker if label is None else f"{marker} (did you mean {label}?)"
+
+
+def _listed(labels: Sequence[str], most: int) -> str:
+    """Labels with commas between them, as many as there is room for, and the number of the rest."""
+    rest = len(labels) - most
+    return ", ".join(labels) if rest < 2 else f"{', '.join(labels[:most])} and {rest} more"
+
+
+def match(markerset: MarkerSet, recording: Recording) -> Match:
+    """Match a marker set to a recording.
+
+    A marker without any sample counts as missing. The parent of a joint needs three markers for its pose, or two if its
+    own joint to its parent is found, which is then the third point. The child needs one marker.
+    """
+    visible = [label for label, share in zip(recording.markers, recording.missing(), strict=True) if share < 1]
+    spelt = spellings(visible)
+    labels: dict[str, str] = {}
+    for m in (*markerset.markers(), *markerset.landmarks()):
+        names = (m, *markerset.aliases.get(m, ()))
+        label = m if m in visible else next((spelt[plain(name)] for name in names if plain(name) in spelt), None)
+        if label is not None and label not in labels.values():
+            labels[m] = label
+    lacking = {
+        segment.name: lacks
+        for segment in markerset.segments
+        if (lacks := tuple(m for m in segment.markers if m not in labels and m not in markerset.optional))
+    }
+    return Match(markerset, recording, labels, lacking, _lost(markerset, set(labels)))
+
+
+def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Match:
+    """Choose the marker set that fits a recording best: the most joints, then the most markers, then fewest aliases.
+
+    A set is chosen only if most of its joints can be found, or most of those whose segments the recording shows (at
+    least four of these, or with most of the recording's markers), or if all its markers on both sides of a joint are
+    there and it leaves no cluster of the recording unused.
+
+    Args:
+        recording: a recording.
+        candidates: names or paths of marker sets; the shipped ones if None.
+
+    Raises:
+        MarkerSetError: if none of them fits.
+    """
+    names = shipped() if candidates is None else list(candidates)
+    matches = sorted((match(load_markerset(name), recording) for name in names), key=_quality, reverse=True)
+    if fitting := [placed for placed in matches if _fits(placed)]:
+        return fitting[0]
+    labels = ", ".join(recording.markers[:8]) + (", ..." if len(recording.markers) > 8 else "")
+    if matches and matches[0].joints:
+        best = matches[0]
+        unused, name = clusters(best.extra), best.whole.name
+        words = f"with {name}, the nearest, {_share(best)} can be found; --markerset {name} uses it nevertheless"
+        words += f"; unused clusters are {', '.join(unused)}" if unused else ""
+    else:
+        tried = ", ".join(sorted(placed.whole.name for placed in matches)) or "none"
+        words = f"with none of {tried} can a joint be found among the labels {labels}"
+    remedy = "write your own: `study markersets cmu41 > mine.toml` gives a start, --markerset mine.toml uses it"
+    raise MarkerSetError(f"{recording.name}: no marker set fits: {words}; {remedy}")
+
+
+def with_better(placed: Match) -> Match:
+    """The match with a remark if a shipped set finds more joints than the one that a user named."""
+    others = [match(load_markerset(name), placed.source) for name in shipped()]
+    better = [other for other in others if len(other.joints) > len(placed.joints) and _fits(other)]
+    if not better:
+        return placed
+    best = max(better, key=_quality)
+    return replace(placed, remarks=(f"marker set {best.whole.name} fits better: {_share(best)} can be found with it",))
+
+
+def _fits(placed: Match) -> bool:
+    """True if a set fits a recording well enough to be chosen without being named."""
+    count = len(placed.joints)
+    if 2 * count > len(placed.whole.joints):
+        return True
+    shown = [j for j in placed.whole.joints if any(m in placed.labels for m in placed.whole.segment(j.child).markers)]
+    most = 2 * len(placed.labels) > len(placed.source.markers)
+    if 2 * count > len(shown) and (count >= _ENOUGH or (count > 1 and most)):
+        return True
+    complete = [j for j in placed.joints if j.parent not in placed.lacking and j.child not in placed.lacking]
+    return bool(complete) and not clusters(placed.extra)
+
+
+def _share(placed: Match) -> str:
+    return f"{len(placed.joints)} of {len(placed.whole.joints)} joints"
+
+
+def _quality(placed: Match) -> tuple[int, int, int, int]:
+    """Order by how well a set fits: joints, markers, gaps in the segments that the recording shows, aliases."""
+    aliases = sum(marker != label for marker, label in placed.labels.items())
+    shown = (s.name for s in placed.whole.segments if any(marker in placed.labels for marker in s.markers))
+    gaps = sum(len(placed.lacking.get(name, ())) for name in shown)
+    return len(placed.joints), len(placed.labels), -gaps, -aliases
+
+
+def _lost(markerset: MarkerSet, seen: set[str]) -> dict[str, str]:
+    """Joints that cannot be found, each with the reason."""
+    joint_above = {joint.child: joint for joint in markerset.joints}
+    order = {segment.name: number for number, segment in enumerate(markerset.segments)}
+    lost: dict[str, str] = {}
+    for joint in sorted(markerset.joints, key=lambda joint: order[joint.child]):
+        parent = markerset.segment(joint.parent)
+        has = [marker for marker in parent.markers if marker in seen]
+        above = joint_above.get(parent.name)
+        helped = above is not None and above.name not in lost
+        if not any(marker in seen for marker in markerset.markers_for(joint)):
+            lost[joint.name] = f"{joint.child} has none of {', '.join(markerset.markers_for(joint))}"
+        elif len(has) + helped < 3:
+            words = f"{parent.name} has {len(has)} marker{'s' * (len(has) != 1)} ({', '.join(has) or 'none'})"
+            lost[joint.name] = f"{words}; its pose needs 3" + (f", or 2 and {above.name}" if above else "")
+    return {joint.name: lost[joint.name] for joint in markerset.joints if joint.name in lost}

@@ -30,8 +30,7 @@ from scipy import stats
 from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace
 from study.recordings.joints.estimate import SHORT_TEXTS, JointStatus
-from study.recordings.markersets import MarkerSet
-from study.recordings.markersets.match import landmarks, side, side_of
+from study.recordings.markersets import MarkerSet, landmarks, side, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import to_local, to_world
 from study.recordings.skeleton.draw import Flag, Skeleton
@@ -176,7 +175,7 @@ def hip_by_regression(points: Mapping[str, Floats], one: str) -> Floats | None:
         return None
     axes, middle, width, depth = pelvis
     back, down, aside = 0.24 * depth + 0.0099, 0.30 * width + 0.0109, 0.33 * width + 0.0073
-    return np.asarray(middle + axes @ [-back, -down, _MIRROR[one] * aside])
+    return middle + axes @ [-back, -down, _MIRROR[one] * aside]
 
 
 def with_anatomy(calibration: Calibration, skeleton: Skeleton, source: Recording, hips: Hips = "motion") -> Calibration:

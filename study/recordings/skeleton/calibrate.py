@@ -13,8 +13,7 @@ subjects by 11-55 mm, or all by a few hundredths of their size.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -23,10 +22,10 @@ from study.arrays import Floats
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import find_joints
-from study.recordings.markersets import MarkerSet
-from study.recordings.markersets.match import mirrored, side
+from study.recordings.joints.poses import fit_template
+from study.recordings.markersets import MarkerSet, mirrored, side
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import fit_template, nearest_rotation
+from study.recordings.rigid import nearest_rotation
 from study.recordings.skeleton.anatomy import Hips, with_anatomy
 from study.recordings.skeleton.draw import Skeleton, draw_skeleton
 
@@ -40,26 +39,13 @@ _FEWEST = 20
 """Fewest frames from which a distance is reported."""
 
 
-@dataclass(frozen=True)
-class HullDistance:
-    """Distance of a joint from the hull of the markers.
-
-    Attributes:
-        share_outside: share of the frames in which the joint is outside; NaN if too few frames show all markers.
-        distance: 95 % quantile over frames of the distance outside the hull, metres; negative inside.
-    """
-
-    share_outside: float
-    distance: float
-
-    @property
-    def doubt(self) -> str:
-        """Reason to doubt the joint; "" if there is none."""
-        where = f"outside the markers' hull in {self.share_outside:.0%} of the frames"
-        return f"{where}, by up to {1000 * self.distance:.0f} mm" if self.distance > _THICKNESS else ""
+def hull_doubt(share: float, distance: float) -> str:
+    """Reason to doubt a joint, from its share and distance outside the markers' hull; "" if there is none."""
+    where = f"outside the markers' hull in {share:.0%} of the frames"
+    return f"{where}, by up to {1000 * distance:.0f} mm" if distance > _THICKNESS else ""
 
 
-def hull_distances(markers: Floats, joints: Floats) -> list[HullDistance]:
+def hull_distances(markers: Floats, joints: Floats) -> tuple[Floats, Floats]:
     """Measure the distance of each joint from the markers' hull, on frames that show all markers.
 
     A hull without one of its markers is smaller than the body, so other frames are left out. Markers that are missing
@@ -70,20 +56,21 @@ def hull_distances(markers: Floats, joints: Floats) -> list[HullDistance]:
         joints: their centres (joints, 3, frames), metres; NaN where unknown.
 
     Returns:
-        A distance for each joint. It is measured to the planes of the hull's facets, so it is a lower bound.
+        Share of the frames in which each joint is outside (joints,), and the 95 % quantile over frames of its distance
+        outside (joints,), metres, negative inside; NaN if too few frames show all markers. A distance is measured to
+        the planes of the hull's facets, so it is a lower bound.
     """
     seen = ~np.isnan(markers[:, 0])
     present = seen.any(axis=1)
     whole = np.flatnonzero(seen[present].all(axis=0)) if present.any() else np.zeros(0, dtype=int)
     part = whole[np.unique(np.linspace(0, len(whole) - 1, min(len(whole), _FRAMES)).astype(int))]
     distances = np.array([_plane_distances(markers[present, :, t], joints[:, :, t]) for t in part])
-    known = [row[~np.isnan(row)] for row in distances.reshape(-1, len(joints)).T]
-    return [
-        HullDistance(float((row > 0.0).mean()), float(np.quantile(row, _QUANTILE)))
-        if len(row) >= _FEWEST
-        else HullDistance(float("nan"), float("nan"))
-        for row in known
-    ]
+    shares, quantiles = np.full(len(joints), np.nan), np.full(len(joints), np.nan)
+    for joint, row in enumerate(distances.reshape(-1, len(joints)).T):
+        known = row[~np.isnan(row)]
+        if len(known) >= _FEWEST:
+            shares[joint], quantiles[joint] = (known > 0.0).mean(), np.quantile(known, _QUANTILE)
+    return shares, quantiles
 
 
 def _plane_distances(markers: Floats, joints: Floats) -> Floats:
@@ -107,7 +94,7 @@ _OUTSIDE = 0.9
 """Share of the frames outside the markers' hull that is nearly all."""
 
 
-def with_doubts(calibration: Calibration, distances: Sequence[HullDistance]) -> Calibration:
+def with_doubts(calibration: Calibration, outside: Floats) -> Calibration:
     """Doubt hips that no body has, and warn of other joints that are unlike any body's.
 
     A hip is doubted if it is outside the markers' hull in nearly all frames, or if the hips are too near to or too far
@@ -116,12 +103,12 @@ def with_doubts(calibration: Calibration, distances: Sequence[HullDistance]) -> 
 
     Args:
         calibration: whose joints they are.
-        distances: of each joint from the markers' hull; none if they are not known.
+        outside: share of the frames in which each joint is outside the markers' hull (joints,).
     """
     doubts, warnings = hip_doubts(calibration), _uneven_bones(calibration)
-    for place, hull in zip(calibration.joints, distances, strict=bool(distances)):
-        if hull.share_outside > _OUTSIDE:
-            words = f"outside the markers' hull in {hull.share_outside:.0%} of the frames"
+    for place, share in zip(calibration.joints, outside, strict=True):
+        if share > _OUTSIDE:
+            words = f"outside the markers' hull in {share:.0%} of the frames"
             (doubts if _is_hip(place) else warnings)[place.joint.name].append(words)
     joints = []
     for place in calibration.joints:
@@ -236,8 +223,8 @@ def _checked(calibration: Calibration, recording: Recording) -> tuple[Calibratio
     """The calibration with misfits, doubts and warnings, and the skeleton that is drawn with it."""
     drawn = draw_skeleton(calibration, recording)
     shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, drawn.misfits, strict=True))
-    distances = hull_distances(recording.positions, drawn.centers)
-    return with_doubts(replace(calibration, shapes=tuple(shapes)), distances), drawn
+    outside, _ = hull_distances(recording.positions, drawn.centers)
+    return with_doubts(replace(calibration, shapes=tuple(shapes)), outside), drawn
 
 
 _REPLACED = 0.013
@@ -253,22 +240,7 @@ _ROBUST = 4
 """Number of segments from which on the one that fits worst does not count: a label may be on another marker there."""
 
 
-@dataclass(frozen=True)
-class SubjectCheck:
-    """Comparison of a calibration with the subject in a recording.
-
-    Attributes:
-        same: True if the calibration is of this subject, or nothing can be compared.
-        misfits: segments whose markers are far from their places, and by how much, in words.
-        text: one line for a user.
-    """
-
-    same: bool
-    misfits: dict[str, str]
-    text: str
-
-
-def check_subject(calibration: Calibration, recording: Recording, refit: bool = False) -> SubjectCheck:
+def other_subject(calibration: Calibration, recording: Recording, refit: bool = False) -> str:
     """Compare the shapes of a calibration's segments with those that a recording has.
 
     Only segments of joints with a place count. The shapes of two trials of one session differ by skin in another
@@ -278,6 +250,10 @@ def check_subject(calibration: Calibration, recording: Recording, refit: bool = 
         calibration: of the subject.
         recording: with markers under the calibration's names.
         refit: True if the shapes will be fitted to the recording, so that only the size counts.
+
+    Returns:
+        The sentence on the segments that do not fit, and by how much; "" if the recording shows the same subject, or
+        nothing can be compared.
     """
     joints = [place.joint for place in calibration.joints if not np.isnan(place.in_parent).any()]
     carrying = {segment for joint in joints for segment in (joint.parent, joint.child)}
@@ -287,9 +263,8 @@ def check_subject(calibration: Calibration, recording: Recording, refit: bool = 
         if difference is not None:
             names.append(shape.segment)
             rows.append(difference)
-    source, name = calibration.source, recording.name
     if not rows:
-        return SubjectCheck(True, {}, f"{name} shows no segment of the calibration from {source}")
+        return ""
     squares, spare, extents, along = np.array(rows).T
     off = np.sqrt(3.0 * squares / np.maximum(spare, 1.0))
     counted = spare > 0.0
@@ -304,11 +279,8 @@ def check_subject(calibration: Calibration, recording: Recording, refit: bool = 
         reasons.append(f"{len(apart)} of {len(rows)} segments do not fit ({listed})")
     if abs(scale - 1.0) > max(_SCALE, _SIGNIFICANT * error):
         reasons.append(f"its segments are {abs(scale - 1.0):.0%} {'larger' if scale > 1.0 else 'smaller'}")
-    if reasons:
-        words = f"{name} does not show the subject calibrated in {source}: {'; '.join(reasons)}"
-        return SubjectCheck(False, apart, f"{words}; calibrate on a recording of the same session")
-    text = f"{name} fits the calibration from {source}: {len(rows) - len(apart)} of {len(rows)} segments"
-    return SubjectCheck(True, apart, text + (f", not {', '.join(apart)}" if apart else ""))
+    subject = f"{recording.name} does not show the subject calibrated in {calibration.source}"
+    return f"{subject}: {'; '.join(reasons)}" if reasons else ""
 
 
 def _shape_difference(shape: SegmentShape, recording: Recording) -> tuple[float, float, float, float] | None:
@@ -321,7 +293,7 @@ def _shape_difference(shape: SegmentShape, recording: Recording) -> tuple[float,
     present = [k for k, marker in enumerate(shape.markers) if marker in recording.markers]
     if len(present) < 2:
         return None
-    own = fit_template(np.stack([recording.of(shape.markers[k]) for k in present])).points
+    own, *_ = fit_template(np.stack([recording.of(shape.markers[k]) for k in present]))
     known = np.isfinite(own).all(axis=1)
     here, there = own[known], shape.places[present][known]
     if len(here) < 2:
@@ -335,18 +307,19 @@ def _shape_difference(shape: SegmentShape, recording: Recording) -> tuple[float,
     return max(float((here**2).sum()) - along**2 / extent, 0.0), 3.0 * len(here) - 7.0, extent, along
 
 
-def require_same_subject(calibration: Calibration, recording: Recording, refit: bool = False) -> None:
-    """Refuse a recording of another subject than a calibration's.
+def require_same_subject(
+    calibration: Calibration, recording: Recording, refit: bool = False, force: bool = False
+) -> list[str]:
+    """Refuse a recording of another subject than a calibration's (see `other_subject`), unless it is forced.
+
+    Returns:
+        The line that says what is overruled by force, if it is.
 
     Raises:
         RecordingError: the message names the segments that do not fit and by how much.
     """
-    check = check_subject(calibration, recording, refit)
-    if not check.same:
-        raise RecordingError(f"{check.text}, or use --force to draw with this one")
-
-
-def overruled(calibration: Calibration, recording: Recording, refit: bool = False) -> list[str]:
-    """The line that says what is overruled where a calibration is used whatever `check_subject` says, if it is."""
-    check = check_subject(calibration, recording, refit)
-    return [] if check.same else [f"--force overrules: {check.text.partition('; calibrate on')[0]}"]
+    words = other_subject(calibration, recording, refit)
+    if words and not force:
+        remedy = "calibrate on a recording of the same session, or use --force to draw with this one"
+        raise RecordingError(f"{words}; {remedy}")
+    return [f"--force overrules: {words}"] if words else []

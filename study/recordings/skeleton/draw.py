@@ -1,9 +1,15 @@
 """Phase 2: draw a skeleton in every frame, from a calibration and the markers that are seen.
 
 From the root outwards each segment is placed at its joint, J(t) = o_P(t) + R_P(t) c_J, and rotated about it onto its
-markers (`fit_full_poses`). Time is proportional to the number of segments, and bones keep their lengths. In frames that
-do not show the parent, a segment's own markers place it; a segment that these do not show is placed by the joints that
-its neighbours show.
+markers. Time is proportional to the number of segments, and bones keep their lengths. In frames that do not show the
+parent, a segment's own markers place it; a segment that these do not show is placed by the joints that its neighbours
+show.
+
+Two markers and the joint, or three markers without it, fix the rotation, by Kabsch's fit about the joint instead of the
+centroid. A marker that is far from its place in the segment, such as a swapped one, is rejected and the rest are fitted
+again. In a frame with too few markers, those that are left show a direction. The segment is rotated from its expected
+pose by the shortest arc that takes the expected direction to the one seen; the rotation about that direction is the
+expected one.
 
 Where too few markers are seen, but a joint of the segment or one of its markers is, its rotation is interpolated over
 the gap, for a while, and it is flagged as bridged. The covariance of this rotation is that of the same interpolation
@@ -13,6 +19,7 @@ of its segments shows.
 Source: paper §10 (second phase); theory §1.2.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -20,14 +27,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Bytes, Floats, Ints
+from study.fits.jit import compiled
 from study.fits.samples import Worded
 from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import DOUBTED, USABLE, JointStatus
 from study.recordings.joints.poses import PoseNoise
 from study.recordings.markersets import Segment
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import relative_rotation, skew, to_world
-from study.recordings.skeleton.poses import complete_poses, fit_full_poses
+from study.recordings.rigid import fit_poses_about, relative_rotation, skew, to_world
 
 _FAR = 6.0
 """Scatters from its place beyond which a marker is rejected..."""
@@ -51,6 +58,83 @@ class Flag(Worded):
     SEEN = 0, "from markers"
     BRIDGED = 1, "bridged: too few markers seen"
     UNKNOWN = 2, "unknown"
+
+
+_HALF_TURN = -0.999999
+"""Cosine of the arc below which its plane is undefined, so that the expected rotation is kept."""
+
+
+@compiled
+def _rotate_by_arc(u: Floats, v: Floats, r: Floats) -> None:
+    """Rotate r (3, 3), in place, by the shortest arc that takes the direction u (3,) to v (3,)."""
+    uu = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    vv = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if not (uu > 0.0 and vv > 0.0):
+        return
+    c = (u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) / (uu * vv)
+    if c < _HALF_TURN:
+        return
+    w0 = (u[1] * v[2] - u[2] * v[1]) / (uu * vv)
+    w1 = (u[2] * v[0] - u[0] * v[2]) / (uu * vv)
+    w2 = (u[0] * v[1] - u[1] * v[0]) / (uu * vv)
+    h = 1.0 / (1.0 + c)
+    for j in range(3):
+        a, b, d = r[0, j], r[1, j], r[2, j]
+        along = h * (w0 * a + w1 * b + w2 * d)
+        r[0, j] = c * a + w1 * d - w2 * b + along * w0
+        r[1, j] = c * b + w2 * a - w0 * d + along * w1
+        r[2, j] = c * d + w0 * b - w1 * a + along * w2
+
+
+def complete_poses(places: Floats, x: Floats, local: Floats, world: Floats, expected: Floats) -> tuple[Floats, Floats]:
+    """Complete a segment's poses in frames that show too few of its markers.
+
+    Args:
+        places: of its markers in its axes (m, 3), metres.
+        x: the markers in the world (m, 3, w), metres; NaN where missing.
+        local: the place of its joint in its axes (3,), metres.
+        world: the place of its joint in the world (3, w), metres; NaN where it is not known. Without a joint, the first
+            marker takes its place.
+        expected: rotations that are expected (3, 3, w).
+
+    Returns:
+        Rotations (3, 3, w) and origins (3, w); NaN where neither a joint nor a marker is seen.
+    """
+    rotation, origin = np.array(expected), np.full(world.shape, np.nan)
+    _complete_poses(places, x, local, world, rotation, origin)
+    return rotation, origin
+
+
+@compiled
+def _complete_poses(places: Floats, x: Floats, pin: Floats, at: Floats, rotation: Floats, origin: Floats) -> None:
+    """Compiled part of `complete_poses`: rotates the expected rotations in place."""
+    u, v, a, b, r = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
+    for t in range(x.shape[2]):
+        pinned, count = at[0, t] == at[0, t], 0
+        for i in range(3):
+            a[i], b[i], u[i], v[i] = pin[i], at[i, t], 0.0, 0.0
+            for j in range(3):
+                r[i, j] = rotation[i, j, t]
+        for k in range(x.shape[0]):
+            if x[k, 0, t] == x[k, 0, t]:
+                count += 1
+                if count == 1 and not pinned:
+                    for i in range(3):
+                        a[i], b[i] = places[k, i], x[k, i, t]
+                for i in range(3):
+                    v[i] += x[k, i, t] - b[i]
+                    u[i] += (
+                        r[i, 0] * (places[k, 0] - a[0])
+                        + r[i, 1] * (places[k, 1] - a[1])
+                        + r[i, 2] * (places[k, 2] - a[2])
+                    )
+        if count > 0:
+            _rotate_by_arc(u, v, r)
+        for i in range(3):
+            if pinned or count > 0:
+                origin[i, t] = b[i] - r[i, 0] * a[0] - r[i, 1] * a[1] - r[i, 2] * a[2]
+            for j in range(3):
+                rotation[i, j, t] = r[i, j]
 
 
 class InterpolatedRotation:
@@ -114,9 +198,9 @@ class InterpolatedRotation:
             result[inner == kind] = self._table(kind, distances[inner == kind])
         result *= np.where(inner, near * (2.0 * half - near) / half**2, 1.0)[:, None, None]
         if self.parent is None:
-            return np.asarray(result)
+            return result
         frame = np.moveaxis(self.parent[:, :, wanted], 2, 0)
-        return np.asarray(frame @ result @ frame.swapaxes(1, 2))
+        return frame @ result @ frame.swapaxes(1, 2)
 
     def _table(self, inner: bool, distances: Floats) -> Floats:
         """Covariance (w, 3, 3) of errors over these numbers of frames, between two ends or beyond one."""
@@ -264,16 +348,15 @@ class _SkeletonBuilder:
         local, world = np.zeros(3), np.full((3, self.recording.frames), np.nan)
         if place is not None:
             local, world = place.in_child, self._shown(place.joint.parent, place.in_parent)
-        path = fit_full_poses(shape.places, _limits(shape, place), x, local, world)
-        seen = ~np.isnan(x[:, 0])
-        self.used[segment.name] = path.used
-        self.left_out[number] = 1.0 - path.used.sum() / max(seen.sum(), 1) if seen.any() else 0.0
-        if path.fitted.any():
-            self.misfits[number] = np.sqrt(path.square[path.fitted].mean())
-        self.rotations[number], self.origins[number] = path.rotation, path.origin
-        self.flags[number, path.fitted] = Flag.SEEN
+        path = fit_poses_about(shape.places, _limits(shape, place), x, local, world)
+        self.rotations[number], self.origins[number], fitted, used, square = path
+        seen, self.used[segment.name] = ~np.isnan(x[:, 0]), used
+        self.left_out[number] = 1.0 - used.sum() / max(seen.sum(), 1) if seen.any() else 0.0
+        if fitted.any():
+            self.misfits[number] = np.sqrt(square[fitted].mean())
+        self.flags[number, fitted] = Flag.SEEN
         # one marker and the joint are all that a hand may have: its rotation about the line of the two is not shown
-        whole = path.used.all(axis=0) & ~np.isnan(world[0]) & ~path.fitted
+        whole = used.all(axis=0) & ~np.isnan(world[0]) & ~fitted
         if place is not None and len(shape.markers) and whole.any():
             self._complete(segment.name, np.flatnonzero(whole), local, world)
             self.flags[number, whole] = Flag.SEEN
@@ -299,19 +382,19 @@ class _SkeletonBuilder:
             return
         places = np.concatenate([shape.places, *(place.in_parent[None] for place in below)])
         limits = np.concatenate([_limits(shape, None), np.full(len(below), _ANY)])
-        path = fit_full_poses(places, limits, np.ascontiguousarray(x), local, np.ascontiguousarray(world))
+        rotation, origin, fitted, used, _ = fit_poses_about(places, limits, x, local, world)
         joints = [*below, *([] if own is None else [own])]
         errors = [*np.nan_to_num(shape.scatter) / np.sqrt(3.0), *(np.hypot(p.standard_error, _POSE) for p in joints)]
         ends = np.concatenate([places, local[None]])[: len(errors)]
-        used = np.concatenate([path.used, ~np.isnan(world[:1])])[: len(errors)]
+        used = np.concatenate([used, ~np.isnan(world[:1])])[: len(errors)]
         square = np.nan_to_num(errors, nan=1.0)[:, None, None] ** 2
-        noise = PoseNoise.of(ends, square * np.eye(3), used, path.fitted)
+        noise = PoseNoise.of(ends, square * np.eye(3), used, fitted)
         each = [noise.covariances_at(at) for at in ends[len(shape.markers) :]]
         worst = np.linalg.eigvalsh(np.array(each))[:, :, -1].max(axis=0)
-        sure = path.fitted.copy()
-        sure[path.fitted] = worst[noise.pattern[path.fitted]] < _SURE**2
-        self.rotations[number][:, :, frames[sure]] = path.rotation[:, :, sure]
-        self.origins[number][:, frames[sure]] = path.origin[:, sure]
+        sure = fitted.copy()
+        sure[fitted] = worst[noise.pattern[fitted]] < _SURE**2
+        self.rotations[number][:, :, frames[sure]] = rotation[:, :, sure]
+        self.origins[number][:, frames[sure]] = origin[:, sure]
         self.flags[number, frames[sure]] = Flag.SEEN
 
     def bridge(self, segment: Segment, reach: int) -> None:

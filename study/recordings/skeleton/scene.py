@@ -9,7 +9,7 @@ but a body's parts are above one another: the rotation that makes z point up fol
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 from study.arrays import Bytes, Floats
 from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE
-from study.recordings.markersets import Joint, MarkerSet
-from study.recordings.markersets.match import mirrored, side
+from study.recordings.markersets import Joint, MarkerSet, mirrored, side
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.skeleton.calibrate import UNEVEN, hull_distances
+from study.recordings.rigid import quaternions
+from study.recordings.skeleton.calibrate import UNEVEN, hull_distances, hull_doubt
 from study.recordings.skeleton.draw import Flag, Skeleton
 from study.text import columns, number
 
@@ -102,36 +102,9 @@ class Scene:
     errors: Floats
     bridging: Floats
     orientations: Floats
-    notes: tuple[str, ...] = ()
-    roots: tuple[tuple[int, ...], ...] = ()
-    anatomy: Floats = field(default_factory=lambda: np.empty(0))
-
-    def __post_init__(self) -> None:
-        frames = self.centers.shape[-1]
-        count = len(self.joints)
-        if not self.anatomy.size:
-            object.__setattr__(self, "anatomy", np.full((count + len(self.roots), frames, 4), np.nan))
-        wanted = {
-            "places": (len(self.markers), 3, frames),
-            "centers": (count, 3, frames),
-            "ends": (len(self.tips), 3, frames),
-            "flags": (count, frames),
-            "errors": (count, 3),
-            "bridging": (count, 3, frames),
-            "orientations": (count, frames, 4),
-            "anatomy": (count + len(self.roots), frames, 4),
-        }
-        for name, shape in wanted.items():
-            if getattr(self, name).shape != shape:
-                raise RecordingError(
-                    f"{self.name}: {name} of the scene have shape {getattr(self, name).shape}, not {shape}"
-                )
-        points = count + len(self.tips)
-        lost = [bone for bone in self.bones if not (len(bone) == 2 and min(bone) >= 0 and max(bone) < points)]
-        if lost or len(self.doubts) != count:
-            doubts = f"{len(self.doubts)} doubts for {count} joints"
-            words = f"bone {lost[0]} is not between two of {points} points" if lost else doubts
-            raise RecordingError(f"{self.name}: {words}")
+    notes: tuple[str, ...]
+    roots: tuple[tuple[int, ...], ...]
+    anatomy: Floats
 
     @property
     def frames(self) -> int:
@@ -300,10 +273,7 @@ def _orientations(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
     result = np.full((frames, 4), np.nan)
     known = ~np.isnan(rotation[0, 0])
     if known.any() and not np.isnan(axes).any():
-        matrices = np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes)
-        turns = Rotation.from_matrix(matrices).as_quat()
-        flips = np.cumprod(np.concatenate([[1.0], np.sign((turns[1:] * turns[:-1]).sum(axis=1) + 1e-300)]))
-        result[known] = turns * flips[:, None]
+        result[known] = quaternions(np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes))
     return result
 
 
@@ -393,8 +363,8 @@ def skeleton_lines(scene: Scene) -> Iterator[str]:
     ]
     yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
     hulls = [
-        [name, number(hull.share_outside, ".0%"), _millimetres(hull.distance) if hull.distance > 0.0 else "-"]
-        for name, hull in zip(scene.joints, hull_distances(scene.places, scene.centers), strict=True)
+        [name, number(share, ".0%"), _millimetres(distance) if distance > 0.0 else "-"]
+        for name, share, distance in zip(scene.joints, *hull_distances(scene.places, scene.centers), strict=True)
     ]
     yield from columns(hulls, ["joint", "outside", "by"], "<>")
     yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
@@ -422,15 +392,13 @@ def skeleton_data(scene: Scene) -> dict[str, object]:
         ``seen``, ``bridged``, ``unknown`` and ``outside`` of the markers' hull, and ``distance`` outside it, metres;
         ``bones``, as in `bone_table`; ``notes``.
     """
-    hulls = hull_distances(scene.places, scene.centers)
-    joints = []
-    for name, doubt, errors, flags, hull in zip(
-        scene.joints, scene.doubts, scene.errors, scene.flags, hulls, strict=True
-    ):
+    hulls, joints = hull_distances(scene.places, scene.centers), []
+    rows = zip(scene.joints, scene.doubts, scene.errors, scene.flags, *hulls, strict=True)
+    for name, doubt, errors, flags, outside, distance in rows:
         known = errors[~np.isnan(errors)]
         row = {"joint": name, "doubt": doubt or None, "error": float(known.max()) if len(known) else None}
         row |= {flag.name.lower(): float((flags == flag).mean()) for flag in Flag}
-        joints.append(row | {"outside": hull.share_outside, "distance": hull.distance})
+        joints.append(row | {"outside": outside, "distance": distance})
     return {
         "recording": scene.name,
         "rate": scene.rate,
@@ -450,7 +418,7 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
     Args:
         skeleton: of phase 2.
         recording: that it was drawn from.
-        notes: further remarks for the viewer, such as what is overruled (see `overruled`).
+        notes: further remarks for the viewer, such as what is overruled (see `require_same_subject`).
 
     Raises:
         RecordingError: if none of its joints is known in any frame.
@@ -458,9 +426,8 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
     calibration = skeleton.calibration
     own = calibration.source == skeleton.name
     source = "joints found in this recording" if own else f"joints found in {calibration.source}"
-    hulls = hull_distances(recording.positions, skeleton.centers)
     doubts = []
-    for place, hull in zip(calibration.joints, hulls, strict=True):
-        reasons = ("" if place.status in USABLE else place.reason, hull.doubt)
+    for place, *hull in zip(calibration.joints, *hull_distances(recording.positions, skeleton.centers), strict=True):
+        reasons = ("" if place.status in USABLE else place.reason, hull_doubt(*hull))
         doubts.append("; ".join(filter(None, reasons)))
     return make_scene(skeleton, recording, doubts, source, (*recording.notes, *notes))

@@ -174,15 +174,8 @@ _GAP = 0.2  # mean duration of a gap, seconds
 _SWAP = 0.15  # mean duration of a swap, seconds
 
 
-@dataclass(frozen=True)
-class Swap:
-    """Two markers whose labels are exchanged for some frames."""
-
-    first: int
-    """First frame of the swap."""
-    end: int
-    """First frame after the swap."""
-    markers: tuple[str, str]
+Swap = tuple[int, int, tuple[str, str]]
+"""First frame in which the labels of two markers are exchanged, the first frame after that, and the two markers."""
 
 
 def marker_noise(shape: tuple[int, ...], sigma: float, seed: int) -> Floats:
@@ -212,8 +205,7 @@ def soft_tissue(phases: Floats, rate: float, amplitude: float, seed: int) -> Flo
     time = np.arange(phases.shape[1]) / rate
     oscillation = np.sin(2 * np.pi * frequency[:, None] * time + start[:, None])
     courses = np.stack([phases, oscillation])
-    displacement: Floats = 0.5 * amplitude * np.einsum("kmi,kmt->mit", directions, courses)
-    return displacement
+    return np.asarray(0.5 * amplitude * np.einsum("kmi,kmt->mit", directions, courses))
 
 
 def gaps(markers: int, frames: int, rate: float, share: float, seed: int) -> Bools:
@@ -230,7 +222,7 @@ def swapped_labels(pairs: Sequence[tuple[str, str]], frames: int, rate: float, s
     """Draw swaps: in the given share of the frames one of the pairs is exchanged."""
     rng = stream(seed, "synthetic", "swaps")
     runs = _runs(rng, frames, round(share * frames), _SWAP * rate)
-    return [Swap(first, end, pairs[int(rng.integers(len(pairs)))]) for first, end in runs]
+    return [(first, end, pairs[int(rng.integers(len(pairs)))]) for first, end in runs]
 
 
 def _runs(rng: np.random.Generator, frames: int, count: int, mean: float) -> list[tuple[int, int]]:
@@ -341,19 +333,9 @@ Style = Literal["smooth", "independent", "gait"]
 """Smooth courses; each frame drawn anew, with angles uniform over their ranges; or strides of a part of the range."""
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """The pose of each segment in each frame."""
-
-    rotations: Floats
-    """(segments, frames, 3, 3), from the segment's axes to the world's."""
-    origins: Floats
-    """(segments, 3, frames), metres."""
-    phases: Floats
-    """(segments, frames): angle about y of the joint to the parent, -1 to 1 over its range."""
-
-
-def draw_motion(frames: int, rate: float, seed: int, *, height: float, reach: float, style: Style) -> Motion:
+def draw_motion(
+    frames: int, rate: float, seed: int, *, height: float, reach: float, style: Style
+) -> tuple[Floats, Floats, Floats]:
     """Draw a motion of the body.
 
     Args:
@@ -363,6 +345,10 @@ def draw_motion(frames: int, rate: float, seed: int, *, height: float, reach: fl
         height: of the body, metres.
         reach: share of each joint's natural range of motion, about its middle; 0 for a stiff body.
         style: of the courses in time.
+
+    Returns:
+        Rotations (segments, frames, 3, 3), from each segment's axes to the world's; origins (segments, 3, frames),
+        metres; and phases (segments, frames), the angle about y of the joint to the parent, -1 to 1 over its range.
     """
     rotations = np.empty((len(PARTS), frames, 3, 3))
     origins = np.empty((len(PARTS), 3, frames))
@@ -380,7 +366,7 @@ def draw_motion(frames: int, rate: float, seed: int, *, height: float, reach: fl
         parent = row[part.parent]
         rotations[i] = rotations[parent] @ rotation
         origins[i] = origins[parent] + rotations[parent].dot(height * np.array(part.at)).T
-    return Motion(rotations, origins, phases)
+    return rotations, origins, phases
 
 
 def _course(frames: int, rate: float, style: Style, seed: int, *name: str) -> Floats:
@@ -414,14 +400,13 @@ def _rotations(part: BodyPart, courses: Floats, reach: float, style: Style) -> F
         rotation = Rotation.from_euler("ZYX", angles[[2, 0, 1]].T)
     else:
         rotation = Rotation.from_euler("YXZ", angles.T)
-    matrices: Floats = rotation.as_matrix()
-    return matrices
+    return np.asarray(rotation.as_matrix())
 
 
 _SIGNS = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=float).T
 
 
-def skin_motion(recipe: Recipe, motion: Motion, segment_of: Ints) -> Floats:
+def skin_motion(recipe: Recipe, rotations: Floats, phases: Floats, segment_of: Ints) -> Floats:
     """Draw the displacement of each marker on its segment by the recipe's law, largest at its ``soft_tissue``.
 
     The laws are ``mixed`` (see `soft_tissue`); ``random``: smooth in time, independent of the motion; ``angle``: linear
@@ -432,7 +417,8 @@ def skin_motion(recipe: Recipe, motion: Motion, segment_of: Ints) -> Floats:
 
     Args:
         recipe: its ``skin``, ``soft_tissue``, ``rate``, ``seed`` and ``markers``.
-        motion: of the body.
+        rotations: of the segments (segments, frames, 3, 3).
+        phases: of their joints (segments, frames); both as `draw_motion` returns them.
         segment_of: number of each marker's segment (markers,).
 
     Returns:
@@ -440,14 +426,14 @@ def skin_motion(recipe: Recipe, motion: Motion, segment_of: Ints) -> Floats:
     """
     joint_of = np.where(segment_of == 0, 1, segment_of)
     if recipe.skin == "mixed":
-        return soft_tissue(motion.phases[joint_of], recipe.rate, recipe.soft_tissue, recipe.seed)
+        return soft_tissue(phases[joint_of], recipe.rate, recipe.soft_tissue, recipe.seed)
     if recipe.skin == "random":
-        return recipe.soft_tissue * _random(len(segment_of), motion.phases.shape[1], recipe.rate, recipe.seed)
+        return recipe.soft_tissue * _random(len(segment_of), phases.shape[1], recipe.rate, recipe.seed)
     if recipe.skin == "slide":
-        return recipe.soft_tissue * _sliding(body(recipe.markers), _rotation_vectors(motion), recipe.seed)
+        return recipe.soft_tissue * _sliding(body(recipe.markers), _rotation_vectors(rotations), recipe.seed)
     clusters = segment_of if recipe.skin == "cluster" else np.arange(len(segment_of))
     tensors = _tensors(clusters, recipe.seed)
-    vectors = _rotation_vectors(motion)
+    vectors = _rotation_vectors(rotations)
     drive = np.gradient(vectors, 1.0 / recipe.rate, axis=2) if recipe.skin == "velocity" else vectors
     drive = drive / np.maximum(np.abs(drive).max(axis=(1, 2), keepdims=True), 1e-300)
     return np.asarray(recipe.soft_tissue * np.einsum("mik,mkt->mit", tensors, drive[joint_of]))
@@ -469,13 +455,13 @@ def _tensors(clusters: Ints, seed: int) -> Floats:
     return np.asarray(drawn / np.linalg.norm(drawn @ _SIGNS, axis=1).max(axis=1)[:, None, None])
 
 
-def _rotation_vectors(motion: Motion) -> Floats:
+def _rotation_vectors(rotations: Floats) -> Floats:
     """Rotation vectors of each segment in its parent's axes, about the mean rotation (segments, 3, frames)."""
     rows = {part.name: i for i, part in enumerate(PARTS)}
-    vectors = np.zeros((len(PARTS), 3, motion.phases.shape[1]))
+    vectors = np.zeros((len(PARTS), 3, rotations.shape[1]))
     for i, part in enumerate(PARTS):
         if part.parent is not None:
-            relative = np.swapaxes(motion.rotations[rows[part.parent]], 1, 2) @ motion.rotations[i]
+            relative = np.swapaxes(rotations[rows[part.parent]], 1, 2) @ rotations[i]
             mean = nearest_rotation(relative.sum(axis=0))
             vectors[i] = Rotation.from_matrix(relative @ mean.T).as_rotvec().T
     return vectors
@@ -519,20 +505,20 @@ def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:
     """
     r = recipe or Recipe()
     style: Style = "independent" if r.independent else "gait" if r.gait else "smooth"
-    motion = draw_motion(r.frames, r.rate, r.seed, height=r.height, reach=r.reach, style=style)
+    rotations, origins, phases = draw_motion(r.frames, r.rate, r.seed, height=r.height, reach=r.reach, style=style)
     parts = body(r.markers)
     markers = tuple(label for part in parts for label in part.markers)
     segment_of = np.array([i for i, part in enumerate(parts) for _ in part.markers])
     offsets = r.height * np.array([place for part in parts for place in part.markers.values()])
-    local = offsets[:, :, None] + skin_motion(r, motion, segment_of)
+    local = offsets[:, :, None] + skin_motion(r, rotations, phases, segment_of)
     positions = np.empty((len(markers), 3, r.frames))
     for row, segment in enumerate(segment_of):
-        positions[row] = np.einsum("tij,jt->it", motion.rotations[segment], local[row]) + motion.origins[segment]
+        positions[row] = np.einsum("tij,jt->it", rotations[segment], local[row]) + origins[segment]
     positions += marker_noise(positions.shape, r.noise, r.seed)
     swaps = swapped_labels(nearest_pairs(parts), r.frames, r.rate, r.swaps, r.seed)
-    for swap in swaps:
-        pair = [markers.index(marker) for marker in swap.markers]
-        positions[pair, :, swap.first : swap.end] = positions[pair[::-1], :, swap.first : swap.end]
+    for first, end, both in swaps:
+        pair = [markers.index(marker) for marker in both]
+        positions[pair, :, first:end] = positions[pair[::-1], :, first:end]
     missing = gaps(len(markers), r.frames, r.rate, r.gaps, r.seed)
     positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
     recording = Recording(f"synthetic-{r.seed}", markers, positions, r.rate)
@@ -543,14 +529,14 @@ def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:
     lengths = zip(moving, np.linalg.norm(in_parent, axis=1), strict=True)
     truth = BodyTruth(
         segments=tuple(part.name for part in PARTS),
-        rotations=motion.rotations,
-        origins=motion.origins,
+        rotations=rotations,
+        origins=origins,
         markers=markers,
         offsets=offsets,
         joints=JOINTS,
         parents=tuple(str(part.parent) for part in moving),
         children=tuple(part.name for part in moving),
-        centers=motion.origins[children],
+        centers=origins[children],
         in_parent=in_parent,
         axes=np.array([np.full(3, np.nan) if part.axis is None else unit(part.axis) for part in moving]),
         bones={(one, str(p.joint)): float(far) for p, far in lengths if (one := joint_of[str(p.parent)]) is not None},

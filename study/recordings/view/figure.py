@@ -10,7 +10,7 @@ that the figure states. That of a hinge is a disc, and a line shows its axis, al
 
 import contextlib
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -56,8 +56,7 @@ class Camera:
 
     def project(self, x: Floats) -> Floats:
         """Coordinates of points (…, 3) to the right, up and towards the viewer (…, 3), metres."""
-        projected: Floats = x @ self.axes.T
-        return projected
+        return x @ self.axes.T
 
 
 def outlines(half: Floats, directions: Floats, camera: Camera, corners: int = 48) -> Floats:
@@ -95,8 +94,7 @@ def half_axes(scene: Scene) -> Floats:
     """Half axes of the ellipsoids (joints, 3), metres; zero in a direction without a standard error."""
     known = ~np.isnan(scene.errors)
     factors = np.array([surface(int(row.sum())) for row in known])
-    half: Floats = np.where(known, scene.errors, 0.0) * factors[:, None]
-    return half
+    return np.asarray(np.where(known, scene.errors, 0.0) * factors[:, None])
 
 
 def exaggeration(scene: Scene) -> int:
@@ -111,8 +109,7 @@ def exaggeration(scene: Scene) -> int:
 
 def hinges(scene: Scene) -> Bools:
     """True for joints that are known across an axis, but not along it (joints,)."""
-    known: Bools = np.isnan(scene.errors[:, 2]) & ~np.isnan(scene.errors[:, 0])
-    return known
+    return np.isnan(scene.errors[:, 2]) & ~np.isnan(scene.errors[:, 0])
 
 
 SIDES = {"left": "#0072b2", "right": "#c2580a", "": "#4a4a4a"}
@@ -139,9 +136,9 @@ IN_PRINT = {"bone": 2.8, "casing": 1.3, "joint": 3.6, "marker": 2.6}
 class SkeletonDrawing:
     """The artists of a skeleton, and their places in each frame."""
 
-    def __init__(self, ax: Axes, scene: Scene, camera: Camera, sizes: dict[str, float], factor: int | None) -> None:
+    def __init__(self, ax: Axes, scene: Scene, camera: Camera, sizes: dict[str, float]) -> None:
         self.scene, self.camera, self.sizes = scene, camera, sizes
-        self.factor = exaggeration(scene) if factor is None else factor
+        self.factor = exaggeration(scene)
         self._points, self._sides = scene.points, scene.sides()
         self._half = self.factor * half_axes(scene)
         self._with_ellipsoid = [i for i, row in enumerate(self._half) if row.any()]
@@ -241,35 +238,13 @@ _LETTER = 0.058
 """Mean width of a letter of the labels, inches."""
 
 
-@dataclass(frozen=True, eq=False)
-class SkeletonView:
-    """One frame of a motion from one direction.
-
-    Attributes:
-        scene: the motion.
-        frame: number of the frame, from 0.
-        camera: the direction of view.
-        factor: by which ellipsoids are drawn larger.
-        labels: text beside each joint.
-    """
-
-    scene: Scene
-    frame: int
-    camera: Camera
-    factor: int
-    labels: tuple[str, ...]
-
-
-def prepare(
-    scene: Scene, frame: int | None = None, azimuth: float | None = None, factor: int | None = None
-) -> SkeletonView:
+def prepare(scene: Scene, frame: int | None = None, azimuth: float | None = None) -> tuple[int, Camera]:
     """Choose a frame and a direction of view.
 
     Args:
         scene: the motion.
         frame: number of the frame, from 0; if None, one in which all joints are known and appear well apart.
         azimuth: direction of view, degrees from x to y; if None, one from which they appear well apart.
-        factor: by which ellipsoids are drawn larger; if None, one that makes them visible.
 
     Raises:
         RecordingError: if there is no such frame.
@@ -282,12 +257,10 @@ def prepare(
     best = best[np.unique(np.linspace(0, len(best) - 1, _CANDIDATES).astype(int))]
     frames = best if frame is None else np.array([frame])
     azimuths = _AZIMUTHS if azimuth is None else np.array([azimuth])
-    chosen, camera = max(
+    return max(
         ((int(t), Camera(float(a), _ELEVATION)) for t in frames for a in azimuths),
         key=lambda pair: _apart(scene.points[:, :, pair[0]], pair[1]),
     )
-    labels = tuple(_label(scene, joint, chosen) for joint in range(len(scene.joints)))
-    return SkeletonView(scene, chosen, camera, exaggeration(scene) if factor is None else factor, labels)
 
 
 def _apart(points: Floats, camera: Camera) -> float:
@@ -297,7 +270,7 @@ def _apart(points: Floats, camera: Camera) -> float:
     return float(np.log(np.linalg.norm(seen[i] - seen[j], axis=1) + 0.02).mean()) if len(seen) > 1 else 0.0
 
 
-def _label(scene: Scene, joint: int, frame: int) -> str:
+def label(scene: Scene, joint: int, frame: int) -> str:
     """Name of a joint and its largest standard error."""
     name = scene.joints[joint].replace("_", " ")
     errors = scene.errors[joint]
@@ -307,39 +280,50 @@ def _label(scene: Scene, joint: int, frame: int) -> str:
 
 
 @style.journal()
-def draw(view: SkeletonView) -> Figure:
-    """Draw the skeleton with labels beside its joints."""
-    scene = view.scene
+def draw(scene: Scene, frame: int | None = None) -> Figure:
+    """Draw the skeleton in a frame, with labels beside its joints.
+
+    Args:
+        scene: the motion.
+        frame: number of the frame; if None, one that `prepare` chooses.
+
+    Raises:
+        RecordingError: if there is no such frame.
+    """
+    frame, camera = prepare(scene, frame)
+    labels = [label(scene, joint, frame) for joint in range(len(scene.joints))]
     figure = Figure(figsize=(style.PAGE, _HEIGHT))
     ax = figure.add_axes((0.0, 0.1, 1.0, 0.9))
-    drawing = SkeletonDrawing(ax, scene, view.camera, IN_PRINT, view.factor)
-    drawing.show(view.frame)
-    shown = np.concatenate([scene.points[:, :, view.frame], scene.places[:, :, view.frame]])
+    drawing = SkeletonDrawing(ax, scene, camera, IN_PRINT)
+    drawing.show(frame)
+    shown = np.concatenate([scene.points[:, :, frame], scene.places[:, :, frame]])
     shown = np.concatenate([shown, np.column_stack([shown[:, :2], np.full(len(shown), drawing.ground)])])
-    seen = view.camera.project(shown[~np.isnan(shown[:, 0])])[:, :2]
+    seen = camera.project(shown[~np.isnan(shown[:, 0])])[:, :2]
     low, high = seen.min(axis=0), seen.max(axis=0)
-    margin = _REACH * style.PAGE + _LETTER * (max(map(len, view.labels)) + 1)
+    margin = _REACH * style.PAGE + _LETTER * (max(map(len, labels)) + 1)
     across = (high[0] - low[0]) * style.PAGE / (style.PAGE - 2.0 * margin)
     width = max(1.08 * (high[1] - low[1]) * style.PAGE / (0.9 * _HEIGHT), across)
     height = width * 0.9 * _HEIGHT / style.PAGE
     middle = 0.5 * (low + high)
     ax.set_xlim(middle[0] - 0.5 * width, middle[0] + 0.5 * width)
     ax.set_ylim(middle[1] - 0.5 * height, middle[1] + 0.5 * height)
-    _draw_labels(ax, view, (float(low[0]), float(high[0])))
+    seen = camera.project(scene.centers[:, :, frame])[:, :2]
+    _draw_labels(ax, seen, labels, scene.sides(), (float(low[0]), float(high[0])))
     _scale(ax)
-    _draw_legend(figure, view)
-    style.stamp(figure, f"{scene.name}, frame {view.frame + 1:,} of {scene.frames:,}; {scene.source}")
+    _draw_legend(figure, scene, drawing.factor)
+    style.stamp(figure, f"{scene.name}, frame {frame + 1:,} of {scene.frames:,}; {scene.source}")
     return figure
 
 
-def _draw_labels(ax: Axes, view: SkeletonView, sides: tuple[float, float]) -> None:
-    """Draw labels in two columns beside the skeleton, each with a thin line to its joint."""
-    seen = view.camera.project(view.scene.centers[:, :, view.frame])[:, :2]
+def _draw_labels(
+    ax: Axes, seen: Floats, labels: Sequence[str], sides: Sequence[str], ends: tuple[float, float]
+) -> None:
+    """Draw labels in two columns beside the skeleton, each with a thin line to its joint (joints, 2)."""
     known = np.flatnonzero(~np.isnan(seen[:, 0]))
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     reach = _REACH * (right - left)
-    columns = _columns(seen[:, 0], view.scene.sides(), known)
-    for part, at, align in zip(columns, (sides[0] - reach, sides[1] + reach), ("right", "left"), strict=True):
+    columns = _columns(seen[:, 0], sides, known)
+    for part, at, align in zip(columns, (ends[0] - reach, ends[1] + reach), ("right", "left"), strict=True):
         if not len(part):
             continue
         wanted = (seen[part, 1] - bottom) / (top - bottom)
@@ -348,11 +332,11 @@ def _draw_labels(ax: Axes, view: SkeletonView, sides: tuple[float, float]) -> No
             elbow = at + (0.35 if align == "right" else -0.35) * reach
             x, y = seen[joint]
             ax.plot([at, elbow, x], [height, height, y], color=style.FAINT, linewidth=0.45, zorder=3.5)
-            color = FLAGGED if view.labels[joint].endswith(("*", ")")) else style.INK
-            ax.text(at, height, f" {view.labels[joint]} ", ha=align, va="center", fontsize=style.SMALL, color=color)
+            color = FLAGGED if labels[joint].endswith(("*", ")")) else style.INK
+            ax.text(at, height, f" {labels[joint]} ", ha=align, va="center", fontsize=style.SMALL, color=color)
 
 
-def _columns(across: Floats, sides: tuple[str, ...], known: Ints) -> tuple[Ints, Ints]:
+def _columns(across: Floats, sides: Sequence[str], known: Ints) -> tuple[Ints, Ints]:
     """Joints with labels on the left of the picture, and those with labels on the right.
 
     The joints of one side of the body are on one side of the picture, so that few lines cross; the others are on the
@@ -377,10 +361,9 @@ def _scale(ax: Axes) -> None:
     ax.text(x + 0.25, y + 0.012 * (top - bottom), "0.5 m", fontsize=style.SMALL, bbox=box, **place)  # type: ignore[arg-type]
 
 
-def _draw_legend(figure: Figure, view: SkeletonView) -> None:
+def _draw_legend(figure: Figure, scene: Scene, factor: int) -> None:
     """Draw the legend below the picture."""
-    scene = view.scene
-    larger = f", enlarged {view.factor} times" if view.factor > 1 else ", in true size"
+    larger = f", enlarged {factor} times" if factor > 1 else ", in true size"
     handles: list[Line2D | Patch] = [
         Line2D([], [], color=SIDES[side], linewidth=3.0, solid_capstyle="round", label=words)
         for side, words in (("left", "left"), ("right", "right"))
@@ -402,6 +385,8 @@ def _draw_legend(figure: Figure, view: SkeletonView) -> None:
 
 _PIXELS = 960, 720
 _DPI = 120
+_RATE = 30.0
+"""Largest number of frames per second."""
 _ON_SCREEN = {"bone": 4.0, "casing": 1.5, "joint": 5.0, "marker": 3.2}
 _SMOOTHING = 1.5
 """Duration over which the centre of the view is averaged, seconds."""
@@ -409,23 +394,12 @@ _QUALITY = "23"
 """Constant rate factor of x264: a lower one gives better pictures and a larger file."""
 
 
-def write_video(
-    scene: Scene,
-    path: str | Path,
-    *,
-    camera: Camera | None = None,
-    rate: float = 30.0,
-    factor: int | None = None,
-    advance: Callable[[float], None] = lambda _: None,
-) -> Path:
-    """Write a motion as MP4; the view follows the skeleton.
+def write_video(scene: Scene, path: str | Path, advance: Callable[[float], None] = lambda _: None) -> Path:
+    """Write a motion as MP4, at its own speed; the view follows the skeleton.
 
     Args:
-        scene: the motion; it plays at its own speed.
+        scene: the motion; of one with more than 30 frames per second every second, third, ... frame is kept.
         path: of the video; the folder is made if there is none.
-        camera: the direction of view.
-        rate: largest number of frames per second; a faster motion keeps every second, third, ... frame.
-        factor: by which ellipsoids are drawn larger; if None, one that makes them visible.
         advance: callback for progress; its argument is the share of the work since the last call.
 
     Returns:
@@ -438,7 +412,7 @@ def write_video(
     imageio_ffmpeg = encoder()
     if path.suffix.lower() != ".mp4":
         raise RecordingError(f"{path}: a video is written to a file whose name ends in .mp4")
-    film = _Film(scene.at_most(rate), camera or Camera(30.0, 12.0), factor)
+    film = _Film(scene.at_most(_RATE))
     partial = path.with_name(f".{path.stem}.partial.mp4")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -484,12 +458,12 @@ class _Film:
     """A matplotlib figure that shows one frame after the other."""
 
     @style.journal()
-    def __init__(self, scene: Scene, camera: Camera, factor: int | None) -> None:
-        self.scene, self.camera = scene, camera
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.camera = scene, Camera(30.0, 12.0)
         self.figure = Figure(figsize=(_PIXELS[0] / _DPI, _PIXELS[1] / _DPI), dpi=_DPI)
         self.canvas = FigureCanvasAgg(self.figure)
         self.ax = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        self.drawing = SkeletonDrawing(self.ax, scene, camera, _ON_SCREEN, factor)
+        self.drawing = SkeletonDrawing(self.ax, scene, self.camera, _ON_SCREEN)
         self.middle = _smooth_middle(scene)
         self.box = self._box()
         name = self._text(0.02, 0.975, scene.name, fontsize=10.0)

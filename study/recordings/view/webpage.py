@@ -15,11 +15,11 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from study.arrays import Floats
-from study.files import RunError, write
-from study.recordings.recording import RecordingError
+from study.recordings.recording import save_whole
 from study.recordings.skeleton.scene import Scene
 from study.recordings.view import figure
 from study.recordings.view.figure import LEVEL, exaggeration, half_axes
+from study.style import save_bytes
 
 FORMAT = "sphere-fit-study motion"
 VERSION = 1
@@ -101,18 +101,7 @@ def write_motion(scene: Scene, path: str | Path) -> Path:
     Raises:
         RecordingError: if it cannot be written.
     """
-    return _written(path, motion_text(scene).encode(), RecordingError)
-
-
-def _written(path: str | Path, data: bytes, failure: type[Exception]) -> Path:
-    """Write a file whole or not at all, into a folder that is made if there is none."""
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, data)
-    except OSError as error:
-        raise failure(f"{path}: cannot be written: {error.strerror or error}") from None
-    return path
+    return save_whole(path, motion_text(scene).encode())
 
 
 def _rounded(numbers: Floats) -> "np.typing.NDArray[np.int16]":
@@ -169,7 +158,7 @@ def viewer_page(scene: Scene, rate: float = _RATE) -> str:
     )
 
 
-def write_viewer(scene: Scene, path: str | Path, rate: float = _RATE) -> Path:
+def write_viewer(scene: Scene, path: str | Path) -> Path:
     """Write the page that shows a scene, whole or not at all.
 
     Returns:
@@ -178,7 +167,7 @@ def write_viewer(scene: Scene, path: str | Path, rate: float = _RATE) -> Path:
     Raises:
         RunError: if it cannot be written.
     """
-    return _written(path, viewer_page(scene, rate).encode("utf-8", "replace"), RunError)
+    return save_bytes(Path(path), viewer_page(scene).encode("utf-8", "replace"))
 
 
 def _part(name: str) -> str:

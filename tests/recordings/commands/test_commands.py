@@ -359,7 +359,7 @@ def test_fetch(read, refused, monkeypatch, tmp_path):
     refused("fetch", "cmu", "60_08", says="the server cannot be reached", code=1)
     monkeypatch.setattr(write, "fetch", lambda library, name: tmp_path / f"{name}.c3d")
     wanted = {"library": "cmu", "name": "60_08", "file": str(tmp_path / "60_08.c3d")}
-    assert read("fetch", "cmu", "60_08") == wanted | {"terms": write.LIBRARIES["cmu"].terms}
+    assert read("fetch", "cmu", "60_08") == wanted | {"terms": write.LIBRARIES["cmu"]}
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 from trc import TRCData
 
 from study.recordings.formats.read import read_recording
-from study.recordings.formats.write import LIBRARIES, WRITERS, DownloadError, fetch, write_recording
+from study.recordings.formats.write import CMU, WRITERS, DownloadError, fetch, write_recording
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.synthetic.make import Recipe, synthesize
 
@@ -97,7 +97,7 @@ def test_names_of_the_library(server, tmp_path, body, name, place):
 
 
 def test_the_environments_address_and_the_users_cache_folder(server, tmp_path, body, monkeypatch):
-    assert LIBRARIES["cmu"].base == "http://mocap.cs.cmu.edu/subjects"
+    assert CMU == "http://mocap.cs.cmu.edu/subjects"
     server.body = body
     monkeypatch.setenv("STUDY_CMU_URL", server.base)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

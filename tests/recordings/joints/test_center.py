@@ -7,10 +7,10 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import study
-from study.recordings.joints.center import SHAPE_ERROR, LocalMarker, PooledMoments, fit_center, marker_moments
+from study.recordings.joints.center import SHAPE_ERROR, LocalMarker, PooledMoments, fit_center
 from study.recordings.joints.estimate import symmetric_fit
 from study.recordings.joints.find import find_joints
-from study.recordings.joints.poses import PoseNoise, PosePoint, fit_poses
+from study.recordings.joints.poses import PoseNoise, fit_poses
 from study.recordings.markersets import load_markerset
 from study.recordings.rigid import fit_rigid_motion, to_local
 from study.recordings.synthetic.make import Recipe, synthesize
@@ -173,7 +173,7 @@ def swinging(rng, frames, slow, arms=ARMS[:1]):
 def pooled(markers):
     """Moments of markers in the axes of an exact pose."""
     pose = still(markers[0].y.shape[1])
-    return PooledMoments([marker_moments(m.y, m.used, pose, m.own, 1.0) for m in markers], list(range(len(markers))))
+    return PooledMoments(markers, list(range(len(markers))), pose, 1.0)
 
 
 @pytest.mark.parametrize("slow", [0.0, 0.5, 0.9])
@@ -266,8 +266,8 @@ def limbs(rng):
         sets = []
         for turn, shape, shift in ((world, PARENT, np.zeros(3)), (world * bend, CHILD, joint)):
             x = np.einsum("tij,mj->mit", turn.as_matrix(), shape) + np.broadcast_to(shift, (frames, 3)).T
-            sets.append([PosePoint(str(k), row + sigma * rng.standard_normal(row.shape)) for k, row in enumerate(x)])
-        parent, child = (fit_poses(name, points) for name, points in zip(("parent", "child"), sets, strict=True))
+            sets.append([row + sigma * rng.standard_normal(row.shape) for row in x])
+        parent, child = (fit_poses(s, "abcd"[: len(x)], x) for s, x in zip(("parent", "child"), sets, strict=True))
         return parent, child, joint.T, world.apply(AXIS).T
 
     return make

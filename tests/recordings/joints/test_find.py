@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.recordings.joints.calibration import JointPlace
+from study.recordings.joints.calibration import METHODS, JointPlace, agreement_table, joint_lines, joint_table
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     USABLE,
@@ -17,7 +17,6 @@ from study.recordings.joints.estimate import (
     side_differences,
 )
 from study.recordings.joints.find import find_joints, in_both_segments
-from study.recordings.joints.report import METHODS, agreement_table, joint_lines, joint_table
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording
 from study.recordings.rigid import rotation_range

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from study.fits.moments import Moments
-from study.recordings.joints.center import PooledMoments, marker_moments
+from study.recordings.joints.center import LocalMarker, PooledMoments
 from study.recordings.joints.poses import (
     PoseNoise,
-    PosePoint,
     SegmentPoses,
     fit_poses,
-    marker_points,
     poses_from_markers,
     reference_frame,
 )
@@ -25,22 +23,27 @@ def frame_noise(rng, frames, tilt=0.0, shift=0.0, cross=False):
     return PoseNoise(rng.integers(0, 2, frames), 0.05 * rng.standard_normal((2, 3)), move, turn, np.zeros((2, 3, 3)))
 
 
+def moments(y, used, pose, own, size):
+    """Moments of one marker."""
+    return PooledMoments([LocalMarker(y, used, own)], [0], pose, size)
+
+
 def test_without_pose_noise_they_are_plain_moments(rng):
     """For an exact pose they are those of `Moments`, divided by n, of the samples that are used."""
     y = rng.standard_normal((3, 300)) + 5.0
     used = rng.random(300) < 0.7
-    found = marker_moments(y, used, frame_noise(rng, 300), 0.01, 1.0)
+    found = moments(y, used, frame_noise(rng, 300), 0.01, 1.0)
     plain = Moments.of(np.ascontiguousarray(y[:, used])[None])
     n = used.sum()
-    assert found.count == n
-    np.testing.assert_allclose(found.mean, plain.mean[0], rtol=1e-13)
-    np.testing.assert_allclose(found.second, plain.second[0] / n, rtol=1e-12)
-    np.testing.assert_allclose(found.third, plain.third[0] / n, rtol=1e-9, atol=1e-12)
-    assert found.fourth == pytest.approx(plain.fourth[0] / n)
-    np.testing.assert_allclose(found.noise, 0.01 * np.eye(3), atol=1e-17)
-    np.testing.assert_allclose(found.noise_z, 0.0, atol=1e-15)
-    assert found.z_noise_z == pytest.approx(0.01 * np.trace(plain.second[0]) / n)
-    assert PooledMoments([found], [0]).squared_noise(np.ones(3))[0] == pytest.approx(3 * 0.01**2)
+    assert found.n == n
+    np.testing.assert_allclose(found.mean, plain.mean, rtol=1e-13)
+    np.testing.assert_allclose(found.c, plain.second / n, rtol=1e-12)
+    np.testing.assert_allclose(found.s, plain.third / n, rtol=1e-9, atol=1e-12)
+    assert found.variance == pytest.approx(plain.fourth / n - np.trace(plain.second[0] / n) ** 2)
+    np.testing.assert_allclose(found.f[0], 0.01 * np.eye(3), atol=1e-17)
+    np.testing.assert_allclose(found.fz, 0.0, atol=1e-15)
+    assert found.zfz == pytest.approx(0.01 * np.trace(plain.second[0]) / n)
+    assert found.squared_noise(np.ones(3)) == pytest.approx(3 * 0.01**2)
 
 
 def test_the_noise_is_that_of_the_formula(rng):
@@ -49,9 +52,9 @@ def test_the_noise_is_that_of_the_formula(rng):
     pose = frame_noise(rng, frames, tilt=0.1, shift=0.01)
     pose = PoseNoise(pose.pattern, pose.centroid, pose.shift, pose.tilt, 1e-3 * rng.standard_normal((2, 3, 3)))
     y = rng.standard_normal((3, frames))
-    found = marker_moments(y, np.ones(frames, bool), pose, 0.02, 0.5)
+    found = moments(y, np.ones(frames, bool), pose, 0.02, 0.5)
     total, pulled, traced, along = np.zeros((3, 3)), np.zeros(3), np.zeros(3), 0.0
-    points = found.z + found.mean[:, None]
+    points = found.z[0] + found.mean[0][:, None]
     for t in range(frames):
         p = pose.pattern[t]
         expected = pose.centroid[p] + pose.expansion(0.5)[p] @ (y[:, t] - pose.centroid[p]) - pose.mean_shift(0.5)[p]
@@ -60,12 +63,12 @@ def test_the_noise_is_that_of_the_formula(rng):
         k = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
         mixed = k @ pose.cross[p]
         f = 0.02 * np.eye(3) + pose.shift[p] + k @ pose.tilt[p] @ k.T - mixed - mixed.T
-        z = found.z[:, t]
+        z = found.z[0][:, t]
         total, pulled, traced, along = total + f, pulled + f @ z, traced + np.trace(f) * z, along + z @ f @ z
-    np.testing.assert_allclose(found.noise, total / frames, rtol=1e-10, atol=1e-15)
-    np.testing.assert_allclose(found.noise_z, pulled / frames, rtol=1e-9, atol=1e-14)
-    np.testing.assert_allclose(found.trace_z, traced / frames, rtol=1e-9, atol=1e-14)
-    assert found.z_noise_z == pytest.approx(along / frames)
+    np.testing.assert_allclose(found.f[0], total / frames, rtol=1e-10, atol=1e-15)
+    np.testing.assert_allclose(found.fz[0], pulled / frames, rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(found.trace_z[0], traced / frames, rtol=1e-9, atol=1e-14)
+    assert found.zfz == pytest.approx(along / frames)
 
 
 def test_scores_add_up_to_the_equations(rng):
@@ -74,20 +77,19 @@ def test_scores_add_up_to_the_equations(rng):
     pose = frame_noise(rng, frames, tilt=0.05, shift=0.01)
     y = rng.standard_normal((3, frames))
     used = rng.random(frames) < 0.9
-    found = marker_moments(y, used, pose, 0.02, size)
+    found = moments(y, used, pose, 0.02, size)
     center = rng.standard_normal(3)
-    pooled = PooledMoments([found], [0])
-    pooled.w = 2.0 * pooled.n
-    scores = pooled.scores(size, center, np.eye(3))
-    offset = center - found.mean
-    third = found.third - size * (2 * found.noise_z + found.trace_z)
-    wanted = 0.5 * third - (found.second - size * found.noise) @ offset
-    np.testing.assert_allclose(scores[:3].sum(axis=1), 2.0 * found.count * wanted, rtol=1e-9, atol=1e-9)
+    found.w = 2.0 * found.n
+    scores = found.scores(size, center, np.eye(3))
+    offset, noise = center - found.mean[0], found.f[0]
+    third = found.s[0] - size * (2 * found.fz[0] + found.trace_z[0])
+    wanted = 0.5 * third - (found.c[0] - size * noise) @ offset
+    np.testing.assert_allclose(scores[:3].sum(axis=1), 2.0 * found.n * wanted, rtol=1e-9, atol=1e-9)
     assert (scores[:, ~used] == 0.0).all()
-    f = ((found.z - offset[:, None]) ** 2).sum(axis=0)
-    strain = found.z_noise_z - 2 * offset @ found.noise_z + offset @ found.noise @ offset
-    wanted = f.var() - 4 * size * strain + 2 * size**2 * pooled.squared_noise(center)[0]
-    assert scores[3].sum() == pytest.approx(2.0 * found.count * wanted)
+    f = ((found.z[0] - offset[:, None]) ** 2).sum(axis=0)
+    strain = found.zfz[0] - 2 * offset @ found.fz[0] + offset @ noise @ offset
+    wanted = f.var() - 4 * size * strain + 2 * size**2 * found.squared_noise(center)[0]
+    assert scores[3].sum() == pytest.approx(2.0 * found.n[0] * wanted)
 
 
 @pytest.fixture(scope="module")
@@ -140,8 +142,8 @@ def test_joint_as_third_point(figure):
     markerset, recording, truth = figure
     hip = truth.centers[truth.joints.index("left_hip")]
     tiny = np.repeat(1e-10 * np.eye(3)[:, :, None], recording.frames, axis=2)
-    points = [PosePoint("left_hip", hip, tiny), *marker_points(markerset.segment("left_thigh"), recording)]
-    poses = fit_poses("left_thigh", points)
+    markers = markerset.segment("left_thigh").markers
+    poses = fit_poses("left_thigh", ["left_hip", *markers], [hip, *map(recording.of, markers)], tiny)
     assert poses.points == ("left_hip", "LTHI", "LKNE")
     assert poses.sigma == pytest.approx(0.002, rel=0.1)
     knee = truth.centers[truth.joints.index("left_knee")]
@@ -154,13 +156,13 @@ def test_joint_as_third_point(figure):
 def test_points_on_a_line(rng):
     """Points on a line give a reason instead of poses; so do points that are never seen at once."""
     x = rng.standard_normal((3, 50))
-    line = [PosePoint(name, x + 0.1 * k * np.array([[1.0], [0], [0]])) for k, name in enumerate("abc")]
-    assert "lie on a line" in fit_poses("arm", line)
+    line = [x + 0.1 * k * np.array([[1.0], [0], [0]]) for k in range(3)]
+    assert "lie on a line" in fit_poses("arm", "abc", line)
     one = rng.standard_normal((3, 50))
     one[:, :30] = np.nan
     two = rng.standard_normal((3, 50))
     two[:, 20:] = np.nan
-    assert "never seen together" in fit_poses("arm", [PosePoint("a", one), PosePoint("b", two), PosePoint("c", x)])
+    assert "never seen together" in fit_poses("arm", "abc", [one, two, x])
 
 
 def test_in_frames(figure):

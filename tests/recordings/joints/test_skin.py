@@ -10,11 +10,10 @@ from study.recordings.joints.estimate import USABLE
 from study.recordings.joints.find import find_joints
 from study.recordings.joints.poses import rigid_residual_operator
 from study.recordings.joints.skin import (
-    Cluster,
-    MarkerResponse,
     SkinErrors,
     image_skin,
     pair_skin,
+    pose_shifts,
     radius_slope,
     skin_slope,
     sphere_skin,
@@ -35,11 +34,11 @@ def motion(frames=500):
 
 
 def response(angles, z):
-    """Response of a fit to three markers with weights 1/r²."""
+    """Inverse, slopes and arms of a fit to three markers with weights 1/r², and the shifts of their places."""
     r = np.linalg.norm(ARMS, axis=1)
     normal = sum(each @ each.T / each.shape[1] / r[j] ** 2 for j, each in enumerate(z))
     slopes = np.array([each @ angles.T / each.shape[1] / r[j] for j, each in enumerate(z)])
-    return MarkerResponse(np.linalg.inv(normal), slopes, ARMS / r[:, None], ARMS)
+    return np.linalg.inv(normal), slopes, ARMS / r[:, None], [pose_shifts(FRAME, place) for place in ARMS]
 
 
 def test_spheres_against_refits():
@@ -51,7 +50,7 @@ def test_spheres_against_refits():
     rotation = Rotation.from_rotvec(angles.T).as_matrix()
     clean = np.einsum("tij,mj->mit", rotation, ARMS)
     z = clean - clean.mean(axis=2, keepdims=True)
-    stated = sphere_skin(response(angles, z), Cluster(FRAME, np.ones(4, dtype=bool)), 0.005**2, 0.0)
+    stated = sphere_skin(*response(angles, z), 0.005**2, 0.0)
     centers = []
     for _ in range(400):
         common, own = np.sqrt(0.5) * 0.005 * rng.standard_normal((2, 3, 3, 3))
@@ -66,11 +65,11 @@ def test_spheres_against_refits():
 def test_common_skin_shifts_an_image_as_a_whole():
     """The pose's skin moves a point by its mean and by its rotation; a joint among the points is not on skin."""
     place = np.array([0.0, 0.1, -0.2])
-    np.testing.assert_allclose(image_skin(Cluster(FRAME, np.ones(4, dtype=bool)), place, 0.0), np.eye(3))
-    middle = image_skin(Cluster(FRAME, np.ones(4, dtype=bool)), FRAME.mean(axis=0), 1.0)
+    shifts = pose_shifts(FRAME, place)
+    np.testing.assert_allclose(image_skin(shifts, 0.0), np.eye(3))
+    middle = image_skin(pose_shifts(FRAME, FRAME.mean(axis=0)), 1.0)
     np.testing.assert_allclose(middle, np.eye(3) / 4, atol=1e-12)
-    three = Cluster(FRAME, np.array([False, True, True, True]))
-    assert np.trace(image_skin(three, place, 1.0)) < np.trace(image_skin(Cluster(FRAME, np.ones(4, bool)), place, 1.0))
+    assert np.trace(image_skin(shifts[1:], 1.0)) < np.trace(image_skin(shifts, 1.0))
 
 
 def test_pairs_against_least_squares():

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings.markersets import Joint, MarkerSet, Segment
 from study.recordings.recording import Recording
-from study.recordings.synthetic.make import PARTS, Motion, Recipe, body, draw_motion, marker_noise, skin_motion
+from study.recordings.synthetic.make import PARTS, Recipe, body, draw_motion, marker_noise, skin_motion
 
 PELVIS = {
     "LASI": (0.12, 0.13, 0.0),
@@ -91,18 +91,19 @@ def body_trial():
         recipe = Recipe(frames=frames, rate=100.0, seed=who, soft_tissue=tissue, skin=skin, markers="rizzoli")
         reaches = dict.fromkeys(moving, reach)
         motions = {r: draw_motion(frames, 100.0, seed, height=1.75, reach=r, style="smooth") for r in (still, reach)}
-        quiet, rows = motions[still], {part.name: row for row, part in enumerate(PARTS)}
-        rotations, origins, phases = quiet.rotations.copy(), quiet.origins.copy(), still * quiet.phases
+        rows = {part.name: row for row, part in enumerate(PARTS)}
+        rotations, origins, quiet = (array.copy() for array in motions[still])
+        phases = still * quiet
         for row, part in enumerate(PARTS[1:], start=1):
-            parent, one = rows[part.parent], motions[reaches.get(part.joint, still)].rotations
+            parent, one = rows[part.parent], motions[reaches.get(part.joint, still)][0]
             rotations[row] = rotations[parent] @ np.swapaxes(one[parent], 1, 2) @ one[row]
             origins[row] = origins[parent] + rotations[parent].dot(1.75 * np.array(part.at)).T
-            phases[row] = reaches.get(part.joint, still) * quiet.phases[row]
+            phases[row] = reaches.get(part.joint, still) * quiet[row]
         parts = body("rizzoli")
         segments = np.array([row for row, part in enumerate(parts) for _ in part.markers])
         offsets = 1.75 * np.array([place for part in parts for place in part.markers.values()])
         offsets = offsets + replaced / np.sqrt(3) * np.random.default_rng(seed).standard_normal(offsets.shape)
-        local = offsets[:, :, None] + skin_motion(recipe, Motion(rotations, origins, phases), segments)
+        local = offsets[:, :, None] + skin_motion(recipe, rotations, phases, segments)
         x = np.einsum("mtij,mjt->mit", rotations[segments], local) + origins[segments]
         x = x + marker_noise(x.shape, 0.001, seed)
         return Recording(name, tuple(label for part in parts for label in part.markers), x, 100.0)

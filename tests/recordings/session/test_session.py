@@ -14,11 +14,10 @@ from study.recordings.formats.read import read_recording
 from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import exchange, find_joints
-from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset
-from study.recordings.markersets.match import match
+from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset, match
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.session import calibrate_session, pool_places, refit_shapes, session_lines, session_table
-from study.recordings.skeleton.calibrate import check_subject
+from study.recordings.skeleton.calibrate import other_subject
 from study.recordings.skeleton.draw import draw_skeleton
 
 
@@ -143,7 +142,7 @@ def test_another_person_is_refused(trial, markerset):
 def test_segments_that_a_recording_lacks_do_not_count(trial, markerset, session):
     """A recording of one thigh and no more shows another body by that alone."""
     other = trial("other", left=0.4, size=1.5, seed=9, lacking=("LASI", "RASI", "LPSI", "RPSI", "RTH1", "RTH2", "RTH3"))
-    assert not check_subject(session.calibration, other).same
+    assert other_subject(session.calibration, other)
 
 
 def test_shapes_refitted_to_a_recording(session, trial):
@@ -404,6 +403,6 @@ def test_a_session_accepts_its_own_walks(who, body_session, body_trial):
     calibration = calibrate_session(load_markerset("rizzoli"), trials, static).calibration
     for replaced in (0.001, 0.01):
         walk = body_trial("walk", list(OWN), 1000 * who + 50, who, frames=400, reach=0.4, replaced=replaced)
-        assert check_subject(calibration, walk).same
+        assert not other_subject(calibration, walk)
         for size in (0.95, 1.05):
-            assert not check_subject(calibration, replace(walk, positions=size * walk.positions)).same
+            assert other_subject(calibration, replace(walk, positions=size * walk.positions))

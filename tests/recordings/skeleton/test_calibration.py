@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 
 from study.recordings.formats.read import read_recording
-from study.recordings.joints.calibration import load_calibration, save_calibration
+from study.recordings.joints.calibration import joint_table, load_calibration, save_calibration
 from study.recordings.joints.estimate import JointStatus
-from study.recordings.joints.report import joint_table
-from study.recordings.markersets import load_markerset
-from study.recordings.markersets.match import choose, match
+from study.recordings.markersets import choose, load_markerset, match
 from study.recordings.recording import RecordingError
 from study.recordings.skeleton.calibrate import (
     calibrate,
-    check_subject,
     hip_doubts,
     hull_distances,
-    overruled,
+    hull_doubt,
+    other_subject,
     require_same_subject,
     with_checks,
     with_doubts,
@@ -83,7 +81,9 @@ def moved(calibration, name, in_parent):
 
 def judged(calibration, recording):
     """The calibration with doubts and warnings, from the distances in the recording."""
-    return with_doubts(calibration, hull_distances(recording.positions, draw_skeleton(calibration, recording).centers))
+    return with_doubts(
+        calibration, hull_distances(recording.positions, draw_skeleton(calibration, recording).centers)[0]
+    )
 
 
 def warned(calibration, recording):
@@ -195,7 +195,7 @@ def test_another_subject_is_refused(kata, kata_calibration, kata_halves, shared_
         assert "\n" not in str(caught.value)
     (first, of_first), (second, of_second) = kata_halves
     for calibration, other in ((of_first, second), (of_second, first)):
-        assert check_subject(calibration, other).same
+        assert require_same_subject(calibration, other) == []
 
 
 def test_the_same_session_is_accepted(shared_file):
@@ -208,9 +208,8 @@ def test_the_same_session_is_accepted(shared_file):
         match(found, read_recording(shared_file(f"{n}.c3d"))) for n in ("functional_hips", "gait_same_session")
     )
     calibration = calibrate(trial.recording, trial.markerset)
-    require_same_subject(calibration, walk.recording)
-    assert check_subject(calibration, walk.recording).misfits == {}
-    assert overruled(calibration, walk.recording) == []
+    assert require_same_subject(calibration, walk.recording) == []
+    assert require_same_subject(calibration, walk.recording, force=True) == []
     drawn = draw_skeleton(calibration, walk.recording)
     apart = np.linalg.norm(drawn.center("left_hip") - drawn.center("right_hip"), axis=0)
     left, right = (place.in_parent for place in calibration.joints)
@@ -223,7 +222,7 @@ def test_the_same_session_is_accepted(shared_file):
 def test_what_force_overrules(figure_calibration):
     """The line names the segments and their misfits."""
     other, _ = synthesize(Recipe(frames=300, height=1.5, seed=2))
-    (line,) = overruled(figure_calibration, other)
+    (line,) = require_same_subject(figure_calibration, other, force=True)
     assert line.startswith("--force overrules: ")
     assert "does not show the subject calibrated in" in line
     assert "14% smaller" in line
@@ -248,25 +247,28 @@ def test_sessions_and_other_bodies():
     for seed in range(3):
         calibration = calibrate(body(seed), load_markerset("cmu41"))
         for replaced in (0.001, 0.005, 0.01):
-            assert check_subject(calibration, body(seed + 50, replaced=replaced)).same
+            assert not other_subject(calibration, body(seed + 50, replaced=replaced))
         others = [(1.05 * 1.75, 0.0), (0.95 * 1.75, 0.0), (1.05 * 1.75, 0.01), (1.75, 0.02)]
-        assert not any(check_subject(calibration, body(seed + 50, *other)).same for other in others)
-        assert check_subject(calibration, body(seed + 50, replaced=0.015), refit=True).same
-        assert not check_subject(calibration, body(seed + 50, 1.05 * 1.75), refit=True).same
+        assert all(other_subject(calibration, body(seed + 50, *other)) for other in others)
+        assert not other_subject(calibration, body(seed + 50, replaced=0.015), refit=True)
+        assert other_subject(calibration, body(seed + 50, 1.05 * 1.75), refit=True)
 
 
 def test_one_segment_with_exchanged_labels_does_not_refuse_a_subject(figure, figure_calibration):
-    """Two markers of the head bear each other's label throughout: the head is named, and the subject accepted.
+    """Two markers of the head bear each other's label throughout: the subject is accepted, but not by the head alone.
 
-    Only segments that carry joints count: without a place for the neck, the head says nothing.
+    Only segments that carry joints count: where the hips alone have places, the head says nothing.
     """
     recording = figure[0]
     labels = [{"LFHD": "RBHD", "RBHD": "LFHD"}.get(label, label) for label in recording.markers]
     exchanged = replace(recording, markers=tuple(labels))
-    check = check_subject(figure_calibration, exchanged)
-    assert check.same
-    assert list(check.misfits) == ["head"]
-    assert check_subject(moved(figure_calibration, "neck", [np.nan] * 3), exchanged).misfits == {}
+    assert other_subject(figure_calibration, exchanged) == ""
+    for names, words in ((["neck"], "1 of 2 segments do not fit (head: "), (["left_hip", "right_hip"], "")):
+        part = figure_calibration
+        for place in part.joints:
+            part = part if place.joint.name in names else moved(part, place.joint.name, [np.nan] * 3)
+        assert words in other_subject(part, exchanged)
+        assert bool(words) == bool(other_subject(part, exchanged))
 
 
 def test_scene_of_another_subject(figure, figure_calibration):
@@ -277,7 +279,9 @@ def test_scene_of_another_subject(figure, figure_calibration):
     assert not any(scene.doubts)
     assert scene.source == "joints found in this recording"
     other, _ = synthesize(Recipe(frames=300, height=1.5, seed=2))
-    scene = skeleton_scene(draw_skeleton(calibration, other), other, overruled(calibration, other))
+    scene = skeleton_scene(
+        draw_skeleton(calibration, other), other, require_same_subject(calibration, other, force=True)
+    )
     assert scene.source == "joints found in synthetic-1"
     assert not any("subject" in doubt for doubt in scene.doubts)
     assert sum("does not show the subject" in note for note in scene.notes) == 1
@@ -295,12 +299,12 @@ def test_distances_from_a_cube():
     """Shares and 95 % quantiles are right inside, outside a face, and outside in 10 frames of 100."""
     centers = still([[0.5, 0.5, 0.9], [0.5, 0.5, 1.03], [0.5, 0.5, 0.5]])
     centers[2, 0, :10] = 1.06
-    inside, above, sometimes = hull_distances(still(CORNERS), centers)
-    assert (inside.share_outside, inside.doubt) == (0.0, "")
-    assert inside.distance == pytest.approx(-0.1)
-    assert (above.share_outside, above.distance, above.doubt) == (1.0, pytest.approx(0.03), "")
-    assert (sometimes.share_outside, sometimes.distance) == (0.1, pytest.approx(0.06))
-    assert sometimes.doubt == "outside the markers' hull in 10% of the frames, by up to 60 mm"
+    shares, distances = hull_distances(still(CORNERS), centers)
+    np.testing.assert_allclose(shares, [0.0, 1.0, 0.1])
+    np.testing.assert_allclose(distances, [-0.1, 0.03, 0.06])
+    inside, above, sometimes = map(hull_doubt, shares, distances)
+    assert inside == above == ""
+    assert sometimes == "outside the markers' hull in 10% of the frames, by up to 60 mm"
 
 
 def test_missing_markers():
@@ -308,24 +312,25 @@ def test_missing_markers():
     places, centers = still([*CORNERS, [0.5, 0.5, 9.0]]), still([[0.9, 0.9, 0.9]])
     places[8] = np.nan
     places[7, :, 50:] = np.nan  # the corner next to the joint
-    assert hull_distances(places, centers)[0].distance == pytest.approx(-0.1)
+    assert hull_distances(places, centers)[1] == pytest.approx(-0.1)
     places[7, :, 10:] = np.nan
-    assert np.isnan(hull_distances(places, centers)[0].share_outside)
-    assert hull_distances(places, centers)[0].doubt == ""
+    (share,), (distance,) = hull_distances(places, centers)
+    assert np.isnan(share)
+    assert hull_doubt(share, distance) == ""
 
 
 @pytest.mark.parametrize("places", [still(CORNERS[:3]), still(CORNERS[:4]), still(np.empty((0, 3)))])
 def test_no_hull(places):
     """Three markers, four in a plane, and none have no hull, so the distance is NaN; so is an unknown joint's."""
-    assert np.isnan(hull_distances(places, still([[0.0, 0.0, 0.0]]))[0].distance)
-    assert np.isnan(hull_distances(still(CORNERS), np.full((1, 3, 100), np.nan))[0].distance)
+    assert np.isnan(hull_distances(places, still([[0.0, 0.0, 0.0]]))).all()
+    assert np.isnan(hull_distances(still(CORNERS), np.full((1, 3, 100), np.nan))).all()
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_true_joints_are_not_doubted(seed):
     """True joints of a synthetic body are not doubted, though knees with one marker are outside by 1-4 cm."""
     recording, truth = synthesize(Recipe(1500, noise=0.002, seed=seed))
-    found = dict(zip(truth.joints, hull_distances(recording.positions, truth.centers), strict=True))
-    assert not any(each.doubt for each in found.values())
-    assert 0.01 < found["left_knee"].distance < 0.045
-    assert found["neck"].share_outside == 0.0
+    shares, distances = hull_distances(recording.positions, truth.centers)
+    assert not any(map(hull_doubt, shares, distances))
+    assert 0.01 < distances[truth.joints.index("left_knee")] < 0.045
+    assert shares[truth.joints.index("neck")] == 0.0

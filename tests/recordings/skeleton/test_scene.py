@@ -1,6 +1,6 @@
 """From joints to a scene: errors and their directions, ends of limbs, and the upright orientation.
 
-The scene: checks of its shapes, fewer frames, the floor.
+The scene: fewer frames, the floor.
 
 What is printed and stored of joints and skeletons.
 """
@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.recordings.joints.report import agreement_lines, joint_lines
-from study.recordings.markersets.match import mirrored, side
+from study.recordings.joints.calibration import agreement_lines, joint_lines
+from study.recordings.markersets import mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.draw import Flag
 from study.recordings.skeleton.scene import bone_table, bones, make_scene, skeleton_lines, skeleton_table
@@ -118,23 +118,6 @@ def test_y_up(body, shown):
     assert height.min() > 0.5
     assert np.allclose(scene.centers[:, 2], upright.centers[:, 2])
     assert upright.notes == ()
-
-
-@pytest.mark.parametrize("name", ["places", "centers", "ends", "flags", "errors", "orientations"])
-def test_shapes_are_checked(scene, name):
-    """An array of a wrong shape is refused by name."""
-    wrong = getattr(scene, name)[:-1]
-    with pytest.raises(RecordingError, match=f"{name} of the scene have shape"):
-        replace(scene, **{name: wrong})
-
-
-@pytest.mark.parametrize(
-    ("change", "words"), [({"bones": ((0, 99),)}, r"bone \(0, 99\)"), ({"doubts": ()}, "0 doubts for")]
-)
-def test_bones_are_checked(scene, change, words):
-    """A bone to a point that does not exist is refused, and so are missing doubts."""
-    with pytest.raises(RecordingError, match=words):
-        replace(scene, **change)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import study
-from study.recordings.markersets import load_markerset
-from study.recordings.markersets.match import choose
+from study.recordings.markersets import choose, load_markerset
 from study.recordings.recording import RecordingError
 from study.recordings.rigid import nearest_rotation
 from study.recordings.synthetic import make
@@ -68,11 +67,11 @@ def test_swaps_take_turns():
     """One pair at a time is swapped, in the given share of frames."""
     pairs = [("A", "B"), ("C", "D"), ("E", "F")]
     found = make.swapped_labels(pairs, 5000, 120.0, 0.1, 1)
-    assert sum(swap.end - swap.first for swap in found) == 500
-    assert all(a.end < b.first for a, b in itertools.pairwise(found))
-    assert found[0].first >= 0
-    assert found[-1].end <= 5000
-    assert {swap.markers for swap in found} == set(pairs)
+    assert sum(end - first for first, end, _ in found) == 500
+    assert all(a[1] < b[0] for a, b in itertools.pairwise(found))
+    assert found[0][0] >= 0
+    assert found[-1][1] <= 5000
+    assert {markers for _, _, markers in found} == set(pairs)
     assert make.swapped_labels(pairs, 5000, 120.0, 0.0, 1) == []
 
 
@@ -163,6 +162,7 @@ STYLES = {"smooth": 0.5, "independent": 0.5, "gait": 0.15}
 
 
 def moving(frames=3000, reach=1.0, style="smooth"):
+    """Rotations, origins and phases of the segments."""
     return make.draw_motion(frames, 120.0, 5, height=1.75, reach=reach, style=style)
 
 
@@ -177,9 +177,9 @@ def vectors(truth, name):
     return Rotation.from_matrix(turns @ nearest_rotation(turns.sum(axis=0)).T).as_rotvec().T
 
 
-def angles(motion, part):
+def angles(rotations, part):
     """Angles of a joint and their ranges, degrees: three of a ball, one of a hinge, whose axis stays."""
-    turns = relative(motion.rotations, part)
+    turns = relative(rotations, part)
     if part.axis is None:
         return Rotation.from_matrix(turns).as_euler("YXZ", degrees=True).T, np.array(part.ranges).T
     axis = unit(part.axis)
@@ -190,12 +190,12 @@ def angles(motion, part):
 @pytest.mark.parametrize("style", STYLES)
 def test_joints_stay_in_their_natural_range(style):
     """Rotations are proper; angles read back from them stay in the range of motion, and use their share of it."""
-    motion = moving(style=style)
-    both = motion.rotations @ np.swapaxes(motion.rotations, 2, 3)
+    rotations, *_ = moving(style=style)
+    both = rotations @ np.swapaxes(rotations, 2, 3)
     np.testing.assert_allclose(both, np.broadcast_to(np.eye(3), both.shape), atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(motion.rotations), 1.0)
+    np.testing.assert_allclose(np.linalg.det(rotations), 1.0)
     for part in PARTS[1:]:
-        found, (low, high) = angles(motion, part)
+        found, (low, high) = angles(rotations, part)
         assert (found.min(axis=1) >= low - 1e-9).all(), part.joint
         assert (found.max(axis=1) <= high + 1e-9).all(), part.joint
         assert (np.ptp(found, axis=1) >= STYLES[style] * (high - low) - 1e-9).all(), part.joint
@@ -203,11 +203,11 @@ def test_joints_stay_in_their_natural_range(style):
 
 def test_a_joint_stays_where_it_is_in_both_segments():
     """The origin of the child is fixed in the parent's axes."""
-    motion = moving(frames=50)
+    rotations, origins, _ = moving(frames=50)
     for part in PARTS[1:]:
         child, parent = PLACE[part.name], PLACE[part.parent]
-        away = motion.origins[child] - motion.origins[parent]
-        seen = np.einsum("tji,jt->it", motion.rotations[parent], away)
+        away = origins[child] - origins[parent]
+        seen = np.einsum("tji,jt->it", rotations[parent], away)
         np.testing.assert_allclose(seen, np.repeat(1.75 * np.array(part.at)[:, None], 50, axis=1), atol=1e-12)
 
 
@@ -216,7 +216,7 @@ def test_motion_is_smooth_or_independent():
 
     The lag-one correlation of 15 phases over 3000 frames: each within 4.5 of its standard errors of zero.
     """
-    smooth, anew = moving().phases, moving(style="independent").phases
+    (*_, smooth), (*_, anew) = moving(), moving(style="independent")
     assert np.abs(np.diff(smooth, axis=1)).max() < 2 * np.pi * 0.7 / 120
     assert np.abs(smooth).max() <= 1.0
     assert np.abs(np.diff(anew, axis=1)).max() > 1.5
@@ -226,15 +226,15 @@ def test_motion_is_smooth_or_independent():
 
 def test_a_stiff_body():
     """With a reach of zero the joints do not rotate, but the body still moves."""
-    motion = moving(frames=200, reach=0.0)
+    rotations, origins, _ = moving(frames=200, reach=0.0)
     for part in PARTS[1:]:
-        turns = relative(motion.rotations, part)
+        turns = relative(rotations, part)
         np.testing.assert_allclose(turns, np.broadcast_to(turns[:1], turns.shape), atol=1e-12)
-    assert np.ptp(motion.origins[0], axis=1).min() > 0.01
+    assert np.ptp(origins[0], axis=1).min() > 0.01
 
 
 def test_more_frames_leave_the_first_as_they_were():
-    np.testing.assert_array_equal(moving(frames=50).origins, moving(frames=80).origins[:, :, :50])
+    np.testing.assert_array_equal(moving(frames=50)[1], moving(frames=80)[1][:, :, :50])
 
 
 def slid(**changes):
@@ -414,9 +414,8 @@ def test_noise_gaps_and_swaps_are_as_asked_for():
     np.testing.assert_array_equal(holed.positions[:, 0][holed.seen()], noisy.positions[:, 0][holed.seen()])
     mixed, truth = synthesize(Recipe(frames=2000, noise=0.003, swaps=0.05))
     moved = np.zeros(2000, dtype=bool)
-    for swap in truth.swaps:
-        a, b = swap.markers
-        frames = slice(swap.first, swap.end)
+    for first, end, (a, b) in truth.swaps:
+        frames = slice(first, end)
         np.testing.assert_array_equal(mixed.of(a)[:, frames], noisy.of(b)[:, frames])
         np.testing.assert_array_equal(mixed.of(b)[:, frames], noisy.of(a)[:, frames])
         moved[frames] = True

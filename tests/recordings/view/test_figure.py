@@ -23,6 +23,7 @@ from study.recordings.view.figure import (
     exaggeration,
     half_axes,
     hinges,
+    label,
     outlines,
     prepare,
     surface,
@@ -93,14 +94,16 @@ def frame(scene):
 def test_the_pose_is_complete(scene, frame):
     """The chosen frame has the fewest missing markers and joints."""
     bad = (scene.flags != Flag.SEEN).sum(axis=0) + np.isnan(scene.places[:, 0]).sum(axis=0)
-    assert bad[frame.frame] == bad.min()
+    assert bad[frame[0]] == bad.min()
 
 
 def test_the_view_is_the_widest(scene, frame):
     """Joints appear farther apart from the chosen direction than from others."""
     apart = []
-    for azimuth in (frame.camera.azimuth, *range(0, 360, 45)):
-        seen = prepare(scene, frame.frame, float(azimuth)).camera.project(scene.points[:, :, frame.frame])[:, :2]
+    number, chosen = frame
+    for azimuth in (chosen.azimuth, *range(0, 360, 45)):
+        _, camera = prepare(scene, number, float(azimuth))
+        seen = camera.project(scene.points[:, :, number])[:, :2]
         i, j = np.triu_indices(len(seen), 1)
         apart.append(np.log(np.linalg.norm(seen[i] - seen[j], axis=1) + 0.02).mean())
     assert apart[0] == max(apart)
@@ -108,12 +111,12 @@ def test_the_view_is_the_widest(scene, frame):
 
 def test_words(scene):
     """A label gives a joint's largest standard error, and marks bridged and doubtful joints."""
-    words = dict(zip(scene.joints, prepare(scene, 45).labels, strict=True))
+    words = {joint: label(scene, number, 45) for number, joint in enumerate(scene.joints)}
     assert words["left_hip"] == "left hip 3.0 mm"
     assert words["neck"] == "neck 3.0 mm*"
     assert words[scene.joints[3]].endswith("(bridged)")
     unknown = replace(scene, errors=np.full_like(scene.errors, np.nan))
-    assert prepare(unknown, 45).labels[scene.joints.index("left_hip")] == "left hip"
+    assert label(unknown, scene.joints.index("left_hip"), 45) == "left hip"
 
 
 @pytest.mark.parametrize("number", [-1, 90])
@@ -126,7 +129,7 @@ def test_no_such_frame(scene, number):
 @pytest.mark.parametrize("number", [0, 45, None])
 def test_nothing_is_covered(scene, number):
     """No text covers another, and all are within the picture."""
-    figure = draw(prepare(scene, number))
+    figure = draw(scene, number)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     texts = [*figure.texts, *figure.axes[0].texts, *figure.legends[0].get_texts()]
@@ -140,7 +143,7 @@ def test_nothing_is_covered(scene, number):
 
 def test_equal_bytes(scene, tmp_path):
     """Drawn twice, the figure is the same file."""
-    one, two = (save(draw(prepare(scene)), tmp_path / name) for name in ("one", "two"))
+    one, two = (save(draw(scene), tmp_path / name) for name in ("one", "two"))
     for a, b in zip(one, two, strict=True):
         assert a.read_bytes() == b.read_bytes()
 
@@ -151,7 +154,7 @@ def test_little_is_known(scene):
     parts |= {"places": np.empty((0, 3, 90)), "ends": np.empty((0, 3, 90)), "errors": np.full((1, 3), np.nan)}
     parts |= dict.fromkeys(("orientations", "anatomy"), np.full((1, 90, 4), np.nan))
     one = replace(scene, markers=(), tips=(), bones=(), doubts=("",), **parts)
-    FigureCanvasAgg(draw(prepare(one))).draw()
+    FigureCanvasAgg(draw(one)).draw()
 
 
 @pytest.fixture(scope="module")
