@@ -18,7 +18,7 @@ from study.files import RunError
 from study.fits.registry import ESTIMATORS
 from study.simulation.claims import CLAIMS, Verdict
 from study.simulation.claims.readings import Readings
-from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
+from study.simulation.figures import FIGURES, Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.figure import Frame, failure, log_axes, look
 from study.simulation.report import html, words
 from study.simulation.report.words import count
@@ -196,10 +196,10 @@ def draw_lead(frame: Frame) -> Figure:
 
 def picture(name: str, drawing: Drawing) -> Markup:
     """A figure with its title, its advice and the name of the run as caption."""
-    title, advice = described(drawing.figure)
-    of_run = html.paragraph([html.code(name), f", run {drawing.name}"])
+    title, advice = described(FIGURES[name])
+    of_run = html.paragraph([html.code(name), f", run {drawing.tables.name}"])
     caption = [*(html.paragraph(html.coded(text)) for text in (title, advice) if text), of_run]
-    return html.picture(name, drawing.pictures["png"], f"{title} Run {drawing.name}.".replace("`", ""), caption)
+    return html.picture(name, drawing.pictures["png"], f"{title} Run {drawing.tables.name}.".replace("`", ""), caption)
 
 
 def described(figure: FigureModule) -> tuple[str, str]:
@@ -259,8 +259,7 @@ class Material:
             tables = Tables(run)
             if tables.name in [other.name for other in read]:
                 raise RunError(f"{run.folder}: {tables.name} is given twice")
-            gallery.add(run, tables)
-            tables.release()
+            gallery.add(tables)
             read.append(tables)
         drawings, undrawn, top = gallery.drawings, dict(gallery.undrawn), None
         efficiency = drawings[_LEAD].frame if _LEAD in drawings else None
@@ -268,7 +267,7 @@ class Material:
             try:
                 top = lead(efficiency)
             except Exception as error:  # a picture that fails must not cost the page
-                undrawn["lead"] = {drawings[_LEAD].name: failure(error)}
+                undrawn["lead"] = {drawings[_LEAD].tables.name: failure(error)}
         pictures = {name: picture(name, drawing) for name, drawing in drawings.items()}
         told = findings(claims, efficiency, readings)
         return cls(read, claims, pictures, undrawn, top, told, bench, readings)
