@@ -41,8 +41,9 @@ _LEAST = 1e-13
 """Least mean square of a direction of the harmonics beside which rounding counts."""
 SMALL = 0.05
 """Noise in radii up to which residuals are taken to be normal and of one size given the directions."""
-_LITTLE = 0.35
-"""Noise up to which the shape is tested as if noise were small, in the least spread of the directions."""
+_LITTLE, _MODERATE = 0.35, 0.7
+"""Noise up to which the shape is tested as if noise were small, in the least spread of the directions, by all degrees
+and by degree 2 alone."""
 _LARGEST_NOISE = 0.45
 """Noise in radii beyond which no shape is tested: waves see a point."""
 _NO_NOISE = 1e-22
@@ -52,7 +53,7 @@ _MANY = 300
 _WAVES, _LAST_WAVE = ((0.01, 0), (1.0, 0), (1.0, 1)), 3.0
 """τ in inverse radii and degree of the waves whose moments are tested; the last goes with all degrees but 1."""
 _LEAST_TERMS = 4
-"""Points for each moment that is tested, at least."""
+"""Points for each moment of waves beyond those that centre, radius and noise take, at least."""
 _DEPENDENT = 1e-8
 """Share of the largest eigenvalue of the moments' correlation below which they depend on each other."""
 _FAR = 1e-3
@@ -311,11 +312,14 @@ def _shape(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> Floats:
     d = len(basis.gradient)
     e = Y[:, 1 : d + 1] - Y[:, 1 : d + 1].mean(axis=2, keepdims=True)
     spread = np.linalg.eigvalsh(e @ e.swapaxes(1, 2) / e.shape[2])[:, 0]
-    little = s <= np.maximum(SMALL**2, _LITTLE**2 * spread)
-    much = np.flatnonzero(~little & (s < _LARGEST_NOISE**2))
-    result = np.full(len(s), np.nan)
+    little, result = s <= np.maximum(SMALL**2, _LITTLE**2 * spread), np.full(len(s), np.nan)
     result[little] = _shape_of_little_noise(R[little], Y[little], s[little], basis)
-    result[much] = _shape_of_much_noise(R[much], Y[much], s[much], basis)
+    if R.shape[1] < _LEAST_TERMS * (len(basis.degree) - d):  # too few for waves
+        some, low = ~little & (s <= _MODERATE**2 * spread), basis.degree <= 2
+        result[some] = _shape_of_little_noise(R[some], Y[some][:, low], s[some], harmonics(d, 2))
+    else:
+        much = np.flatnonzero(~little & (s < _LARGEST_NOISE**2))
+        result[much] = _shape_of_much_noise(R[much], Y[much], s[much], basis)
     return result
 
 
@@ -349,14 +353,10 @@ def _shape_of_little_noise(R: Floats, Y: Floats, s: Floats, basis: Harmonics) ->
 
 
 def _shape_of_much_noise(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> Floats:
-    """The p values (b,) of moments of waves, of even degrees and of all; the lesser counts twice.
-
-    NaN where the points are too few.
-    """
-    (b, n), d, most = R.shape, len(basis.gradient), int(basis.degree.max())
-    surplus = len(basis.degree) - d  # moments beyond those that centre, radius and noise take
-    if not b or n < _LEAST_TERMS * surplus:
-        return np.full(b, np.nan)
+    """The p values (b,) of moments of waves, of even degrees and of all; the lesser counts twice."""
+    d, most = len(basis.gradient), int(basis.degree.max())
+    if not len(s):
+        return s
     waves = (*_WAVES, *((_LAST_WAVE, degree) for degree in (0, 2, 4, 3) if degree <= most))
     parts = [wave_moments(R, Y, s, basis, tau, degree) for tau, degree in waves]
     terms, slopes = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))

@@ -22,10 +22,14 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import orth
+from scipy.stats import f as f_distribution
 
 from study.arrays import Floats, Ints, real_array
 from study.fits.answer import Fit
 from study.fits.bounds import noise_covariance
+from study.fits.corrected import corrected
+from study.fits.goodness import LEVEL
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments, Regression
 from study.fits.samples import FARTHEST, Estimator, Samples, Status, binary_size, blank, is_ordinary, scaled_noise
@@ -44,8 +48,8 @@ class JointFit:
         radii: r̂ of each marker (M,), in the unit of the points; NaN where no radius is real.
         noise_variance: σ² of one coordinate, unit squared: as given (the mean over coordinates, for a covariance) or
             estimated.
-        status: `Status` of the fit, its own: there is no interval for several markers yet, and so "ok" does not mean
-            that they bound their radii.
+        status: `Status` of the fit: its own, or *misfit* where markers do not share a centre (`agreement`). There is no
+            interval for several markers yet, and so "ok" does not mean that they bound their radii.
         condition: ρ, the largest share of noise in Σ w_p C_p along any direction; it must be below 1.
         covariance: covariance of ĉ (d, d), unit squared: the Cramér-Rao bound with the estimates plugged in.
         count: number of samples used of each marker (M,); points with a NaN are left out.
@@ -102,6 +106,39 @@ class JointFit:
             away = [np.sqrt(np.sum((points - self.center) ** 2, axis=1)) for points in self.markers]
         return [np.asarray(distance - radius) for distance, radius in zip(away, self.radii, strict=True)]
 
+    @property
+    def agreement(self) -> float:
+        """The p value of the markers' having one centre; NaN where they leave nothing to compare.
+
+        An F test of the squares that the common centre leaves beyond those that each marker leaves about a centre of
+        its own, both by regression on the directions: exact for white isotropic noise that is small beside the radii.
+        Markers whose directions spread less than their noise, in radii, tell nothing and are left out. Below .01 a fit
+        that would be ok is a misfit.
+
+        Raises:
+            ValueError: if the fit does not hold its points, because it is from `mgdk_so_far`.
+        """
+        markers, apart, ranks = list[Floats](), 0.0, 0
+        for points, residuals in zip(self.markers, self.residuals, strict=True):
+            there = points[np.isfinite(residuals)]
+            with np.errstate(all="ignore"):
+                own = corrected(Samples(np.ascontiguousarray(there.T)[None]))
+                e = there - own.center[0]
+                e /= np.linalg.norm(e, axis=1, keepdims=True)
+                noise, d = np.sqrt(own.noise_variance[0] * len(e)) / own.radius[0], e.shape[1]
+            if len(e) <= d + 1 or not np.isfinite(e).all() or not noise < np.linalg.svd(e - e.mean(axis=0))[1][-1]:
+                continue
+            left, rank = _left([there], own.center[0])
+            apart, ranks = apart + np.fmin(left, _left([there], self.center)[0]), ranks + rank
+            markers.append(there)
+        if len(markers) < 2:
+            return np.nan
+        together, parameters = _left(markers, self.center)
+        more, spare = ranks - parameters, sum(map(len, markers)) - ranks
+        if more < 1 or spare < 1 or not apart > spare * (1e-11 * np.nanmax(self.radii)) ** 2:
+            return np.nan
+        return float(f_distribution.sf((together - apart) / more / (apart / spare), more, spare))
+
     def to_frame(self) -> "pd.DataFrame":
         """A row per marker.
 
@@ -128,6 +165,17 @@ class JointFit:
         words = self.status.name.lower().replace("_", " ")
         rest = f"sigma {number(self.sigma)}, {self.count.sum():,} points, {words}"
         return f"JointFit(center ({center}), radii ({radii}{more}), {rest})"
+
+
+def _left(markers: list[Floats], center: Floats) -> tuple[float, int]:
+    """Squares that a regression of distances from a centre on markers and directions leaves, and its rank."""
+    away = np.concatenate(markers) - center
+    distance = np.linalg.norm(away, axis=1)
+    if not (np.isfinite(distance) & (distance > 0.0)).all():
+        return np.nan, 0
+    which = np.repeat(np.eye(len(markers)), [len(points) for points in markers], axis=0)
+    Q = orth(np.column_stack([which, away / distance[:, None]]))
+    return float(np.sum((distance - Q @ (Q.T @ distance)) ** 2)), Q.shape[1]
 
 
 class Incremental:
@@ -346,14 +394,16 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
     def bound(_: MarkersMoments, solution: _Solution) -> Floats:
         return _unit_bound(arrays, solution[0], unit_noise)
 
-    result = replace(_fit_moments(moments, count, d, known, weighted, bound), markers=given)
-    return replace(
+    result = _fit_moments(moments, count, d, known, weighted, bound)
+    result = replace(
         result,
+        markers=given,
         center=np.ldexp(result.center, power),
         radii=np.ldexp(result.radii, power),
         noise_variance=float(np.ldexp(result.noise_variance, 2 * power)),
         covariance=np.ldexp(result.covariance, 2 * power),
     )
+    return replace(result, status=Status.MISFIT) if result.ok and result.agreement < LEVEL else result
 
 
 def mgdk_so_far(markers: Sequence[Incremental]) -> JointFit:

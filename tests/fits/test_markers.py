@@ -284,3 +284,37 @@ def test_bad_input(markers, says):
     """No marker, unequal dimensions and wrong shapes raise an error that says what is wrong."""
     with pytest.raises(ValueError, match=says):
         mgdk(markers)
+
+
+@pytest.mark.parametrize("angle", [40.0, 90.0, 180.0])
+def test_level_of_the_agreement(angle):
+    """Of 400 sets of three markers about one centre no more are refused than .01 gives in all but 1e-4 of runs."""
+    rng = np.random.default_rng(21)
+    p = [study.mgdk(drawn(rng, (20, 40, 80), (1.0, 2.0, 0.7), angle=angle)[0]).agreement for _ in range(400)]
+    assert stats.binom.ppf(1e-4, 400, 0.5) <= np.sum(np.array(p) < 0.5) <= stats.binom.isf(1e-4, 400, 0.5)
+    assert np.sum(np.array(p) < 0.01) <= stats.binom.isf(1e-4, 400, 0.01)
+
+
+@pytest.mark.parametrize("apart", [0.02, 1.0, 30.0])
+def test_markers_that_share_no_centre_are_a_misfit(apart):
+    """Two of three markers about one centre and one about another, from four times the error of a centre on."""
+    rng = np.random.default_rng(22)
+    for _ in range(10):
+        points, _ = drawn(rng, (50, 50, 50), (1.0, 2.0, 0.7), angle=90.0)
+        joint = study.mgdk([points[0], points[1], points[2] + [apart, 0.0, 0.0]])
+        assert joint.status == Status.MISFIT
+        assert joint.agreement < 0.01
+
+
+def test_agreement_needs_something_to_compare(rng):
+    """One marker, exact points, or markers of few points leave no p value, and their status as it is."""
+    points, u = drawn(rng, (30, 30), (1.0, 2.0))
+    assert np.isnan(study.mgdk(points[:1]).agreement)
+    exact = study.mgdk([u[0], 2.0 * u[1]])
+    assert np.isnan(exact.agreement)
+    assert exact.ok
+    assert np.isnan(study.mgdk([points[0][:3], points[1][:3]]).agreement)
+    gaps = points[0].copy()
+    gaps[3] = np.nan
+    moved = [gaps, points[1], points[1][:1]]  # one sample fixes its own radius
+    assert study.mgdk(moved).agreement == pytest.approx(study.mgdk([np.delete(gaps, 3, 0), points[1]]).agreement)
