@@ -113,6 +113,7 @@ class SymmetricFit:
     """A joint from the poses of both of its segments.
 
     Attributes:
+        child: poses of the child.
         in_parent: c_P (3,), metres.
         in_child: c_Q (3,), metres.
         covariance: of c_P (3, 3), m²: the sandwich over frames in its long-run form, and the error that follows if the
@@ -127,6 +128,7 @@ class SymmetricFit:
         effective_frames: effective number of independent frames.
     """
 
+    child: SegmentPoses
     in_parent: Floats
     in_child: Floats
     covariance: Floats
@@ -168,6 +170,7 @@ def symmetric_fit(parent: SegmentPoses, child: SegmentPoses, known_hinge: bool |
     doubt = inverse @ _Agreement(parent, child, 1.0 + SHAPE_ERROR).residual(c)
     apart = parent.to_world(c[:3]) - child.to_world(c[3:])
     return SymmetricFit(
+        child=child,
         in_parent=c[:3],
         in_child=c[3:],
         covariance=inflated[:3, :3] + np.outer(doubt[:3], doubt[:3]),
@@ -301,10 +304,6 @@ class Estimate:
             return self
         return replace(self, center=self.center + ((place - self.center) @ self.axis) * self.axis)
 
-    def as_ball(self) -> "Estimate":
-        """The estimate of a joint that is known to be a ball: a hinge's is not reliable along its axis."""
-        return replace(self, status=JointStatus.ONE_AXIS) if self.status == JointStatus.HINGE else self
-
     def with_status(self) -> "Estimate":
         """The same estimate with the status that follows from its noise, error and frames."""
         if self.noise == "none":
@@ -351,17 +350,17 @@ def estimate_from_spheres(
     )
 
 
-def estimate_from_poses(parent: SegmentPoses, child: SegmentPoses, pair: SymmetricFit, hinge: bool) -> Estimate:
+def estimate_from_poses(parent: SegmentPoses, pair: SymmetricFit, hinge: bool) -> Estimate:
     """Estimate a joint from the point in which its two segments agree; the status is not set yet."""
     return Estimate(
         side="both",
         poses=parent,
-        markers=child.points,
+        markers=pair.child.points,
         center=pair.in_parent,
         covariance=pair.covariance,
         axis=pair.axes[0] if hinge or pair.hinge else None,
         noise="pose",
-        used=child.good & parent.known,
+        used=pair.child.good & parent.known,
         sphere=None,
         pair=pair,
     )

@@ -205,15 +205,14 @@ class SkinErrors:
         self.measured: list[float] = []
         self.by_radius: dict[tuple[str, str], float] = {}
 
-    def add(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> Estimate:
+    def add(self, estimate: Estimate, joint: Joint) -> Estimate:
         """Add the error from skin to an estimate's covariance, and find its floor.
 
         Args:
             estimate: of the joint.
             joint: that it is of.
-            child: poses of the child, for an estimate from both segments.
         """
-        angles = self._angles(estimate, joint, child)
+        angles = self._angles(estimate, joint)
         frame = estimate.poses.segment
         other = joint.parent if frame == joint.child else joint.child
         if estimate.sphere is not None and estimate.axis is None:  # a hinge's radii change with its axis' own error
@@ -221,7 +220,7 @@ class SkinErrors:
         slopes = [
             max(self._slope(name, angles), self.by_radius.get((joint.name, name), 0.0)) for name in (frame, other)
         ]
-        skin, floor = self._covariances(estimate, child, angles, (slopes, ((0.5 * _FLOOR) ** 2, _FLOOR**2)))
+        skin, floor = self._covariances(estimate, angles, (slopes, ((0.5 * _FLOOR) ** 2, _FLOOR**2)))
         return replace(
             estimate,
             covariance=estimate.covariance + skin,
@@ -229,30 +228,29 @@ class SkinErrors:
             floor=float(np.sqrt(max(np.linalg.eigvalsh(floor)[-1], 0.0))),
         )
 
-    def ways(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> list[PlaceDifference]:
+    def ways(self, estimate: Estimate, joint: Joint) -> list[PlaceDifference]:
         """Compare an estimate's centres from the frames in which the joint rotates one way and the other.
 
         Args:
             estimate: of the joint.
             joint: that it is of.
-            child: poses of the child, for an estimate from both segments.
 
         Returns:
             A difference for each axis about which the joint rotates: two, one for a hinge, fewer where a fit fails.
         """
         found = []
-        both = turning_ways(self._angles(estimate, joint, child), self.lag, 2 if estimate.axis is None else 1)
+        both = turning_ways(self._angles(estimate, joint), self.lag, 2 if estimate.axis is None else 1)
         for ways in both:
-            one, two = (self._refit(estimate, child, self.part[frames]) for frames in ways)
+            one, two = (self._refit(estimate, self.part[frames]) for frames in ways)
             if one is not None and two is not None:
                 found.append(PlaceDifference.of(two[0] - one[0], one[1] + two[1], estimate.axis, "ways"))
         return found
 
-    def _refit(self, estimate: Estimate, child: SegmentPoses | None, part: Ints) -> tuple[Floats, Floats] | None:
+    def _refit(self, estimate: Estimate, part: Ints) -> tuple[Floats, Floats] | None:
         """Centre (3,) and covariance (3, 3) of an estimate from some of the frames; None if they do not give one."""
         poses = estimate.poses.in_frames(part)
-        if estimate.pair is not None and child is not None:
-            pair = symmetric_fit(poses, child.in_frames(part), estimate.pair.hinge)
+        if estimate.pair is not None:
+            pair = symmetric_fit(poses, estimate.pair.child.in_frames(part), estimate.pair.hinge)
             return None if pair is None else (pair.in_parent, pair.covariance)
         markers = [
             LocalMarker(poses.to_local(self.recording.of(name)[:, part]), used[part], poses.sigma**2)
@@ -265,10 +263,11 @@ class SkinErrors:
             return None
         return fit.center, fit.covariance
 
-    def _angles(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> Floats:
+    def _angles(self, estimate: Estimate, joint: Joint) -> Floats:
         """Rotation vectors of the joint (3, frames of the part) in the axes of an estimate, radians."""
         one = estimate.poses.in_frames(self.part)
-        two = child or self.own.get(joint.parent if one.segment == joint.child else joint.child)
+        two = self.own.get(joint.parent if one.segment == joint.child else joint.child)
+        two = two if estimate.pair is None else estimate.pair.child
         if two is not None:
             return rotation_vectors(relative_rotation(one.rotation, two.in_frames(self.part).rotation))
         y = one.to_local(np.stack([self.recording.of(name)[:, self.part] for name in estimate.markers]))
@@ -301,20 +300,18 @@ class SkinErrors:
         y = poses.in_frames(self.part).to_local(x) - poses.template[:, :, None]
         return np.where(poses.good[:, self.part].all(axis=0), y, np.nan)
 
-    def _covariances(
-        self, estimate: Estimate, child: SegmentPoses | None, angles: Floats, several: Sequence[Sequence[float]]
-    ) -> list[Floats]:
+    def _covariances(self, estimate: Estimate, angles: Floats, several: Sequence[Sequence[float]]) -> list[Floats]:
         """Covariance of an estimate's centre from skin (3, 3), m², for each of several pairs of slopes.
 
         They are the mean square slopes β² on the segment of the estimate's axes, and on the other, (m/rad)².
         """
-        if estimate.pair is None or child is None:
+        if estimate.pair is None:
             inverse, slopes, arms, places = self._response(estimate, angles)
             shifts = [self._shifts(estimate.poses, place) for place in places]
             return [sphere_skin(inverse, slopes, arms, shifts, other, own) for own, other in several]
         x = angles[:, ~np.isnan(angles[0])]
         x = x - x.mean(axis=1, keepdims=True)
-        one, two = estimate.poses.in_frames(self.part), child.in_frames(self.part)
+        one, two = estimate.poses.in_frames(self.part), estimate.pair.child.in_frames(self.part)
         both = one.known & two.known
         rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
         images = image_skin(self._shifts(one, estimate.center), 1.0)
