@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape, joint_table
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape, joint_table, millimetres
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     SHORT_TEXTS,
@@ -49,7 +49,7 @@ from study.recordings.skeleton.calibrate import (
     with_doubts,
 )
 from study.recordings.skeleton.draw import draw_skeleton
-from study.text import columns, number
+from study.text import columns
 
 
 class AxesChange(NamedTuple):
@@ -464,9 +464,9 @@ def _row(place: JointPlace, parts: Sequence[JointPlace]) -> list[str]:
     return [
         place.joint.name,
         SHORT_TEXTS[place.status],
-        *(_millimetres(float(x)) for x in place.in_parent),
-        _millimetres(place.standard_error),
-        _millimetres(max(apart)) if len(apart) > 1 else "-",
+        *(millimetres(float(x)) for x in place.in_parent),
+        millimetres(place.standard_error),
+        millimetres(max(apart)) if len(apart) > 1 else "-",
         ", ".join(place.trials) if not np.isnan(place.in_parent).all() else "-",
     ]
 
@@ -477,7 +477,3 @@ def _left_out(part: JointPlace) -> str:
     error = part.standard_error
     size = "" if np.isnan(error) else f", ± {1000 * error:.1f} mm"
     return f"{', '.join(part.trials)} ({SHORT_TEXTS[part.status]}{size})"
-
-
-def _millimetres(metres: float) -> str:
-    return number(1000 * metres, ".1f")

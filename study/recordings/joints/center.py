@@ -445,12 +445,13 @@ def fit_center(
     if hinge or (not clear and hinge is None):
         planar_size, planar_center = pooled.solve(across, given)
         planar_scores = pooled.scores(planar_size, planar_center, across)
+        along = least @ planar_scores[:3]
         # sizes, not residuals: moving the centre to where the pose itself rotates least makes any residual smaller
         before = size if size < CONDITION_LIMIT * pooled.largest_size(everything) else 0.0
         if hinge or (
             planar_size < _WORSE * max(before, 1.0)
             and pooled.significance(planar_size, effective, across, max(SHAPE_ERROR, tissue)) > _SIGNIFICANT
-            and _sum_is_noise(least @ planar_scores[:3])
+            and along.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(along[None])[0][0, 0]
         ):
             size, center, basis, axis = planar_size, planar_center, across, least
             significance = pooled.significance(size, effective, basis, max(SHAPE_ERROR, tissue))
@@ -511,11 +512,6 @@ def _moments_of_size(markers: Sequence[LocalMarker], pose: PoseNoise, size: floa
         return None
     pooled = PooledMoments(markers, present, pose, size)
     return pooled if pooled.extents()[1] > TINY * pooled.extents()[2] else None
-
-
-def _sum_is_noise(score: Floats) -> bool:
-    """True if scores (frames,) add up to no more than their standard errors explain."""
-    return bool(score.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(score[None])[0][0, 0])
 
 
 def _covariance(
