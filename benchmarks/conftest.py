@@ -45,13 +45,12 @@ def machine():
 def rows(benchmarks):
     """A row per benchmark that says what it is, in the order in which they ran."""
     timed = [b for b in benchmarks if b.stats]
-    cost = {id(b): b.extra_info.get("megabytes") or 1e9 * b.stats.min / b.extra_info.get("items", 1) for b in timed}
+    cost = {id(b): 1e9 * b.stats.min / b.extra_info.get("items", 1) for b in timed}
     unit = {b.group: cost[id(b)] for b in timed if b.extra_info.get("unit")}
     for b in timed:
         ratio = f"{cost[id(b)] / unit[b.group]:.3g}" if b.group in unit else ""
-        measured = "MB" if "megabytes" in b.extra_info else "ns"
         what, aim = b.extra_info.get("what", b.name), b.extra_info.get("aim", "")
-        values = (b.group, what, f"{cost[id(b)]:.4g}", measured, ratio, aim, machine())
+        values = (b.group, what, f"{cost[id(b)]:.4g}", "ns", ratio, aim, machine())
         yield dict(zip(COLUMNS, values, strict=True))
 
 

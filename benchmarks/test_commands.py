@@ -18,7 +18,6 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = {
     "start of Python": ["-c", "pass"],
-    "import study.cli": ["-c", "import study.cli"],
     "study --help": ["-m", "study.cli", "--help"],
     "study run --help": ["-m", "study.cli", "run", "--help"],
     "study fit --help": ["-m", "study.cli", "fit", "--help"],
@@ -36,13 +35,10 @@ total(numpy.ones(4))
 POINTS = (
     "import numpy as np; u = np.random.default_rng(0).normal(size=(40, 3)); u /= np.linalg.norm(u, axis=1)[:, None]"
 )
-FIRST = f"{POINTS}; import study; fit = study.fit(u + 0.01 * u[::-1])"
+FIRST = f"{POINTS}; import study; study.fit(u + 0.01 * u[::-1]).ok"
 PROGRAMS = {
     "one compiled line": ["line.py"],
-    "import numba, numpy": ["-c", "import numba, numpy"],
-    "import numba, pandas": ["-c", "import numba, pandas"],
-    "a first study.fit": ["-c", FIRST],
-    "a first study.fit, and its status": ["-c", f"{FIRST}; fit.ok"],
+    "a first study.fit, and its status": ["-c", FIRST],
     "study fit FILE": ["-m", "study.cli", "fit", "points.csv"],
 }
 NORMALS = 10**8

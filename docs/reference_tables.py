@@ -13,7 +13,7 @@ import pandas as pd
 
 from study.fits.cap import cap_moments
 from study.fits.registry import load
-from study.simulation.analysis.summary_text import RowChoice, as_data
+from study.simulation.analysis.summary_text import as_data, chosen_rows
 from study.simulation.analysis.theory import median_at_bound
 from study.simulation.commands import run_folder
 from study.simulation.runs.run_folder import Run
@@ -36,7 +36,7 @@ def run_of(name: str) -> Run:
 
 def summary(name: str, *conditions: str) -> pd.DataFrame:
     """Median errors over the bound, and the medians at both bounds: a row per cell and estimator."""
-    table = pd.DataFrame(as_data(run_of(name), RowChoice())["rows"])
+    table = pd.DataFrame(as_data(run := run_of(name), chosen_rows(run))["rows"])
     return table[[*conditions, "estimator", *(column for column in MEASURES if column in table)]]
 
 

@@ -16,11 +16,10 @@ import pytest
 
 from study.fits import Status
 from study.simulation.analysis.summary import decade, stored_summary, summarise, up_to_date
-from study.simulation.analysis.summary_text import RowChoice, as_data, printed
+from study.simulation.analysis.summary_text import as_data, chosen_rows, printed
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Evidence, evaluate
 from study.simulation.figures import FIGURES, Tables
-from study.simulation.report.material import Record
 from study.simulation.report.page import packed
 from study.simulation.report.runs import efficiency
 from study.simulation.runs import schemas
@@ -112,11 +111,11 @@ def test_summaries_are_of_all_trials(pair, text):
     one, other = pair(text)
     names = list(schemas.OF_ALL_TRIALS)
     pd.testing.assert_frame_equal(one.table("summary")[names], other.table("summary")[names])
-    plain, bracketed = (list(printed(run, every=True)) for run in (one, other))
+    plain, bracketed = (list(printed(run, chosen_rows(run), every=True)) for run in (one, other))
     assert "(" in bracketed[-1]
     words = lambda line: re.sub(r" \([\d.]+%\)", "", line).split()  # noqa: E731
     assert [words(line) for line in plain] == [words(line) for line in bracketed]
-    rows = [as_data(run, RowChoice())["rows"] for run in (one, other)]
+    rows = [as_data(run, chosen_rows(run))["rows"] for run in (one, other)]
     assert [row["ratio_median"] for row in rows[0]] == [row["ratio_median"] for row in rows[1]]
 
 
@@ -133,7 +132,8 @@ def test_a_fit_without_a_number_is_infinitely_far(pair, make_run, tmp_path):
     place = table.column_names.index("error")
     other.save("errors", table.set_column(place, "error", pa.array(np.full(table.num_rows, np.nan))))
     summarise(other)
-    assert all(len(re.findall(r"\binf\b", line)) == 5 for line in list(printed(other, every=True))[-32:])
+    lines = list(printed(other, chosen_rows(other), every=True))
+    assert all(len(re.findall(r"\binf\b", line)) == 5 for line in lines[-32:])
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_a_fit_without_a_number_is_infinitely_far(pair, make_run, tmp_path):
 )
 def test_figures_are_of_all_trials(pair, name, text, frames):
     """Curves, slopes and maps do not depend on the status; only counts of statuses do."""
-    one, other = (FIGURES[name].prepare(Tables.of(run)) for run in pair(text))
+    one, other = (FIGURES[name].prepare(Tables(run)) for run in pair(text))
     for frame in frames:
         tables = [getattr(data, frame).drop(columns="not_ok", errors="ignore") for data in (one, other)]
         pd.testing.assert_frame_equal(*tables)
@@ -157,7 +157,7 @@ def test_figures_are_of_all_trials(pair, name, text, frames):
 
 def test_spreads_of_figures_3_and_4_are_of_all_trials(pair):
     """Ellipses of both estimators are of the same trials."""
-    one, other = (FIGURES["fig4_ugdk_ellipse"].prepare(Tables.of(run)).data.spreads for run in pair(shipped("ellipse")))
+    one, other = (FIGURES["fig4_ugdk_ellipse"].prepare(Tables(run)).data.spreads for run in pair(shipped("ellipse")))
     assert one == other
 
 
@@ -192,7 +192,7 @@ def test_the_report_compares_the_same_trials(pair):
     """Medians in its table, and the first measures of its explorer, do not depend on the status."""
     medians, first = [], []
     for run in pair(GRID):
-        record = Record.of(run, Tables.of(run))
+        record = Tables(run)
         (table,) = (part for part in efficiency(record) if "<table" in part)
         medians.append(re.sub(r'<span class="note">.*?</span>|<table class="\w+">', "", table.partition("<tbody>")[2]))
         first.append(unpacked(packed(record)))
@@ -226,9 +226,9 @@ def test_a_summary_of_an_earlier_version_is_read(pair, make_run, tmp_path):
     """Medians of all trials are made from the errors; `study run` stores them."""
     one, _ = pair(GRID)
     other = older(one, make_run(GRID, tmp_path / "run").folder)
-    assert list(printed(other)) == list(printed(one))
+    assert list(printed(other, chosen_rows(other))) == list(printed(one, chosen_rows(one)))
     pd.testing.assert_frame_equal(
-        Tables.of(other).summary, one.table("summary").astype({"estimator": str}), check_dtype=False
+        Tables(other).summary, one.table("summary").astype({"estimator": str}), check_dtype=False
     )
     assert not up_to_date(other)
     summarise(other)
@@ -246,4 +246,4 @@ def test_a_summary_alone_of_an_earlier_version_is_read(make_run, tmp_path):
     expected = whole.table("summary")
     np.testing.assert_array_equal(found["ratio_median"][ok], expected["ratio_median"][ok])
     assert found["ratio_median"][~ok].isna().all()
-    assert any("unknown" in line for line in printed(other))
+    assert any("unknown" in line for line in printed(other, chosen_rows(other)))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from study.options import ExitCode, Json, echo
-from study.text import columns, json_text
+from study.text import columns, inert_frame, json_text
 
 if TYPE_CHECKING:
     from study.simulation.runs.run_folder import Run
@@ -101,10 +101,9 @@ def status(folder: Folder, as_json: Json = False) -> None:
     null without [precision]), parts (whole, damaged, set_aside), failures (fits, failed, lost; null until the run is
     finished), tables, damaged, and made_by.
     """
-    from study.simulation.runs.status import printed
-    from study.simulation.runs.status import status as status_of
+    from study.simulation.runs.status import RunStatus, printed
 
-    result = status_of(folder)
+    result = RunStatus(folder)
     echo([json_text(vars(result))] if as_json else printed(result))
 
 
@@ -144,21 +143,21 @@ def summary(
     names), and rows, each with the columns of the summary table (ratio_median is the median of all trials) and, where
     they are known, noise_over_radius and the medians at the bounds, median_cramer_rao and median_attainable.
     """
-    from study.simulation.analysis.summary_text import RowChoice, as_data, printed
-    from study.simulation.analysis.summary_text import as_csv as csv_text
+    from study.simulation.analysis.summary_text import as_data, chosen_rows, printed
 
     if as_json + as_csv + only_ok > 1:
         raise typer.BadParameter("give one of --json, --csv and --ok; the first two have ok fits in columns …_ok")
     run = opened(folder)
     try:
-        choice = RowChoice.of(run, where or [], estimators)
-        if as_json:
-            lines = [json_text(as_data(run, choice))]
-        else:
-            lines = csv_text(run, choice).splitlines() if as_csv else list(printed(run, choice, every, only_ok))
+        rows = chosen_rows(run, where or [], estimators)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
-    echo(lines)
+    if as_json:
+        echo([json_text(as_data(run, rows))])
+    elif as_csv:  # all columns; an empty field is not a number
+        echo(inert_frame(rows).to_csv(index=False, lineterminator="\n").splitlines())
+    else:
+        echo(printed(run, rows, every, only_ok))
 
 
 def diff(
@@ -175,9 +174,9 @@ def diff(
     with group, estimator, conditions, measure, first, second, deviation in standard errors, chance, trials, equal,
     same_trials and different.
     """
-    from study.simulation.analysis.compare import as_data, compare, printed
+    from study.simulation.analysis.compare import Difference, as_data, printed
 
-    result = compare(opened(one), opened(other))
+    result = Difference(opened(one), opened(other))
     echo([json_text(as_data(result))] if as_json else printed(result))
     if result.different:
         raise typer.Exit(ExitCode.FAILURE)
@@ -194,10 +193,9 @@ def verify(
     All tables are checked by their digests, and a share of the units is computed again and compared to the bit. The
     exit code is 1 if anything differs.
     """
-    from study.simulation.analysis.verify import printed
-    from study.simulation.analysis.verify import verify as check
+    from study.simulation.analysis.verify import Verification, printed
 
-    result = check(opened(folder), share)
+    result = Verification(opened(folder), share)
     echo(printed(result))
     if result.faults:
         raise typer.Exit(ExitCode.FAILURE)

@@ -19,7 +19,7 @@ import study
 from study import cli
 from study.options import EXIT_CODES, ExitCode
 from study.recordings.recording import digest_of
-from study.simulation.analysis.summary_text import printed
+from study.simulation.analysis.summary_text import chosen_rows, printed
 from study.simulation.experiment.config import load, parse, shipped_config, shipped_configs, summary_line
 from study.simulation.runs.plan import plan
 from study.simulation.runs.run_folder import Run
@@ -46,8 +46,8 @@ def test_run_into_the_default_folder(well, config, tmp_path, finished):
 def test_summary(well, finished):
     """`study summary` prints what the library's function yields."""
     folder = finished[0]
-    said = well(folder, "summary", "out")
-    assert said.splitlines() == list(printed(Run.open(folder / "out")))
+    said, run = well(folder, "summary", "out"), Run.open(folder / "out")
+    assert said.splitlines() == list(printed(run, chosen_rows(run)))
 
 
 def test_plan(well, config, tmp_path):

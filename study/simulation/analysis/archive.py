@@ -16,7 +16,7 @@ from typing import Any
 
 from study.files import RunError, explained, replacing
 from study.fits.registry import ESTIMATORS
-from study.simulation.analysis.verify import verify
+from study.simulation.analysis.verify import Verification
 from study.simulation.experiment.conditions import CONDITIONS, DIRECTIONS, LAW, OUTLIER_SHARE
 from study.simulation.experiment.config import Study
 from study.simulation.runs import schemas
@@ -308,7 +308,7 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
             raise RunError(f"{name}: given twice; an archive has a run once")
         if (stopped := budget_message(run)) is not None:  # the config alone would compute other tables
             raise RunError(stopped)
-        if faults := verify(run, share=0.0).faults:
+        if faults := Verification(run, share=0.0).faults:
             raise RunError(faults[0])
         for table in tables_of(run):
             run.check(table)

@@ -72,21 +72,29 @@ class Comparison:
         return math.copysign(size, change) if math.isfinite(change) else size
 
 
-@dataclass(frozen=True)
 class Difference:
-    """The result of comparing two runs.
+    """The comparison of two runs, by their error tables if both have them, else by their summaries.
+
+    Args:
+        one: the first run.
+        other: the second.
 
     Attributes:
         runs: the two runs.
         how: the test that was used, in words.
         comparisons: one or two comparisons per group and estimator.
         only: number of pairs of group and estimator that only the first run has, and only the second.
+
+    Raises:
+        RunError: if a run has neither, or they have nothing in common.
     """
 
-    runs: tuple[Run, Run]
-    how: str
-    comparisons: list[Comparison]
-    only: tuple[int, int]
+    def __init__(self, one: Run, other: Run) -> None:
+        tables = one.has("errors") and other.has("errors")
+        self.runs = one, other
+        self.comparisons, self.only, self.how = _by_errors(one, other) if tables else _by_summary(one, other)
+        if not self.comparisons:
+            raise RunError(f"{one.folder} and {other.folder}: no cell and estimator is in both")
 
     @property
     def threshold(self) -> float:
@@ -114,19 +122,6 @@ class Difference:
     def whole(self) -> bool:
         """True if the runs have the same groups, estimators and trials."""
         return self.only == (0, 0) and all(row.same_trials for row in self.comparisons)
-
-
-def compare(one: Run, other: Run) -> Difference:
-    """Compare two runs by their error tables if both have them, else by their summaries.
-
-    Raises:
-        RunError: if a run has neither, or they have nothing in common.
-    """
-    tables = one.has("errors") and other.has("errors")
-    comparisons, only, how = _by_errors(one, other) if tables else _by_summary(one, other)
-    if not comparisons:
-        raise RunError(f"{one.folder} and {other.folder}: no cell and estimator is in both")
-    return Difference((one, other), how, comparisons, only)
 
 
 def _by_errors(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int], str]:

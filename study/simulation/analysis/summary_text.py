@@ -6,12 +6,12 @@ chooses rows; of these as many are printed as fit a screen.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from study.arrays import Bools
 from study.fits.cap import cap_moments
 from study.simulation.analysis.summary import decade, stored_summary
 from study.simulation.analysis.theory import median_at_bound, median_attainable
@@ -31,7 +31,7 @@ from study.simulation.experiment.conditions import (
 )
 from study.simulation.experiment.config import Study
 from study.simulation.runs.run_folder import Run
-from study.text import columns, did_you_mean, inert_frame
+from study.text import columns, did_you_mean
 
 
 def has_bounds(study: Study) -> bool:
@@ -59,71 +59,55 @@ _SAME = 1e-3
 """Medians that differ by less than this share are printed alike."""
 
 
-@dataclass(frozen=True)
-class RowChoice:
-    """The rows of a summary that a user asks for.
+def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = None) -> pd.DataFrame:
+    """The rows of a run's summary that a user asks for.
 
-    Attributes:
-        where: for each condition the values that it may have; all cells, if empty.
-        estimators: names of estimators; all, if empty.
+    Args:
+        run: a finished run.
+        where: texts like ``angle=45,samples=1000``; a condition stands with its name or its symbol. In a random design
+            a value of σ/r chooses the decade that it lies in. All cells, if there are none.
+        estimators: names with commas between; None for all.
+
+    Raises:
+        ValueError: if a text cannot be read, the run does not have the condition or the estimator, or no cell has the
+            values.
     """
+    named = [name.strip() for name in estimators.split(",")] if estimators is not None else []
+    if unknown := [name for name in named if name not in run.study.estimators]:
+        words = f"not in this run; {did_you_mean(unknown, run.study.estimators)}"
+        raise ValueError(f"--estimators {', '.join(unknown)}: {words}")
+    wanted: dict[Condition, list[Value]] = {}
+    for text in (part.strip() for words in where for part in words.split(",")):
+        key, equals, value = map(str.strip, text.partition("="))
+        if not equals or not value:
+            raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
+        condition = _condition(run, key)
+        wanted.setdefault(condition, []).append(_value(condition, value))
+    summary = stored_summary(run, run.has("errors"), run.study.design.one_trial_a_cell)
+    use = np.ones(len(summary), dtype=bool)
+    for condition, values in wanted.items():
+        use &= _having(summary, condition, values)
+    if len(summary) and not use.any():
+        raise ValueError(f"--where: no cell has these values of {', '.join(c.name for c in wanted)} together")
+    chosen = summary[use]
+    return chosen[chosen["estimator"].isin(named)] if named else chosen
 
-    where: dict[str, list[Value]] = field(default_factory=dict)
-    estimators: tuple[str, ...] = ()
 
-    @classmethod
-    def of(cls, run: Run, where: Iterable[str], estimators: str | None) -> Self:
-        """Read a choice as the command line has it.
-
-        Args:
-            run: the run to choose from.
-            where: texts like ``angle=45,samples=1000``; a condition stands with its name or its symbol.
-            estimators: names with commas between; None for all.
-
-        Raises:
-            ValueError: if a text cannot be read, or the run does not have the condition or the estimator.
-        """
-        named = tuple(name.strip() for name in estimators.split(",")) if estimators is not None else ()
-        if unknown := [name for name in named if name not in run.study.estimators]:
-            words = f"not in this run; {did_you_mean(unknown, run.study.estimators)}"
-            raise ValueError(f"--estimators {', '.join(unknown)}: {words}")
-        wanted: dict[str, list[Value]] = {}
-        for text in (part.strip() for words in where for part in words.split(",")):
-            key, equals, value = map(str.strip, text.partition("="))
-            if not equals or not value:
-                raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
-            condition = _condition(run, key)
-            wanted.setdefault(condition.name, []).append(_value(condition, value))
-        return cls(wanted, named)
-
-    def rows(self, summary: pd.DataFrame) -> pd.DataFrame:
-        """The chosen rows of a summary table.
-
-        In a random design a value of σ/r chooses the decade that it lies in.
-
-        Raises:
-            ValueError: if no cell has the values.
-        """
-        use = np.ones(len(summary), dtype=bool)
-        for name, wanted in self.where.items():
-            condition = CONDITIONS[name]
-            if len(summary) and condition is NOISE_OVER_RADIUS and np.isfinite(summary["decade"]).all():
-                result = pd.Series([f"1e{power:+03.0f}" for power in summary["decade"]], index=summary.index)
-                here = result.isin([f"1e{power:+03.0f}" for power in decade([float(value) for value in wanted])])
-            else:
-                result = pd.Series([condition.written(value) for value in _values(condition, summary)], summary.index)
-                here = result.isin([condition.written(value) for value in wanted])
-            if len(summary) and not here.any():
-                texts, there = " or ".join(condition.written(value) for value in wanted), list(result.unique())
-                others = f" and {len(there) - _SHOWN} others" if len(there) > _SHOWN else ""
-                raise ValueError(
-                    f"--where {name}={texts}: no cell has it; there are {', '.join(there[:_SHOWN])}{others}"
-                )
-            use &= here.to_numpy()
-        if len(summary) and not use.any():
-            raise ValueError(f"--where: no cell has these values of {', '.join(self.where)} together")
-        chosen = summary[use]
-        return chosen[chosen["estimator"].isin(self.estimators)] if self.estimators else chosen
+def _having(summary: pd.DataFrame, condition: Condition, values: list[Value]) -> Bools:
+    """True for the rows of a summary whose condition has one of the values; ValueError if none has."""
+    if len(summary) and condition is NOISE_OVER_RADIUS and np.isfinite(summary["decade"]).all():
+        result = pd.Series([f"1e{power:+03.0f}" for power in summary["decade"]], index=summary.index)
+        here = result.isin([f"1e{power:+03.0f}" for power in decade([float(value) for value in values])])
+    else:
+        result = pd.Series([condition.written(value) for value in _values(condition, summary)], summary.index)
+        here = result.isin([condition.written(value) for value in values])
+    if len(summary) and not here.any():
+        texts, there = " or ".join(condition.written(value) for value in values), list(result.unique())
+        others = f" and {len(there) - _SHOWN} others" if len(there) > _SHOWN else ""
+        raise ValueError(
+            f"--where {condition.name}={texts}: no cell has it; there are {', '.join(there[:_SHOWN])}{others}"
+        )
+    return here.to_numpy()
 
 
 def once_by_scaling(summary: pd.DataFrame) -> pd.DataFrame:
@@ -230,12 +214,12 @@ _ALL_TRIALS = (
 _OK_FITS = "Medians of each estimator's own ok fits, not to be compared: trials differ. Brackets: share not ok."
 
 
-def printed(run: Run, choice: RowChoice | None = None, every: bool = False, only_ok: bool = False) -> Iterator[str]:
+def printed(run: Run, rows: pd.DataFrame, every: bool = False, only_ok: bool = False) -> Iterator[str]:
     """The medians of error over bound of a run.
 
     Args:
         run: a finished run.
-        choice: the rows; all if None.
+        rows: the rows, see `chosen_rows`.
         every: print each of them; otherwise cells that are the same by scaling are printed once, and of more than
             `ROWS` rows some that are evenly spread.
         only_ok: give the median of each estimator's own ok fits, instead of all trials.
@@ -245,39 +229,29 @@ def printed(run: Run, choice: RowChoice | None = None, every: bool = False, only
         bound with its Monte-Carlo error, and in brackets the share of fits that are not ok, if there are any. Before
         them stand the medians of estimators with Gaussian errors at the two bounds, where the cells have them. Last
         come the numbers of rows that were left out.
-
-    Raises:
-        ValueError: if no cell has the values of the choice.
     """
-    table = _summary(run)
-    frame = (choice or RowChoice()).rows(table)
-    yield f"{run.study.run_name()}: median error of the centre over the {_bound(frame)} ± its Monte-Carlo error"
+    yield f"{run.study.run_name()}: median error of the centre over the {_bound(rows)} ± its Monte-Carlo error"
     yield _OK_FITS if only_ok else _ALL_TRIALS
-    if frame.empty:
+    if rows.empty:
         yield "no cell has a trial yet"
         return
-    chosen, notes = (frame, []) if every else _fitting(run, frame)
+    chosen, notes = (rows, []) if every else _fitting(run, rows)
     named, bounded = distinguishing(chosen), has_bounds(run.study)
     yield _legend(chosen, named)
     if bounded:
         yield "CRLB and attainable: the median of Gaussian errors at the Cramér-Rao bound and at the attainable bound."
-    rows = []
+    lines = []
     for _, part in chosen.groupby("group", sort=False):
         fits = part.to_dict("records")
         bounds = [f"{value:.3g}" for value in medians_at_bounds(run.study, fits[0])] if bounded else []
         medians = [_median(fit, "ratio_median_ok" if only_ok else "ratio_median") for fit in fits]
-        rows.append([_conditions(fits[0], named), *bounds, *medians])
-    yield from columns(rows, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(chosen["estimator"])])
+        lines.append([_conditions(fits[0], named), *bounds, *medians])
+    yield from columns(lines, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(chosen["estimator"])])
     yield from notes
 
 
-def as_data(run: Run, choice: RowChoice) -> dict[str, Any]:
-    """The chosen rows for other programs: run, bound, names of the conditions, and a mapping per row.
-
-    Raises:
-        ValueError: if no cell has the values of the choice.
-    """
-    frame = choice.rows(_summary(run))
+def as_data(run: Run, frame: pd.DataFrame) -> dict[str, Any]:
+    """Rows of a summary for other programs: run, bound, names of the conditions, and a mapping per row."""
     bounded = has_bounds(run.study)
     rows: list[dict[str, Any]] = []
     for _, part in frame.groupby("group", sort=False):
@@ -290,15 +264,6 @@ def as_data(run: Run, choice: RowChoice) -> dict[str, Any]:
         rows += [{str(name): value for name, value in fit.items()} | more for fit in fits]
     conditions = [condition.name for condition in run.study.conditions()]
     return {"run": run.study.run_name(), "bound": _bound(frame), "conditions": conditions, "rows": rows}
-
-
-def as_csv(run: Run, choice: RowChoice) -> str:
-    """The chosen rows of the summary table as CSV, all columns, with a header; an empty field is not a number.
-
-    Raises:
-        ValueError: if no cell has the values of the choice.
-    """
-    return inert_frame(choice.rows(_summary(run))).to_csv(index=False, lineterminator="\n")
 
 
 def _bound(frame: pd.DataFrame) -> str:
@@ -352,7 +317,3 @@ def _median(row: RowValues, name: str) -> str:
         return "none ok" if name.endswith("_ok") else "unknown"
     text = f"{row[name]:.3g} ± {row[f'{name}_error']:.2g}" if np.isfinite(row[name]) else "inf"
     return text + (f" ({failed:.1%})" if failed > 0 else "")
-
-
-def _summary(run: Run) -> pd.DataFrame:
-    return stored_summary(run, run.has("errors"), run.study.design.one_trial_a_cell)

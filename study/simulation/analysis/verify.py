@@ -264,33 +264,8 @@ DIGEST_ONLY = {
 }
 
 
-@dataclass(frozen=True)
 class Verification:
-    """The result of verifying a run.
-
-    Attributes:
-        run: the run.
-        digests: for each table, its fault in words, or None if its digest and its columns are right.
-        counts: numbers of the manifest that are not those of the config and the tables, in words.
-        again: for each table of which something was computed again, the result.
-        remark: warning about the software; None if it is this one.
-    """
-
-    run: Run
-    digests: dict[str, str | None]
-    counts: list[str]
-    again: dict[str, Recomputed]
-    remark: str | None
-
-    @property
-    def faults(self) -> list[str]:
-        """Everything that is wrong, a line each."""
-        again = [f"{self.run.path(name)}: {fault}" for name, result in self.again.items() for fault in result.faults]
-        return [fault for fault in self.digests.values() if fault] + self.counts + again
-
-
-def verify(run: Run, share: float = 0.01) -> Verification:
-    """Check all tables of a finished run by their digests, and compute a share of its numbers again.
+    """All tables of a finished run, checked by their digests, and a share of its numbers, computed again.
 
     The units, rows of the summary and chains that are computed again follow from the digest of the manifest.
 
@@ -298,26 +273,41 @@ def verify(run: Run, share: float = 0.01) -> Verification:
         run: the run.
         share: of all units, rows and chains, in [0, 1]; at least one of each, unless it is 0.
 
+    Attributes:
+        run: the run.
+        digests: for each table, its fault in words, or None if its digest and its columns are right.
+        counts: numbers of the manifest that are not those of the config and the tables, in words.
+        again: for each table of which something was computed again, the result.
+        remark: warning about the software; None if it is this one.
+
     Raises:
         RunError: if the run is not finished, or its manifest is damaged.
     """
-    manifest = run.manifest()
-    if run.study.keep not in manifest["tables"]:
-        raise RunError(f"{run.folder}: not finished, so there is nothing to verify; {run.again()} finishes it")
-    declared = schemas.declared(run.study.dimension, run.study.conditions())
-    stored = [name for name in declared if run.has(name) or name in manifest["tables"]]
-    digests = {name: _fault(run, name) for name in stored}
-    good = [name for name, fault in digests.items() if fault is None]
-    seed = str(manifest["digest"])
-    again: dict[str, Recomputed] = {}
-    if share > 0.0:
-        with threadpool_limits(limits=1):
-            if run.study.precision is None or "precision" in good:  # the trials of each cell are known
-                again |= recompute_units(run, good, seed, share)
-            if {"errors", "summary"} <= set(good):
-                again["summary"] = recompute_summary(run, seed, share)
-            again |= recompute_chains(run, good, seed, share)
-    return Verification(run, digests, _wrong_counts(run, good), again, other_version(run.maker()))
+
+    def __init__(self, run: Run, share: float = 0.01) -> None:
+        manifest = run.manifest()
+        if run.study.keep not in manifest["tables"]:
+            raise RunError(f"{run.folder}: not finished, so there is nothing to verify; {run.again()} finishes it")
+        declared = schemas.declared(run.study.dimension, run.study.conditions())
+        stored = [name for name in declared if run.has(name) or name in manifest["tables"]]
+        self.run, self.digests = run, {name: _fault(run, name) for name in stored}
+        good = [name for name, fault in self.digests.items() if fault is None]
+        seed = str(manifest["digest"])
+        self.again: dict[str, Recomputed] = {}
+        if share > 0.0:
+            with threadpool_limits(limits=1):
+                if run.study.precision is None or "precision" in good:  # the trials of each cell are known
+                    self.again |= recompute_units(run, good, seed, share)
+                if {"errors", "summary"} <= set(good):
+                    self.again["summary"] = recompute_summary(run, seed, share)
+                self.again |= recompute_chains(run, good, seed, share)
+        self.counts, self.remark = _wrong_counts(run, good), other_version(run.maker())
+
+    @property
+    def faults(self) -> list[str]:
+        """Everything that is wrong, a line each."""
+        again = [f"{self.run.path(name)}: {fault}" for name, result in self.again.items() for fault in result.faults]
+        return [fault for fault in self.digests.values() if fault] + self.counts + again
 
 
 def _fault(run: Run, name: str) -> str | None:

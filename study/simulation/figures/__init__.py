@@ -4,10 +4,9 @@ To add a figure, write a module as `study.simulation.figures.figure` describes i
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from study import style
 from study.files import RunError, explained
@@ -26,21 +25,16 @@ FIGURES: dict[str, FigureModule] = {
 __all__ = ["FAILED", "FIGURES", "Drawing", "FigureModule", "Gallery", "NotApplicable", "Tables", "draw_all", "gathered"]
 
 
-@dataclass(frozen=True)
-class Drawing:
+class Drawing(NamedTuple):
     """A figure that was drawn from a run.
 
     Attributes:
-        figure: its module.
-        run: the run.
-        name: the run's name in words; see `Tables`.
+        tables: the run's; their summary alone is in memory.
         frame: what ``prepare`` computed.
         pictures: the encoded pictures by format.
     """
 
-    figure: FigureModule
-    run: Run
-    name: str
+    tables: Tables
     frame: Any
     pictures: dict[str, bytes]
 
@@ -69,8 +63,8 @@ class Gallery:
         """The figures that were drawn, by name, in the order in which they were named."""
         return {name: drawing for name, drawing in self._drawings.items() if drawing is not None}
 
-    def add(self, run: Run, tables: Tables) -> None:
-        """Draw the figures that a run can feed and no earlier run could."""
+    def add(self, tables: Tables) -> None:
+        """Draw the figures that a run can feed and no earlier run could; of its tables the summary stays in memory."""
         for name in list(self._open):
             figure = FIGURES[name]
             try:
@@ -82,9 +76,10 @@ class Gallery:
             except Exception as error:  # a figure that fails must not cost the others
                 self.undrawn[name] = {tables.name: failure(error)}
             else:
-                self._drawings[name] = Drawing(figure, run, tables.name, frame, pictures)
+                self._drawings[name] = Drawing(tables, frame, pictures)
                 del self.undrawn[name]
             self._open.remove(name)
+        tables.release()
 
     def save(self, folder: Path | None = None) -> list[Path]:
         """Write the pictures into a folder, by default the run's own, and return their paths.
@@ -93,7 +88,7 @@ class Gallery:
             RunError: if one cannot be written.
         """
         return [
-            style.save_bytes((folder or own_folder(drawing.run)) / f"{name}.{kind}", picture)
+            style.save_bytes((folder or own_folder(drawing.tables.run)) / f"{name}.{kind}", picture)
             for name, drawing in self.drawings.items()
             for kind, picture in drawing.pictures.items()
         ]
@@ -137,11 +132,11 @@ def draw_all(
     Raises:
         RunError: if a run did not finish, or the folder is a file or cannot be made.
     """
-    tables = [Tables.of(run) for run in runs]
+    of_runs = [Tables(run) for run in runs]
     for place in {folder or own_folder(run) for run in runs}:
         make_folder(place)
     gallery = Gallery(names)
-    for run in runs:
-        gallery.add(run, tables.pop(0))  # the tables of one run after the other are in memory
+    for tables in of_runs:
+        gallery.add(tables)
     reasons = {name: gathered(reasons, len(runs)) for name, reasons in gallery.undrawn.items()}
     return gallery.save(folder), reasons

@@ -6,11 +6,10 @@ All computing is in ``prepare``; ``draw`` reads no files. `NotApplicable` says w
 import math
 import traceback
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -22,10 +21,9 @@ from study import style
 from study.arrays import Floats
 from study.files import RunError
 from study.fits.cap import cap_moments
-from study.simulation.analysis.summary import stored_summary
+from study.simulation.analysis.summary import stored_summary, worst_of_run
 from study.simulation.analysis.theory import median_at_bound
 from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
-from study.simulation.experiment.noise import GaussianNoise
 from study.simulation.runs.run_folder import Run
 
 Frame = SimpleNamespace
@@ -70,60 +68,42 @@ class NotApplicable(Exception):  # noqa: N818  not an error: most runs cannot fe
     """A figure that cannot be drawn from a run; the message is the reason, in words for a user."""
 
 
-@dataclass(frozen=True)
 class Tables:
-    """Tables of a run, each read when it is first asked for, and once.
+    """Tables of a finished run, each read when it is first asked for, and once.
+
+    Args:
+        run: the run, of which all tables are checked.
 
     Attributes:
-        name: the run's name, which is printed on every figure, and the law that the bound is of, if that is in doubt.
+        run: the run.
+        name: its name, which is printed on every figure, and the law that the bound is of, if that is in doubt.
         dimension: d of the spheres.
         design: "grid" or "random".
         noise_law: the law of the noise of a sample.
-        reader: the run.
-        stored: names of its tables.
-        used: columns of the error table that `errors` has; all if None.
         independent: True if no two cells share their directions and noise.
+        stored: names of the tables.
+
+    Raises:
+        RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
     """
 
-    name: str
-    dimension: int
-    design: str
-    noise_law: GaussianNoise
-    reader: Run
-    stored: frozenset[str]
-    used: tuple[str, ...] | None = None
-    independent: bool = True
-
-    @classmethod
-    def of(cls, run: Run) -> Self:
-        """Find the tables of a finished run, and check all of them.
-
-        Raises:
-            RunError: if a table is missing, because the run did not finish, or its budget ended before any trial.
-        """
+    def __init__(self, run: Run) -> None:
         study = run.study
-        # figures of single trials read every column; the others these, which are a third of a large table
-        every = study.keep_points or study.posterior is not None
-        used = ("cell", "trial", *(c.name for c in study.conditions()), "estimator", "error", "bound", "status")
         names = ["errors"] if study.keep == "errors" else []
         names += ["summary", *(["points"] if study.keep_points else [])]
         names += ["posterior", "answers", "draws"] if run.has("posterior") else []
         for name in names:
             run.require(name)
-        tables = cls(
-            name=" · ".join(filter(None, [study.run_name(), bound_law(study.design.given())])),
-            dimension=study.dimension,
-            design=study.design.kind,
-            independent=study.independent(),
-            noise_law=study.noise_law,
-            reader=run,
-            stored=frozenset(names),
-            used=None if every else used,
-        )
-        if tables.summary.empty:
+        self.run, self.stored = run, frozenset(names)
+        self.name = " · ".join(filter(None, [study.run_name(), bound_law(study.design.given())]))
+        self.dimension, self.design = study.dimension, study.design.kind
+        self.noise_law, self.independent = study.noise_law, study.independent()
+        # figures of single trials read every column; the others these, which are a third of a large table
+        used = ("cell", "trial", *(c.name for c in study.conditions()), "estimator", "error", "bound", "status")
+        self._used = None if study.keep_points or study.posterior is not None else used
+        if self.summary.empty:
             words = "its budget ended before any cell had a trial; run `study run` again to resume"
             raise RunError(f"{run.folder}: {words}")
-        return tables
 
     @cached_property
     def errors(self) -> pd.DataFrame:
@@ -134,7 +114,7 @@ class Tables:
         Raises:
             NotApplicable: if the study kept its summary alone.
         """
-        return self.some_errors(self.used)
+        return self.some_errors(self._used)
 
     def some_errors(self, columns: Collection[str] | None, estimators: Collection[str] | None = None) -> pd.DataFrame:
         """Read some columns of the error table, and some estimators' rows: a part is read sooner.
@@ -143,7 +123,7 @@ class Tables:
             NotApplicable: if the study kept its summary alone.
         """
         self.require_errors()
-        return self.reader.table("errors", columns, estimators)
+        return self.run.table("errors", columns, estimators)
 
     def require_grid(self, isotropic: bool = False) -> None:
         """Raise `NotApplicable` unless the design is a grid, and the noise isotropic where a figure's bound is."""
@@ -166,7 +146,7 @@ class Tables:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """The summary table; see `study.simulation.runs.schemas.summary`."""
-        return stored_summary(self.reader, "errors" in self.stored, self.design == "random")
+        return stored_summary(self.run, "errors" in self.stored, self.design == "random")
 
     def require_all_trials(self, name: str) -> None:
         """Raise `NotApplicable` if a measure of all trials is not known in some cell."""
@@ -200,7 +180,34 @@ class Tables:
         return self._if_stored("draws")
 
     def _if_stored(self, name: str) -> pd.DataFrame | None:
-        return self.reader.table(name) if name in self.stored else None
+        return self.run.table(name) if name in self.stored else None
+
+    @cached_property
+    def trials(self) -> int:
+        """Number of data sets of all cells."""
+        return int(self._of_one["planned"].sum())
+
+    @cached_property
+    def samples(self) -> int:
+        """Number of points in the data sets of all cells."""
+        if self.design == "random" and "errors" in self.stored:  # a row of the summary has many numbers of samples
+            return int(self.some_errors(["samples"], self.estimators[:1])["samples"].sum())
+        return int((self._of_one["planned"] * self._of_one["samples"]).sum())
+
+    @property
+    def _of_one(self) -> pd.DataFrame:
+        return self.summary[self.summary["estimator"] == self.estimators[0]]
+
+    @cached_property
+    def worst(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """The worst trials, and the worst of each group of the summary and estimator; see `worst_of_run`."""
+        self.require_errors()
+        return worst_of_run(self.run)
+
+    def release(self) -> None:
+        """Forget all tables but the summary, which may be large."""
+        for name in ("errors", "points", "posterior", "answers", "draws"):
+            vars(self).pop(name, None)
 
     @property
     def estimators(self) -> list[str]:

@@ -16,14 +16,14 @@ from matplotlib.figure import Figure
 from study import style
 from study.files import RunError
 from study.fits.registry import ESTIMATORS
-from study.simulation.analysis.summary import worst_of_run
+from study.simulation import figures
 from study.simulation.claims import CLAIMS, Verdict
 from study.simulation.claims.readings import Readings
 from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.figure import Frame, failure, log_axes, look
 from study.simulation.report import html, words
 from study.simulation.report.words import count
-from study.simulation.runs.run_folder import Finished, Run
+from study.simulation.runs.run_folder import Run
 from study.text import paragraphs
 
 _BEGINNINGS = {Verdict.REPRODUCED: "Yes", Verdict.PARTLY: "In part", Verdict.NOT_REPRODUCED: "No"}
@@ -197,10 +197,10 @@ def draw_lead(frame: Frame) -> Figure:
 
 def picture(name: str, drawing: Drawing) -> Markup:
     """A figure with its title, its advice and the name of the run as caption."""
-    title, advice = described(drawing.figure)
-    of_run = html.paragraph([html.code(name), f", run {drawing.name}"])
+    title, advice = described(figures.FIGURES[name])
+    of_run = html.paragraph([html.code(name), f", run {drawing.tables.name}"])
     caption = [*(html.paragraph(html.coded(text)) for text in (title, advice) if text), of_run]
-    return html.picture(name, drawing.pictures["png"], f"{title} Run {drawing.name}.".replace("`", ""), caption)
+    return html.picture(name, drawing.pictures["png"], f"{title} Run {drawing.tables.name}.".replace("`", ""), caption)
 
 
 def described(figure: FigureModule) -> tuple[str, str]:
@@ -210,61 +210,11 @@ def described(figure: FigureModule) -> tuple[str, str]:
 
 
 @dataclass(frozen=True)
-class Record:
-    """One run's tables and facts for the page.
-
-    Attributes:
-        run: the folder; what else is stored in it can be read from there.
-        name: its name.
-        manifest: what ran on what.
-        estimators: names, in the config's order.
-        trials, samples: data sets of all cells, and the points in them.
-        summary: the stored table.
-        worst: the worst trials; see `study.simulation.analysis.summary`. None where the study kept its summary alone.
-        worst_of_groups: the worst trial of each group of the summary and estimator, likewise.
-    """
-
-    run: Run
-    name: str
-    manifest: Finished
-    estimators: list[str]
-    trials: int
-    samples: int
-    summary: pd.DataFrame
-    worst: pd.DataFrame | None
-    worst_of_groups: pd.DataFrame | None
-
-    @classmethod
-    def of(cls, run: Run, tables: Tables) -> Self:
-        """Read what else is stored of a run whose tables are loaded.
-
-        Raises:
-            RunError: if something is missing.
-        """
-        one = tables.summary[tables.summary["estimator"] == tables.estimators[0]]
-        samples = int((one["planned"] * one["samples"]).sum())
-        if tables.design == "random" and "errors" in tables.stored:  # a row of the summary has many numbers of samples
-            samples = int(tables.some_errors(["samples"], tables.estimators[:1])["samples"].sum())
-        worst, of_groups = worst_of_run(run) if "errors" in tables.stored else (None, None)
-        return cls(
-            run=run,
-            name=tables.name,
-            manifest=run.facts(),
-            estimators=tables.estimators,
-            trials=int(one["planned"].sum()),
-            samples=samples,
-            summary=tables.summary,
-            worst=worst,
-            worst_of_groups=of_groups,
-        )
-
-
-@dataclass(frozen=True)
 class Material:
     """Input of all sections.
 
     Attributes:
-        records: the runs, in the order given.
+        runs: the runs, in the order given, each with its summary in memory.
         claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`, perhaps without rows.
         pictures: each figure that some run can feed, by name.
         undrawn: for each other figure the runs' reasons, by the run's name.
@@ -274,7 +224,7 @@ class Material:
         readings: verdicts under other readings of the paper, if they are given.
     """
 
-    records: list[Record]
+    runs: list[Tables]
     claims: pd.DataFrame
     pictures: dict[str, Markup]
     undrawn: dict[str, dict[str, str]]
@@ -305,20 +255,20 @@ class Material:
             RunError: if a run did not finish, or is given twice.
         """
         gallery = gallery or Gallery(kinds=["png"])
-        records: list[Record] = []
+        read: list[Tables] = []
         for run in runs:
-            tables = Tables.of(run)
-            if tables.name in {record.name for record in records}:
+            tables = Tables(run)
+            if tables.name in [other.name for other in read]:
                 raise RunError(f"{run.folder}: {tables.name} is given twice")
-            gallery.add(run, tables)
-            records.append(Record.of(run, tables))
+            gallery.add(tables)
+            read.append(tables)
         drawings, undrawn, top = gallery.drawings, dict(gallery.undrawn), None
         efficiency = drawings[_LEAD].frame if _LEAD in drawings else None
         if efficiency is not None:
             try:
                 top = lead(efficiency)
             except Exception as error:  # a picture that fails must not cost the page
-                undrawn["lead"] = {drawings[_LEAD].name: failure(error)}
+                undrawn["lead"] = {drawings[_LEAD].tables.name: failure(error)}
         pictures = {name: picture(name, drawing) for name, drawing in drawings.items()}
         told = findings(claims, efficiency, readings)
-        return cls(records, claims, pictures, undrawn, top, told, bench, readings)
+        return cls(read, claims, pictures, undrawn, top, told, bench, readings)

@@ -31,10 +31,10 @@ from study.fits import Status
 from study.simulation.claims import Verdict
 from study.simulation.claims.readings import Readings
 from study.simulation.experiment.conditions import LABELS
-from study.simulation.figures import Gallery, gathered
+from study.simulation.figures import Gallery, Tables, gathered
 from study.simulation.report import html, words
 from study.simulation.report.html import Content, Section
-from study.simulation.report.material import Material, Record, answer
+from study.simulation.report.material import Material, answer
 from study.simulation.report.runs import overview_section, posterior_section, run_id, run_section
 from study.simulation.report.words import count, readable
 from study.simulation.runs.run_folder import Run
@@ -43,31 +43,31 @@ from study.simulation.statistics import MEASURES, share
 _DIGITS, _ERROR_DIGITS = 5, 3
 
 
-def packed(record: Record) -> str:
+def packed(tables: Tables) -> str:
     """Pack a run's summary for the explorer.
 
     Returns:
         JSON of columns, compressed by gzip, as base64. Numbers have five digits, Monte-Carlo errors three; a number
         that is not known is null. The same run gives the same text.
     """
-    text = json.dumps(_columns(record), separators=(",", ":")).replace("Infinity", "1e999")  # too large to hold: ∞
+    text = json.dumps(_columns(tables), separators=(",", ":")).replace("Infinity", "1e999")  # too large to hold: ∞
     return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
 
 
-def _columns(record: Record) -> dict[str, object]:
-    frame = record.summary
+def _columns(tables: Tables) -> dict[str, object]:
+    frame = tables.summary
     codes, groups = pd.factorize(frame["group"].astype(str))
     by_decade = bool(frame["decade"].notna().any())
     varying, fixed = _conditions(frame, by_decade)
     names = pd.MultiIndex.from_frame(frame[["group", "estimator"]].astype(str))
     data: dict[str, object] = {
-        "run": record.name,
+        "run": tables.name,
         "by": "decade" if by_decade else "cell",
-        "replay": f"study replay {shlex.quote(str(record.run.folder))}",
+        "replay": f"study replay {shlex.quote(str(tables.run.folder))}",
         "groups": list(groups),
         "group": codes.tolist(),
-        "estimators": [{"name": n, "label": style.label(n), "color": style.color(n)} for n in record.estimators],
-        "estimator": pd.Index(record.estimators).get_indexer(names.get_level_values(1)).tolist(),
+        "estimators": [{"name": n, "label": style.label(n), "color": style.color(n)} for n in tables.estimators],
+        "estimator": pd.Index(tables.estimators).get_indexer(names.get_level_values(1)).tolist(),
         "conditions": varying,
         "fixed": fixed,
         "trials": frame["planned"].tolist(),
@@ -75,8 +75,8 @@ def _columns(record: Record) -> dict[str, object]:
         "failed": _failed(frame),
         "measures": list(_measures(frame)),
     }
-    if record.worst_of_groups is not None:
-        rows = record.worst_of_groups.set_index(["group", "estimator"]).reindex(names)
+    if "errors" in tables.stored:
+        rows = tables.worst[1].set_index(["group", "estimator"]).reindex(names)
         worst = zip(rows["cell"], rows["trial"], strict=True)
         trials = [f"{cell}/{trial:.0f}" if isinstance(cell, str) else None for cell, trial in worst]
         data |= {"worst": trials, "ratio": _rounded(rows["ratio"], _ERROR_DIGITS)}
@@ -151,8 +151,8 @@ _LIBRARY = "plot.min.js"
 def explorer_section(material: Material) -> Iterable[Section]:
     """Section in which every row of the runs' summaries can be searched and drawn."""
     library, script = map(Markup, scripts())
-    tables = {record.name: packed(record) for record in material.records}
-    part = html.rendered("assets/part.html", tables=tables, library=library, script=script)
+    columns = {tables.name: packed(tables) for tables in material.runs}
+    part = html.rendered("assets/part.html", tables=columns, library=library, script=script)
     yield Section("Explore every number", "explorer", [Markup(part)], printed=False)
 
 
@@ -224,7 +224,7 @@ def _badge(verdict: str, words: str) -> Markup:
 def _judged(row: Any, material: Material) -> list[Content]:
     """A claim with a verdict; the row comes from `DataFrame.itertuples`."""
     name = str(row.figure)
-    places = {record.name: run_id(record) for record in material.records}
+    places = {tables.name: run_id(tables) for tables in material.runs}
     runs: list[str] = []
     for run in filter(None, str(row.runs).split(", ")):
         runs += [", "] * bool(runs) + [html.link(run, places[run]) if run in places else run]
@@ -302,7 +302,7 @@ def readings_section(material: Material) -> Iterable[Section]:
 def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> Iterable[Markup]:
     """Sentence that names the runs or tables that the remaining claims need."""
     reads = _reads(rest)
-    given = {record.run.study.name for record in material.records}
+    given = {tables.run.study.name for tables in material.runs}
     configs = dict.fromkeys(config for config, _, table in (read.partition("/") for read in reads) if table)
     needed: list[str] = [f"configs/{name}.toml" for name in configs if name not in given]
     if needed:
@@ -362,7 +362,7 @@ def figures_section(material: Material) -> Iterable[Section]:
     if not content:
         content.append(html.paragraph("These runs can feed none of the figures."))
     if material.undrawn:
-        runs = len(material.records)
+        runs = len(material.runs)
         reasons = [f"{name}: {gathered(reasons, runs)}" for name, reasons in material.undrawn.items()]
         title = f"{len(reasons)} figure{'s' * (len(reasons) > 1)} not drawn, and why"
         content.append(html.folded(title, html.items(reasons)))
@@ -371,7 +371,7 @@ def figures_section(material: Material) -> Iterable[Section]:
 
 def run_sections(material: Material) -> Iterable[Section]:
     """Sections of each run: results and provenance."""
-    return (run_section(record) for record in material.records)
+    return (run_section(tables) for tables in material.runs)
 
 
 SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
@@ -413,8 +413,8 @@ def render(
     sections = [section for make in SECTIONS for section in make(material)]
     return html.rendered(
         "template.html",
-        names=", ".join(record.name for record in material.records),
-        sets=count(sum(record.trials for record in material.records)),
+        names=", ".join(tables.name for tables in material.runs),
+        sets=count(sum(tables.trials for tables in material.runs)),
         findings=material.findings,
         tally=tally(claims) if len(claims) else None,
         lead=material.lead,

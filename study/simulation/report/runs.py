@@ -17,10 +17,11 @@ from study.fits import Status
 from study.fits.samples import explain
 from study.simulation.analysis.summary_text import has_bounds, medians_at_bounds
 from study.simulation.experiment.conditions import LABELS, SAMPLES, RowValues, bound_law, named_in
+from study.simulation.figures import Tables
 from study.simulation.posterior import run as posterior
 from study.simulation.report import html, words
 from study.simulation.report.html import Content, Section
-from study.simulation.report.material import Material, Record
+from study.simulation.report.material import Material
 from study.simulation.runs.run_folder import plugins
 from study.simulation.statistics import MEASURES
 
@@ -30,27 +31,27 @@ _HEAD = ["Run", "Design", "Estimators", "Trials", "Samples", "Seed", "Computed o
 def overview_section(material: Material) -> Iterable[Section]:
     """A row per run."""
     caption = "Trials are data sets, over all cells; samples are the points in them, each fitted by every estimator."
-    rows = [_row(record) for record in material.records]
+    rows = [_row(tables) for tables in material.runs]
     table = html.table("The runs", caption, _HEAD, rows, numeric={3, 4, 5, 7, 8}, look="stacked")
     yield Section("What was run", "runs", [table])
 
 
-def run_id(record: Record) -> str:
+def run_id(tables: Tables) -> str:
     """Anchor of a run's section."""
-    return f"run-{record.name}"
+    return f"run-{tables.name}"
 
 
-def _row(record: Record) -> list[Content]:
-    study, manifest = record.run.study, record.manifest
+def _row(tables: Tables) -> list[Content]:
+    study, manifest = tables.run.study, tables.run.facts()
     machine = manifest.machine
     cores = f", {machine.cores}\u00a0cores" if machine.cores else ""
     law = "" if study.noise_law.isotropic else f"; {study.noise_law.words}"
     return [
-        [html.link(record.name, run_id(record)), html.note(["of the config ", html.code(study.name)])],
+        [html.link(tables.name, run_id(tables)), html.note(["of the config ", html.code(study.name)])],
         f"{words.dimension(study)}; {words.design(study)}{law}",
-        html.coded(", ".join(map(words.estimator, record.estimators))),
-        words.count(record.trials),
-        words.count(record.samples) if record.samples < 1_000_000 else words.number(record.samples),
+        html.coded(", ".join(map(words.estimator, tables.estimators))),
+        words.count(tables.trials),
+        words.count(tables.samples) if tables.samples < 1_000_000 else words.number(tables.samples),
         str(study.seed),
         [f"{machine.processor}{cores}", html.note(words.moment(manifest.started))],
         words.timed(manifest.seconds),
@@ -65,9 +66,9 @@ _REASONS = {
 }
 
 
-def precision(record: Record) -> list[Markup]:
+def precision(tables: Tables) -> list[Markup]:
     """Table with a row per reason why cells got no more trials."""
-    asked, frame = record.run.study.precision, record.run.table("precision")
+    asked, frame = tables.run.study.precision, tables.run.table("precision")
     assert asked is not None
     relative = f"{words.number(100.0 * (asked.relative_target or 0.0))} % of it"
     goal = f"at most {relative if asked.target is None else words.number(asked.target)}"
@@ -84,7 +85,7 @@ def precision(record: Record) -> list[Markup]:
         "of the cells that reached theirs, 2 of the errors shown in 93 %."
     )
     head = ["Why there are no more trials", "cells", "trials of each"]
-    table = html.table(f"Trials by need, {record.name}", caption, head, rows, numeric={1, 2})
+    table = html.table(f"Trials by need, {tables.name}", caption, head, rows, numeric={1, 2})
     told: list[str] = [
         f"Trials were added until the Monte-Carlo error of the {MEASURES[asked.measure].title} (",
         html.code(asked.measure),
@@ -102,9 +103,9 @@ _STEPS = {
 }
 
 
-def times(record: Record) -> list[Markup]:
+def times(tables: Tables) -> list[Markup]:
     """Seconds of each step, and nanoseconds per sample, in all and by the number of samples."""
-    frame = record.run.table("timings").astype({"step": str})
+    frame, facts = tables.run.table("timings").astype({"step": str}), tables.run.facts()
     frame = frame.assign(handled=frame["fits"] * frame["samples"])
     steps = list(dict.fromkeys(frame["step"]))
     rows = []
@@ -112,14 +113,14 @@ def times(record: Record) -> list[Markup]:
         seconds = words.timed(float(part["seconds"].sum()))
         rows.append([_step(str(step)), words.count(int(part["fits"].sum())), seconds, _per_sample(part)])
     caption = (
-        f"Seconds are of all workers together ({record.manifest.jobs}); the run took "
-        f"{words.timed(record.manifest.seconds)} s by the clock, {words.timed(record.manifest.seconds_computing)} s of "
+        f"Seconds are of all workers together ({facts.jobs}); the run took "
+        f"{words.timed(facts.seconds)} s by the clock, {words.timed(facts.seconds_computing)} s of "
         "them computing. An estimator's time is without the moments."
     )
     head = ["Step", "Data sets", "Seconds", "ns per sample"]
-    blocks: list[Markup] = [html.table(f"Time by step, {record.name}", caption, head, rows, numeric={1, 2, 3})]
+    blocks: list[Markup] = [html.table(f"Time by step, {tables.name}", caption, head, rows, numeric={1, 2, 3})]
     if frame["samples"].nunique() > 1:
-        table = _by_samples(frame, steps, record.name)
+        table = _by_samples(frame, steps, tables.name)
         blocks.append(html.folded("Nanoseconds per sample, by the number of samples", table))
     return blocks
 
@@ -152,10 +153,10 @@ def _step(name: str) -> str:
     return _STEPS.get(name, style.label(name))
 
 
-def provenance(record: Record) -> list[Markup]:
+def provenance(tables: Tables) -> list[Markup]:
     """Facts on a run's origin, and the command that reproduces it."""
-    manifest, folder = record.manifest, record.run.folder
-    software, machine, main = manifest.software, manifest.machine, record.run.study.keep
+    manifest, folder = tables.run.facts(), tables.run.folder
+    software, machine, main = manifest.software, manifest.machine, tables.run.study.keep
     config = (folder / "config.toml").read_text(encoding="utf-8")
     commit: Content = "unknown: not run from a checkout"
     if software.commit:
@@ -173,20 +174,20 @@ def provenance(record: Record) -> list[Markup]:
         ("Threads of libraries", threads or "no limits"),
         ("Workers", str(manifest.jobs)),
         ("Started", words.moment(manifest.started)),
-        ("Seed", str(record.run.study.seed)),
-        ("Digest of the config", html.code(record.run.study.digest())),
-        (f"SHA-256 of {main}.parquet", html.code(record.run.fingerprint(main) or "")),
+        ("Seed", str(tables.run.study.seed)),
+        ("Digest of the config", html.code(tables.run.study.digest())),
+        (f"SHA-256 of {main}.parquet", html.code(tables.run.fingerprint(main) or "")),
     ]
-    command = ["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs), *plugins(record.run.own())]
+    command = ["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs), *plugins(tables.run.own())]
     again = shlex.join(command)
     other = shlex.quote(f"{folder}-again")
     return [
         html.facts(facts),
-        html.folded("The config, as it was given", html.verbatim(config, f"Config of {record.name}")),
+        html.folded("The config, as it was given", html.verbatim(config, f"Config of {tables.name}")),
         html.paragraph(
             "To run it again, into another folder; with the same versions the error table is equal to the byte:"
         ),
-        html.verbatim(f"{again} --out {other}", f"Command that runs {record.name} again"),
+        html.verbatim(f"{again} --out {other}", f"Command that runs {tables.name} again"),
         *([html.paragraph("The commit above does not hold all of the code that ran.")] if software.dirty else []),
     ]
 
@@ -195,11 +196,11 @@ _LONG = 40
 _TOO_LONG = 1000
 
 
-def run_section(record: Record) -> Section:
+def run_section(tables: Tables) -> Section:
     """Section with all tables of a run."""
     shown = {
         "Error against the bound": ("efficiency", efficiency),
-        **({"Trials by need": ("precision", precision)} if record.run.has("precision") else {}),
+        **({"Trials by need": ("precision", precision)} if tables.run.has("precision") else {}),
     }
     folded = {
         "How the fits ended": ("status", statuses),
@@ -209,22 +210,22 @@ def run_section(record: Record) -> Section:
     }
     content: list[Markup] = []
     for title, (name, make) in shown.items():
-        content += [html.heading(title, f"{name}-{record.name}"), *make(record)]
+        content += [html.heading(title, f"{name}-{tables.name}"), *make(tables)]
     for title, (name, make) in folded.items():
-        content.append(html.folded(title, make(record), printed=False, id=f"{name}-{record.name}"))
-    return Section(f"Run {record.name}", run_id(record), content, listed=False)
+        content.append(html.folded(title, make(tables), printed=False, id=f"{name}-{tables.name}"))
+    return Section(f"Run {tables.name}", run_id(tables), content, listed=False)
 
 
-def efficiency(record: Record) -> list[Markup]:
+def efficiency(tables: Tables) -> list[Markup]:
     """Median error over the bound: a row per group, a column per estimator."""
-    frame = record.summary
+    frame = tables.summary
     if frame["group"].nunique() > _TOO_LONG:
         said = ["There are too many conditions for a table; ", html.code("summary.parquet"), " has them."]
         return [html.paragraph(said)]
     by_decade = bool(frame["decade"].notna().any())
     titles, conditions, fixed = _conditions(frame, by_decade)
-    shown = [name for name in record.estimators if name in set(frame["estimator"])]
-    bounded, rows = has_bounds(record.run.study), []
+    shown = [name for name in tables.estimators if name in set(frame["estimator"])]
+    bounded, rows = has_bounds(tables.run.study), []
     groups: dict[object, list[RowValues]] = {}
     for row in frame.to_dict("records"):
         groups.setdefault(row["group"], []).append(row)
@@ -233,7 +234,7 @@ def efficiency(record: Record) -> list[Markup]:
         first = part[0]
         cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
         if bounded:
-            cells += [f"{value:.3g}" for value in medians_at_bounds(record.run.study, first)]
+            cells += [f"{value:.3g}" for value in medians_at_bounds(tables.run.study, first)]
         rows.append([*cells, *(_ratio(fits[name]) if name in fits else "–" for name in shown)])
     least = words.count(int(frame["planned"].min()))
     law = f" ({name})" if (name := bound_law(frame)) else ""
@@ -251,7 +252,7 @@ def efficiency(record: Record) -> list[Markup]:
         f"At least {least} trial{'s' * (least != '1')} a row{fixed}."
     )
     head = [*titles, "trials", *(["CRLB", "attainable"] if bounded else []), *(style.label(name) for name in shown)]
-    table = html.table(f"Error over the bound, {record.name}", caption, head, rows, numeric=range(len(head)))
+    table = html.table(f"Error over the bound, {tables.name}", caption, head, rows, numeric=range(len(head)))
     if len(rows) <= _LONG:
         return [table]
     folded = html.folded(f"The table of all {words.count(len(rows))} conditions", table, printed=False)
@@ -276,32 +277,32 @@ def _ratio(row: RowValues) -> Content:
     return [text, html.note(f"{words.percent(planned - ok, planned)} not ok")] if ok < planned else text
 
 
-def statuses(record: Record) -> list[Markup]:
+def statuses(tables: Tables) -> list[Markup]:
     """Table of counts: a row per status that occurs, a column per estimator."""
     known = ["planned", *(status.name.lower() for status in Status)]
-    names = [name for name in known if name in record.summary]  # an older run may lack newer statuses
-    counts = record.summary.groupby("estimator", observed=True, sort=False)[names].sum()
+    names = [name for name in known if name in tables.summary]  # an older run may lack newer statuses
+    counts = tables.summary.groupby("estimator", observed=True, sort=False)[names].sum()
     rows = []
     for name in names:
-        total = [int(counts[name][estimator]) for estimator in record.estimators]
+        total = [int(counts[name][estimator]) for estimator in tables.estimators]
         if name in ("planned", "ok") or any(total):
             text = "planned" if name == "planned" else Status[name.upper()].text
             rows.append([text, *map(words.count, total)])
-    head = ["Fits", *(style.label(name) for name in record.estimators)]
+    head = ["Fits", *(style.label(name) for name in tables.estimators)]
     caption = "None is ever drawn again or left out."
     numeric = frozenset(range(1, len(head)))
-    return [html.table(f"How the fits ended, {record.name}", caption, head, rows, numeric=numeric)]
+    return [html.table(f"How the fits ended, {tables.name}", caption, head, rows, numeric=numeric)]
 
 
-def worst_trials(record: Record) -> list[Markup]:
+def worst_trials(tables: Tables) -> list[Markup]:
     """Table of the trials with the largest errors over the bound, with the commands that replay them."""
-    frame = record.worst
-    if frame is None:
+    if "errors" not in tables.stored:
         words_of = 'The study kept its summary alone (keep = "summary"): which trials were worst is not known.'
         return [html.paragraph(words_of)]
+    frame = tables.worst[0]
     if frame.empty:
         return [html.paragraph("No fit is ok and has a finite bound.")]
-    folder = shlex.quote(str(record.run.folder))
+    folder = shlex.quote(str(tables.run.folder))
     conditions = named_in(frame)
     rows = [
         [
@@ -323,7 +324,7 @@ def worst_trials(record: Record) -> list[Markup]:
         "estimator. The command draws the same points again; the fits that it shows are those of the version installed."
     )
     numeric = {1, *range(3, 4 + len(conditions))}
-    return [html.table(f"The worst trials, {record.name}", caption, head, rows, numeric=numeric, look="stacked")]
+    return [html.table(f"The worst trials, {tables.name}", caption, head, rows, numeric=numeric, look="stacked")]
 
 
 _LONG_CHAINS = 20
@@ -332,18 +333,18 @@ _LONG_CHAINS = 20
 def posterior_section(material: Material) -> Iterable[Section]:
     """Section of the posteriors; empty if no run has them."""
     content: list[Markup] = []
-    for record in material.records:
-        if record.run.has("posterior"):
-            posteriors, answers = record.run.table("posterior"), record.run.table("answers")
+    for tables in material.runs:
+        if tables.run.has("posterior"):
+            posteriors, answers = tables.run.table("posterior"), tables.run.table("answers")
             if posteriors.empty:  # no chain was run; `study verify` tells of chains that are missing
                 continue
-            content.append(html.heading(f"Run {record.name}", f"posterior-{record.name}"))
-            content += _said(record, posteriors, answers)
+            content.append(html.heading(f"Run {tables.name}", f"posterior-{tables.name}"))
+            content += _said(tables, posteriors, answers)
     if content:
         yield Section("Posteriors", "posteriors", content)
 
 
-def _said(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
+def _said(tables: Tables, posteriors: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
     cells = posterior.by_cell(posteriors, answers)
     chains, ok = int(cells["chains"].sum()), int(cells["ok"].sum())
     curved = cells[(cells["flatness"] < posterior.FLAT) & (cells["likelihood"] == "geometric")]
@@ -356,13 +357,13 @@ def _said(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -> li
             f"answer, and its standard deviations are {known['least'].min():.2f} to {known['most'].max():.2f} of the "
             "Cramér-Rao bound's."
         )
-    table = _chain_kinds(record, cells)
+    table = _chain_kinds(tables, cells)
     if len(cells) > _LONG_CHAINS:
         table = html.folded(f"All {len(cells)} kinds of chain", table, printed=False)
-    return [html.paragraph(said), *_coverage(record, posteriors, answers), table]
+    return [html.paragraph(said), *_coverage(tables, posteriors, answers), table]
 
 
-def _chain_kinds(record: Record, cells: pd.DataFrame) -> Markup:
+def _chain_kinds(tables: Tables, cells: pd.DataFrame) -> Markup:
     conditions = named_in(cells)
     head = [*(c.symbol for c in conditions), "likelihood", "σ", "σ²/v", "ok", "shift from MLE", "sd over bound", "τ"]
     rows = []
@@ -387,12 +388,12 @@ def _chain_kinds(record: Record, cells: pd.DataFrame) -> Markup:
         "unknown they follow σ̂); the longest autocorrelation time, in steps."
     )
     words_at = {len(conditions), len(conditions) + 1}
-    return html.table(f"Posteriors, {record.name}", caption, head, rows, numeric=frozenset(range(len(head))) - words_at)
+    return html.table(f"Posteriors, {tables.name}", caption, head, rows, numeric=frozenset(range(len(head))) - words_at)
 
 
-def _coverage(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
+def _coverage(tables: Tables, posteriors: pd.DataFrame, answers: pd.DataFrame) -> list[Markup]:
     """Table of coverage: share of sets of a nominal level that hold the truth."""
-    if not record.run.study.independent():
+    if not tables.run.study.independent():
         said = "Coverage is not shown: cells of this run share draws, and so are not independent of each other."
         return [html.note(said)]
     everything = posterior.trials(posteriors, answers)
@@ -415,6 +416,6 @@ def _coverage(record: Record, posteriors: pd.DataFrame, answers: pd.DataFrame) -
         f"is not ok counts as outside. Only conditions with σ²/v < {posterior.FLAT:g}."
     )
     head = ["sets of", "σ", "trials", "not ok", *(f"{level:.0%} sets".replace("%", " %") for level in posterior.LEVELS)]
-    table = html.table(f"Coverage, {record.name}", caption, head, rows, numeric={2, 3, 4, 5})
+    table = html.table(f"Coverage, {tables.name}", caption, head, rows, numeric={2, 3, 4, 5})
     note = "An estimator's sets are the ellipsoids of its own covariance, which does not know of a bias (GDKE)."
     return [table, html.note(note)]

@@ -1,8 +1,7 @@
-"""Status of a run; nothing in its folder is changed."""
+"""Status of a run."""
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from study.files import RunError, holder
@@ -14,9 +13,11 @@ from study.simulation.runs.run_folder import ManifestMissingError, Run
 from study.text import columns
 
 
-@dataclass(frozen=True)
 class RunStatus:
     """The status of a run.
+
+    Args:
+        folder: the run's, in which nothing is changed.
 
     Attributes:
         run: its name.
@@ -34,55 +35,27 @@ class RunStatus:
         tables: names of the stored tables.
         damaged: those of them that are damaged, and tables that are missing.
         made_by: the software of each part of it, as `study.simulation.runs.provenance.software` has it.
-    """
-
-    run: str
-    folder: Path
-    state: str
-    finished: bool
-    writer: str | None
-    units: dict[str, int | None]
-    cells: dict[str, int] | None
-    parts: dict[str, int]
-    failures: dict[str, int] | None
-    tables: list[str]
-    damaged: list[str]
-    made_by: list[dict[str, object]]
-
-
-def status(folder: Path) -> RunStatus:
-    """Find the status of a run, without changing it.
-
-    Args:
-        folder: the run's.
 
     Raises:
         RunError: if there is no run, or it is of a newer version.
     """
-    run = Run.open(folder)
-    run.refuse_newer()
-    parts = Parts(folder, "units")
-    parts.load(set_aside=False)
-    layout, broken, known, made = _layout(run, parts), run.damaged(), run.known(), run.makers()
-    failures = {"fits": "fits", "failed": "failures", "lost": "lost"}
-    return RunStatus(
-        run=run.study.run_name(),
-        folder=folder,
-        state=_state(run, parts, bool(broken)),
-        finished=run.finished() and run.up_to_date() and not broken,
-        writer=holder(folder),
-        units=_units(run, parts, layout),
-        cells=None if run.study.precision is None else _cells(run, layout),
-        parts={
-            "whole": parts.count,
-            "damaged": len(parts.damaged),
-            "set_aside": len(list((parts.folder / DAMAGED).glob("*.part"))),
-        },
-        failures={name: known[entry] for name, entry in failures.items()} if "fits" in known else None,
-        tables=sorted(path.stem for path in folder.glob("*.parquet")),
-        damaged=sorted(broken),
-        made_by=made + [other for other in parts.made_by if other and other not in made],
-    )
+
+    def __init__(self, folder: Path) -> None:
+        run = Run.open(folder)
+        run.refuse_newer()
+        parts = Parts(folder, "units")
+        parts.load(set_aside=False)
+        layout, broken, known, made = _layout(run, parts), run.damaged(), run.known(), run.makers()
+        self.run, self.folder, self.state = run.study.run_name(), folder, _state(run, parts, bool(broken))
+        self.finished = run.finished() and run.up_to_date() and not broken
+        self.writer, self.units = holder(folder), _units(run, parts, layout)
+        self.cells = None if run.study.precision is None else _cells(run, layout)
+        set_aside = len(list((parts.folder / DAMAGED).glob("*.part")))
+        self.parts = {"whole": parts.count, "damaged": len(parts.damaged), "set_aside": set_aside}
+        failures = {"fits": "fits", "failed": "failures", "lost": "lost"}
+        self.failures = {name: known[entry] for name, entry in failures.items()} if "fits" in known else None
+        self.tables, self.damaged = sorted(path.stem for path in folder.glob("*.parquet")), sorted(broken)
+        self.made_by = made + [other for other in parts.made_by if other and other not in made]
 
 
 def _layout(run: Run, parts: Parts) -> Layout:

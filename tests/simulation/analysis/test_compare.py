@@ -8,7 +8,7 @@ import pytest
 import study
 from study.files import RunError
 from study.simulation.analysis import compare as compare_module
-from study.simulation.analysis.compare import compare, printed
+from study.simulation.analysis.compare import Difference, printed
 from study.simulation.analysis.summary import summarise
 from study.simulation.experiment.config import parse
 from study.simulation.runs.runner import run
@@ -72,12 +72,12 @@ def without_errors(made):
 def test_identical(make):
     """Equal runs are equal in all comparisons, by their errors and by their summaries."""
     one, other = make("one"), make("other")
-    found = compare(one, other)
+    found = Difference(one, other)
     assert found.identical
     assert not found.different
     assert len(found.comparisons) == 2 * 4
     assert verdict(found) == "identical"
-    found = compare(without_errors(one), other)
+    found = Difference(without_errors(one), other)
     assert found.identical
     assert "summaries" in found.how
 
@@ -90,7 +90,7 @@ def test_the_same_within_monte_carlo_error(make, change, by_summary):
     With more trials, those that both have are identical by their errors.
     """
     one, other = make("one"), make("other", change)
-    found = compare(without_errors(one) if by_summary else one, other)
+    found = Difference(without_errors(one) if by_summary else one, other)
     assert not found.different
     grown = change[0] == "trials = 200" and not by_summary
     words = "identical in the trials that both have" if grown else "the same within Monte-Carlo error"
@@ -106,7 +106,7 @@ def test_different(make, altered, seed, by_summary):
     one = make("one")
     altered(lambda fit: np.multiply(fit.center, 1.5, out=fit.center))  # the truth is the origin
     changes = [("seed = 1", f"seed = {seed}")] if seed != 1 else []
-    found = compare(without_errors(one) if by_summary else one, make("other", *changes))
+    found = Difference(without_errors(one) if by_summary else one, make("other", *changes))
     assert found.different
     beyond = {each.estimator for each in found.comparisons if each.chance < found.threshold}
     assert beyond == {"lls"}
@@ -119,7 +119,7 @@ def test_a_change_of_rounding_is_none(make, altered):
     """Errors that differ in the tenth digit are the same, though not identical."""
     one = make("one")
     altered(lambda fit: np.multiply(fit.center, 1.0 + 1e-10, out=fit.center))
-    found = compare(one, make("other"))
+    found = Difference(one, make("other"))
     assert not found.different
     assert not found.identical
 
@@ -128,7 +128,7 @@ def test_more_failures_are_a_difference(make, altered):
     """Fits that are not ok any more count as worse than any."""
     one = make("one")
     altered(lambda fit: fit.status[::3].fill(study.Status.NOT_CONVERGED))
-    assert compare(one, make("other")).different
+    assert Difference(one, make("other")).different
 
 
 def test_names_of_cells_and_decades(make):
@@ -141,9 +141,9 @@ def test_names_of_cells_and_decades(make):
 def test_cells_that_one_run_lacks(make):
     """Cells of one run alone are counted; two runs with nothing in common are refused."""
     one, other = make("one"), make("other", ("[20, 60]", "[60, 80]"))
-    found = compare(one, other)
+    found = Difference(one, other)
     assert found.only == (4, 4)
     assert found.identical
     assert verdict(found) == "identical in the trials that both have"
     with pytest.raises(RunError, match="no cell and estimator is in both"):
-        compare(one, make("third", ("[20, 60]", "[10, 80]")))
+        Difference(one, make("third", ("[20, 60]", "[10, 80]")))

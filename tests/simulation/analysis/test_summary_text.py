@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from study.simulation.analysis.summary import summarise, summary
-from study.simulation.analysis.summary_text import ROWS, RowChoice, evenly_spread, once_by_scaling, printed
+from study.simulation.analysis.summary_text import ROWS, chosen_rows, evenly_spread, once_by_scaling, printed
 from study.simulation.experiment.config import parse
 from study.simulation.runs import runner, schemas
 
@@ -56,7 +56,7 @@ def table_of(lines):
 
 def test_it_fits_a_screen(grid):
     """At most forty lines; of 216 cells 162 repeat others by scaling, and the notes count what is left out."""
-    lines = list(printed(grid))
+    lines = list(printed(grid, chosen_rows(grid)))
     assert len(lines) <= 40
     rows, (scaled, left) = table_of(lines)
     assert len(rows) <= ROWS
@@ -70,7 +70,7 @@ def test_it_fits_a_screen(grid):
 
 def test_all(grid):
     """Each cell is printed, with the conditions that tell it apart, and nothing is left out."""
-    rows, notes = table_of(list(printed(grid, every=True)))
+    rows, notes = table_of(list(printed(grid, chosen_rows(grid), every=True)))
     assert len(rows) == 216
     assert len({row.split("  ")[0] for row in rows}) == 216
     assert notes == []
@@ -112,18 +112,17 @@ def test_where(grid, where, conditions):
     expected = summary.assign(ratio=(summary["noise"] / summary["radius"]))
     for name, values in conditions.items():
         expected = expected[[np.isclose(value, values).any() for value in expected[name]]]
-    found = RowChoice.of(grid, where, "ugdk").rows(summary)
+    found = chosen_rows(grid, where, "ugdk")
     assert len(found) > 0
     assert list(found.index) == list(expected[expected["estimator"] == "ugdk"].index)
 
 
 def test_where_in_a_random_design(random):
     """A value of σ/r chooses its decade; the other conditions vary within the rows."""
-    summary = random.table("summary")
-    found = RowChoice.of(random, ["noise_over_radius=0.05"], None).rows(summary)
+    found = chosen_rows(random, ["noise_over_radius=0.05"], None)
     assert set(found["decade"]) == {-2.0}
     with pytest.raises(ValueError, match="samples: not a condition of the rows; known are noise_over_radius"):
-        RowChoice.of(random, ["samples=5"], None)
+        chosen_rows(random, ["samples=5"], None)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +139,7 @@ def test_where_in_a_random_design(random):
 def test_faults(grid, where, estimators, words):
     """A choice that cannot be met says which word, and what there is."""
     with pytest.raises(ValueError, match=words):
-        list(printed(grid, RowChoice.of(grid, where, estimators)))
+        list(printed(grid, chosen_rows(grid, where, estimators)))
 
 
 @pytest.mark.parametrize("most", [1, 7, 8, 12, 27, 63, 64, 100])
@@ -210,7 +209,7 @@ def test_every_value_has_its_error(run):
 
 def parts(run):
     """The lines of a print: its notes, its header, and all lines below it as a list."""
-    lines = list(printed(run, every=True))
+    lines = list(printed(run, chosen_rows(run), every=True))
     place = next(i for i, line in enumerate(lines) if line.split()[-2:] == ["lls", "ugdk"])
     return [*lines[: place + 1], lines[place + 1 :]]
 

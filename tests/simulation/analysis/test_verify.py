@@ -9,7 +9,7 @@ import pytest
 
 from study.files import RunError
 from study.simulation.analysis.summary import summarise
-from study.simulation.analysis.verify import chosen, difference, printed, verify
+from study.simulation.analysis.verify import Verification, chosen, difference, printed
 from study.simulation.posterior.run import compute
 from study.simulation.runs import runner
 from study.simulation.runs.run_folder import Run
@@ -55,7 +55,7 @@ def flip(run, name, column, row):
 @pytest.mark.parametrize("kind", KINDS)
 def test_untouched(runs, kind):
     """Every table is as written, everything that can be computed again is equal, and the last line says so."""
-    found = verify(runs(kind), 1.0)
+    found = Verification(runs(kind), 1.0)
     assert found.faults == []
     for name, result in found.again.items():
         assert result.done == result.total > 0, name
@@ -85,7 +85,7 @@ def test_one_bit(copy, kind, name, column, row):
     """One flipped bit in one row is found by computing it again, though the digests are right; no other table is."""
     run = copy(kind)
     flip(run, name, column, row)
-    found = verify(run, 1.0)
+    found = Verification(run, 1.0)
     assert all(fault is None for fault in found.digests.values())
     wrong = {table for table, result in found.again.items() if result.faults}
     assert wrong - {"summary"} == {name} - {"summary"}
@@ -101,7 +101,7 @@ def test_rows_that_are_left_out(copy):
         table = pq.read_table(run.path(name))
         pq.write_table(table.slice(0, table.num_rows - 2), run.path(name))
         run.record(name)
-        assert verify(run, 1.0).again[name].faults, name
+        assert Verification(run, 1.0).again[name].faults, name
 
 
 @pytest.mark.parametrize("name", ["points", "posterior", "answers", "draws"])
@@ -113,7 +113,7 @@ def test_rows_of_nothing(copy, name):
     strays = table.slice(0, 1).set_column(place, table.schema.field(place), pa.array([999], pa.int64()))
     pq.write_table(pa.concat_tables([table, strays]), run.path(name))
     run.record(name)
-    found = verify(run, 1.0)
+    found = Verification(run, 1.0)
     assert "1 rows are of no " in found.again[name].faults[-1]
     assert {table for table, result in found.again.items() if result.faults} == {name}
 
@@ -124,10 +124,10 @@ def test_numbers_of_the_manifest(copy):
     for name in ("cells", "failures", "lost"):
         whole = run.manifest()
         run.save_manifest(whole | {name: 77})
-        (fault,) = verify(run).faults
+        (fault,) = Verification(run).faults
         assert f"manifest.json: {name} = 77, where the tables have {whole[name]}" in fault
         run.save_manifest(whole)
-    assert verify(run).faults == []
+    assert Verification(run).faults == []
 
 
 def test_the_remedy(copy):
@@ -137,7 +137,7 @@ def test_the_remedy(copy):
     flip(run, "points", "x_1", 0)
     flip(run, "draws", "error_3", 100)
     command = f"`study run {run.folder}/config.toml --out {run.folder}`"
-    last = list(printed(verify(run, 1.0)))[-1]
+    last = list(printed(Verification(run, 1.0)))[-1]
     assert last == f"not verified: 2 faults; remove points.parquet, draws.parquet, and {command} makes it again"
     for name in ("points", "draws"):
         run.path(name).unlink()
@@ -145,7 +145,7 @@ def test_the_remedy(copy):
     summarise(run)
     compute(run, 1)
     assert {name: run.fingerprint(name) for name in good} == good
-    assert verify(run, 1.0).faults == []
+    assert Verification(run, 1.0).faults == []
 
 
 def test_digests(copy):
@@ -154,7 +154,7 @@ def test_digests(copy):
     shutil.copy(run.path("draws"), run.path("answers"))
     run.path("points").unlink()
     run.forget("timings")
-    found = verify(run, 1.0)
+    found = Verification(run, 1.0)
     faults = {name for name, fault in found.digests.items() if fault}
     assert faults == {"answers", "points", "timings"}
     assert not {"answers", "points", "posterior"} & set(found.again)
@@ -175,7 +175,7 @@ def test_failures(make_run, monkeypatch):
 
     monkeypatch.setitem(study.ESTIMATORS, "lls2", replace(study.ESTIMATORS["lls"], function=raising))
     run = make_run((HEAD + GRID).replace('"ugdk"', '"lls2"'))
-    found = verify(run, 1.0)
+    found = Verification(run, 1.0)
     assert found.faults == []
     assert found.again["failures"].done == 2
     table = pq.read_table(run.path("failures"))
@@ -184,17 +184,17 @@ def test_failures(make_run, monkeypatch):
     for altered in (table.slice(1), table.set_column(index, table.schema.field(index), causes)):
         pq.write_table(altered.cast(table.schema), run.path("failures"))
         run.record("failures")
-        last = verify(run, 1.0)
+        last = Verification(run, 1.0)
         assert bool(last.again["failures"].faults) == (altered.num_rows < table.num_rows)
     assert last.again["failures"].done == 1
 
 
 def test_shares(runs):
     """A small share is at least one of each; none is no verification."""
-    assert {name: result.done for name, result in verify(runs("grid"), 1e-9).again.items()} == dict.fromkeys(
+    assert {name: result.done for name, result in Verification(runs("grid"), 1e-9).again.items()} == dict.fromkeys(
         ("errors", "points", "summary", "posterior", "answers", "draws"), 1
     )
-    found = verify(runs("grid"), 0.0)
+    found = Verification(runs("grid"), 0.0)
     assert (found.again, found.faults) == ({}, [])
     assert "nothing was computed again" in list(printed(found))[-1]
 
@@ -204,7 +204,7 @@ def test_a_run_that_is_not_finished(copy):
     run = copy("random")
     run.forget("errors")
     with pytest.raises(RunError, match="not finished, so there is nothing to verify; `study run"):
-        verify(run)
+        Verification(run)
 
 
 def test_the_choice():
@@ -240,4 +240,4 @@ def test_a_repaired_summary_is_verified(copy):
     run = copy("grid")
     flip(run, "summary", "ratio_median_ok", 0)
     summarise(run)
-    assert verify(run, 1.0).faults == []
+    assert Verification(run, 1.0).faults == []

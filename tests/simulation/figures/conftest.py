@@ -24,7 +24,13 @@ def make_rows(error_rows):
 class MadeTables(Tables):
     """Tables that were made in memory, None for one that is not stored. All else is as of a run's."""
 
-    reader: "MadeTables" = field(init=False)
+    _used = None
+    name: str
+    dimension: int
+    design: str
+    noise_law: GaussianNoise
+    independent: bool = True
+    run: "MadeTables" = field(init=False)
     stored: frozenset[str] = field(init=False)
     rows: pd.DataFrame | None = None
     summary: pd.DataFrame | None = None
@@ -34,7 +40,7 @@ class MadeTables(Tables):
     draws: pd.DataFrame | None = None
 
     def __post_init__(self):
-        object.__setattr__(self, "reader", self)
+        object.__setattr__(self, "run", self)
         object.__setattr__(self, "stored", frozenset({"summary"} | ({"errors"} if self.rows is not None else set())))
 
     def table(self, name, columns=None, estimators=None):

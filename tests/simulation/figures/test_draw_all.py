@@ -140,7 +140,7 @@ def sources(drawn):
 @pytest.fixture(scope="module")
 def frames(runs, sources):
     """What each figure shows, prepared once."""
-    return {name: FIGURES[name].prepare(Tables.of(runs[kind])) for name, kind in sources.items()}
+    return {name: FIGURES[name].prepare(Tables(runs[kind])) for name, kind in sources.items()}
 
 
 HAS = {
@@ -191,7 +191,7 @@ def test_several_runs_feed_a_figure_each(circles, random, drawn, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
     assert list(reasons) == names[2:]
     both = (("random", random), ("circles", circles))
-    apart = [f"{drawn[kind][1]['fig6_mgdk']} ({Tables.of(run).name})" for kind, run in both]
+    apart = [f"{drawn[kind][1]['fig6_mgdk']} ({Tables(run).name})" for kind, run in both]
     assert reasons["fig6_mgdk"] in ("; ".join(apart), drawn["random"][1]["fig6_mgdk"])
     assert reasons["fig_posterior"] == drawn["random"][1]["fig_posterior"] == drawn["circles"][1]["fig_posterior"]
 
@@ -251,7 +251,7 @@ def test_figures_carry_the_runs_name_and_trials(runs, sources, frames, name):
 @pytest.mark.parametrize("name", ["fig4_ugdk_ellipse", "fig7_power_law"])
 def test_tables_are_left_alone(circles, name):
     """A figure changes none of the tables that the next one is drawn from."""
-    tables = Tables.of(circles)
+    tables = Tables(circles)
     errors, summary = tables.errors.copy(), tables.summary.copy()
     FIGURES[name].draw(FIGURES[name].prepare(tables)).draw_without_rendering()
     assert tables.errors.equals(errors)
@@ -271,12 +271,12 @@ def test_a_figure_that_fails_is_not_tried_again(circles, random, tmp_path, monke
     paths, reasons = figures.draw_all([circles, random], tmp_path)
     assert paths == []
     assert reasons["broken"].startswith("failed: ZeroDivisionError")
-    assert reasons["broken"].endswith(f"({Tables.of(circles).name})")
+    assert reasons["broken"].endswith(f"({Tables(circles).name})")
 
 
 def test_some_errors_are_those_of_the_table(circles):
     """Some columns of some estimators are the same rows that the whole table has."""
-    tables = Tables.of(circles)
+    tables = Tables(circles)
     some = tables.some_errors(["cell", "estimator", "error"], ["gdke", "mle"])
     whole = tables.errors
     told = whole.loc[whole["estimator"].isin(["gdke", "mle"]), ["cell", "estimator", "error"]]

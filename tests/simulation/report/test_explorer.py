@@ -13,7 +13,6 @@ import pytest
 
 from study.fits import Status
 from study.simulation.figures import Tables
-from study.simulation.report.material import Record
 from study.simulation.report.page import packed, render
 from study.simulation.statistics import MEASURES
 
@@ -25,7 +24,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 def unpacked(run):
     """The numbers of a run, as a browser reads them."""
-    text = gzip.decompress(base64.b64decode(packed(Record.of(run, Tables.of(run))))).decode()
+    text = gzip.decompress(base64.b64decode(packed(Tables(run)))).decode()
     return json.loads(text)
 
 
@@ -75,7 +74,7 @@ def test_worst_trials_are_those_of_the_errors(name, request):
 
 def test_equal_runs_have_equal_text(circles):
     """No time is in the compressed columns."""
-    record = Record.of(circles, Tables.of(circles))
+    record = Tables(circles)
     assert packed(record) == packed(record)
 
 

@@ -203,7 +203,7 @@ def test_the_picture_has_both_bounds(efficiency):
 def test_a_table_without_rows():
     """A run whose table of posteriors has no row has no section."""
     run = SimpleNamespace(has=lambda name: True, table=lambda name: pd.DataFrame())
-    material = SimpleNamespace(records=[SimpleNamespace(run=run, name="empty")])
+    material = SimpleNamespace(runs=[SimpleNamespace(run=run, name="empty")])
     assert list(posterior_section(material)) == []
 
 
@@ -280,7 +280,7 @@ angle = [60, 90]
     page = render([run], judge_all([run], None))
     assert "which trials were worst is not known" in page
     assert "SHA-256 of summary.parquet" in page
-    record = Material.of([run], judge_all([run], None)).records[0]
+    record = Material.of([run], judge_all([run], None)).runs[0]
     assert (record.trials, record.samples) == (120, 2 * 30 * (10 + 20))
 
 

@@ -36,7 +36,7 @@ def feeds(circles, random):
     for name, figure in FIGURES.items():
         for run in (circles, random):
             with contextlib.suppress(NotApplicable):
-                figure.prepare(Tables.of(run))
+                figure.prepare(Tables(run))
                 found.setdefault(name, run.study.run_name())
     assert set(found) >= LEAST
     assert set(found) < set(FIGURES)
@@ -117,7 +117,7 @@ def test_a_section_more(circles, claims, monkeypatch, read):
     """A function that gives sections and a line in the list: that is all that a new section takes."""
 
     def more(material):
-        for record in material.records:
+        for record in material.runs:
             said = html.paragraph(["as ", html.badge("said", "good")])
             yield html.Section("More <things>", f"more-{record.name}", [said])
 

@@ -15,7 +15,7 @@ import study
 from study.files import TableRows
 from study.simulation.experiment.config import parse
 from study.simulation.runs.parts import UnitTask
-from study.simulation.runs.status import status
+from study.simulation.runs.status import RunStatus
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 
@@ -250,10 +250,10 @@ def test_rows_that_are_taken_have_their_software(named, start, make_text, tmp_pa
         folder = tmp_path / "results" / parse(make_text(TWO, **design)).run_name()
         with pytest.raises(ZeroDivisionError):
             start(TWO, folder=folder, progress=lambda share: 1 / 0, warn=str, **design)
-        assert old in status(folder).made_by
+        assert old in RunStatus(folder).made_by
     grown = named(TWO, **design)
     assert grown.manifest()["also_computed_by"] == [old, older]
-    assert status(grown.folder).made_by == [grown.maker(), old, older]
+    assert RunStatus(grown.folder).made_by == [grown.maker(), old, older]
     assert ("0.9" in named.told[-1]) is not stopped
 
 

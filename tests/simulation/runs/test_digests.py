@@ -21,7 +21,7 @@ from study.simulation.experiment.config import parse
 from study.simulation.runs import run_folder, runner
 from study.simulation.runs.parts import DAMAGED
 from study.simulation.runs.run_folder import ManifestDamagedError, ManifestMissingError, ManifestNewerError, Run
-from study.simulation.runs.status import printed, status
+from study.simulation.runs.status import RunStatus, printed
 from study.simulation.runs.workers import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software")
@@ -94,7 +94,7 @@ def test_a_damaged_summary_is_made_again(run):
     """
     before, damaged, lines = run.path("summary").read_bytes(), run.folder / "parts" / DAMAGED, []
     run.path("summary").unlink()
-    assert any(line.endswith("timings, summary (missing)") for line in printed(status(run.folder)))
+    assert any(line.endswith("timings, summary (missing)") for line in printed(RunStatus(run.folder)))
     run.set_damaged_aside(lines.append)
     assert lines == [f"{run.path('summary')}: missing, and made again"]
     assert not (run.folder / "parts").exists()
@@ -107,9 +107,9 @@ def test_a_damaged_summary_is_made_again(run):
     summarise(run)
     assert run.path("summary").read_bytes() == before
     assert run.valid("summary")
-    assert status(run.folder).parts["set_aside"] == 0
+    assert RunStatus(run.folder).parts["set_aside"] == 0
     (damaged / "units-0.part").touch()
-    assert status(run.folder).parts["set_aside"] == 1
+    assert RunStatus(run.folder).parts["set_aside"] == 1
 
 
 @pytest.mark.parametrize("place", range(0, 1000, 37))

@@ -9,14 +9,14 @@ import pytest
 import study
 from study.files import RunError
 from study.simulation.analysis.summary import summarise, summary
-from study.simulation.analysis.summary_text import printed
+from study.simulation.analysis.summary_text import chosen_rows, printed
 from study.simulation.experiment.config import parse
 from study.simulation.runs import adaptive as cell_measures
 from study.simulation.runs import runner
 from study.simulation.runs.adaptive import Rounds, TimeBudget
 from study.simulation.runs.parts import Parts
+from study.simulation.runs.status import RunStatus
 from study.simulation.runs.status import printed as lines_of
-from study.simulation.runs.status import status
 from study.simulation.runs.workers import Workers
 
 pytestmark = pytest.mark.usefixtures("same_software")
@@ -282,19 +282,19 @@ class TestBudget:
         assert (table["reason"] == "budget").all()
         assert len(run.table("errors")) == 0
         summarise(run)
-        assert list(printed(run))[2:] == ["no cell has a trial yet"]
+        assert list(printed(run, chosen_rows(run)))[2:] == ["no cell has a trial yet"]
 
     def test_status(self, go):
         """The status of a stopped run names the budget and counts open cells; that of a finished run has reasons."""
         run = stopped_after(go, 40)
         counts = run.table("precision")["reason"].value_counts()
-        lines = list(lines_of(status(run.folder)))
+        lines = list(lines_of(RunStatus(run.folder)))
         assert lines[0].endswith("stopped by its budget of 40 s; `study run` resumes it")
         (cells,) = [line for line in lines if line.startswith("  cells")]
         assert f"{counts['target']} reached the target" in cells
         assert f"{counts['budget']} are open" in cells
         go()
-        lines = list(lines_of(status(run.folder)))
+        lines = list(lines_of(RunStatus(run.folder)))
         assert lines[0].endswith(": finished")
         assert "0 are open" in next(line for line in lines if line.startswith("  cells"))
 
@@ -363,6 +363,6 @@ def test_status_of_a_run_that_finishes_meanwhile(go, monkeypatch):
         return names
 
     monkeypatch.setattr(Parts, "load", load_and_finish)
-    found = status(run.folder)
+    found = RunStatus(run.folder)
     assert found.finished
     assert found.units["missing"] == found.parts["whole"] == found.cells["open"] == 0

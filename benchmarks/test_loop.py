@@ -1,5 +1,13 @@
-"""The inner loop against what no loop can beat: filling memory with normal numbers, and reading it."""
+"""The inner loop of a study: against what no loop can beat, beside a naive one, and its growth in all directions.
 
+No loop beats filling memory with normal numbers, and reading it. At N = 1000 the compiled loop should be at least 12
+times as fast as the one that one would first write. The unit of a group, or its fastest row, is 1.0.
+"""
+
+import math
+import os
+
+import naive
 import numpy as np
 import pytest
 from numba import njit
@@ -8,8 +16,10 @@ from studies import FOUR, grid, whole
 import study
 from study.fits import ESTIMATORS
 from study.simulation.experiment.compute import Workspace, draw
+from study.simulation.runs.workers import Workers
 
 MILLION = 1_000_000
+SIGMA, ANGLE = 0.05, 60.0
 MANY = 60
 """Rounds that find a moment in which no neighbour uses the processor: it slows these loops more than what they beat."""
 DECADES = np.geomspace(1e-13, 1e14, 28)
@@ -92,3 +102,60 @@ def test_moment_route(timed, samples):
     levels = tuple(np.geomspace(1e-6, 1.0, 200))
     loop = whole(grid(samples, 100, levels, names, route="moments"))
     timed(group, f"N = {samples:,}, 200 levels, the draw included", loop, items=100 * 200 * len(names), rounds=5)
+
+
+@pytest.mark.parametrize(("samples", "trials"), [(10, 2000), (1000, 200), (100_000, 4)])
+@pytest.mark.parametrize("loop", ["compiled", "naive"])
+def test_inner_loop(benchmark, loop, samples, trials):
+    """Time one loop, and hold that both see the same statistics."""
+    benchmark.group = f"inner loop, N = {samples}, per trial"
+    words = {"compiled": "compiled, as a run computes it", "naive": "as one would first write it in NumPy"}[loop]
+    aim = "≥ 5" if samples == 10 and loop == "naive" else ""
+    benchmark.extra_info.update(what=words, items=trials, unit=loop == "compiled", aim=aim)
+    if loop == "naive":
+        rng = np.random.default_rng(1)
+        rows = benchmark(naive.study, rng, trials, samples, math.radians(ANGLE), SIGMA)
+        medians = np.median(rows[:, :4] / rows[:, 4:], axis=0)
+    else:
+        errors = benchmark(whole(grid(samples, trials))).errors
+        ratio = errors["error"] / errors["bound"]
+        medians = [np.median(ratio[errors["estimator"] == name]) for name in FOUR]
+    assert np.all((np.array(medians) > 0.3) & (np.array(medians) < 200.0))
+
+
+@pytest.mark.parametrize("samples", [10_000, 100_000, 1_000_000])
+def test_samples(timed, samples):
+    """Seven levels of noise, per sample: linear to 10 %."""
+    loop = whole(grid(samples, 1_000_000 // samples, (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)))
+    group = "growth with N, seven levels, per sample"
+    timed(group, f"N = {samples:,}", loop, items=1_000_000, unit=samples == 10_000, aim="0.9 to 1.1", rounds=8)
+
+
+@pytest.mark.parametrize("dimension", [2, 3, 4, 5, 8])
+def test_dimension(timed, dimension):
+    """Per sample; sums are kept in registers up to four dimensions."""
+    loop = whole(grid(10_000, 20, dimension=dimension))
+    group = "growth with dimension, N = 10,000, per sample"
+    timed(group, f"d = {dimension}", loop, items=200_000, unit=dimension == 3, rounds=8)
+
+
+def run(unit):
+    """Compute a unit, and send nothing back."""
+    unit()
+
+
+@pytest.mark.parametrize("workers", ["1 thread", "2 threads", "2 processes"])
+def test_workers(timed, workers):
+    """Eight equal units on one worker and on two: threads as in short studies, processes as in long ones."""
+    unit = whole(grid(10_000, 100))
+    if workers[0] == "2" and (os.cpu_count() or 1) < 2:
+        pytest.skip("one core")
+    aim = "≤ 0.59" if workers[0] == "2" else ""
+    crew = Workers("loky" if workers == "2 processes" else "threads", int(workers[0]))
+    with crew.open() as backend:
+
+        def eight():
+            for future in [backend.submit(run, unit) for _ in range(8)]:
+                future.result()
+
+        timed("growth with workers, eight units", workers, eight, unit=workers == "1 thread", aim=aim, rounds=8)
