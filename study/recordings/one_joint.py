@@ -177,15 +177,15 @@ def other_centres(recording: Recording, joint: Floats, axis: Floats | None = Non
     Returns:
         One for each such point that is seen together with the joint, the nearest first.
     """
-    found = []
+    centres = []
     for label in filter(is_centre, recording.markers):
         off = recording.of(label) - joint
         off = off if axis is None else off - (off * axis).sum(axis=0) * axis
         distance = np.linalg.norm(off, axis=0)
         distance = distance[~np.isnan(distance)]
         if len(distance):
-            found.append((label, float(np.median(distance)), len(distance)))
-    return tuple(sorted(found, key=lambda centre: centre[1]))
+            centres.append((label, float(np.median(distance)), len(distance)))
+    return tuple(sorted(centres, key=lambda centre: centre[1]))
 
 
 _ONE_AXIS = 0.2

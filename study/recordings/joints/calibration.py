@@ -468,10 +468,10 @@ def _row(place: JointPlace, joints: Calibration, recording: Recording) -> dict[s
     if place.estimate is None:
         return row
     every = place.estimates
-    pair = next((each for each in every if each.side == "both"), None)
+    pair = next((estimate for estimate in every if estimate.side == "both"), None)
     if pair is not None:
         row["from_two_sided"] = _distance(mean_difference(place.estimate, pair.poses.to_world(pair.center)))
-    one = next((each for each in every if each.sphere is not None), None)
+    one = next((estimate for estimate in every if estimate.sphere is not None), None)
     if one is not None and one.sphere is not None:
         row["radii"] = one.sphere.radii.tolist()
         local = [one.poses.to_local(recording.of(name)) for name in one.markers]

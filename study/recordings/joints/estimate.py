@@ -332,19 +332,19 @@ def estimate_from_spheres(
     Returns:
         The estimate, without its status; None if the markers do not move.
     """
-    found = _fit_with_noise(markers, poses, hinge)
-    if found is None:
+    fitted = _fit_with_noise(markers, poses, hinge)
+    if fitted is None:
         return None
-    noise, fit, kept = found
+    noise, fit, accepted = fitted
     return Estimate(
         side=side,
         poses=poses,
         markers=tuple(names),
         center=fit.center,
-        covariance=fit.covariance + fit.shape + _doubt_of_noise(noise, fit, kept, poses),
+        covariance=fit.covariance + fit.shape + _doubt_of_noise(noise, fit, accepted, poses),
         axis=fit.least if hinge and fit.axis is None else fit.axis,
         noise=noise,
-        used=np.stack([marker.used for marker in kept]),
+        used=np.stack([marker.used for marker in accepted]),
         sphere=fit,
         pair=None,
     )
@@ -391,13 +391,13 @@ def _fit_with_noise(
             fit = planar if planar is not None and planar.significance > SIGNIFICANT else fit
         if fit is None:
             return None
-        kept = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
-        if any(a.used.sum() < b.used.sum() for a, b in zip(kept, clean, strict=True)):
-            fit = fit_center(kept, pose_noise, (hinge and fit.axis is not None) or None, size) or fit
+        accepted = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
+        if any(a.used.sum() < b.used.sum() for a, b in zip(accepted, clean, strict=True)):
+            fit = fit_center(accepted, pose_noise, (hinge and fit.axis is not None) or None, size) or fit
         determined = fit.clear or fit.axis is not None or not hinge
         significant = fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT and fit.exceeds_noise
         if name == "none" or (significant and determined):
-            return name, fit, kept
+            return name, fit, accepted
     return None
 
 
@@ -493,8 +493,8 @@ class PlaceDifference:
 def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[PlaceDifference]:
     """Differences of the other estimates from the chosen one; those that cannot be compared are left out."""
     comparable = [e for e in others if e.status in COMPARABLE and e.frames >= FEWEST_FRAMES]
-    found = [_difference(chosen, other) for other in comparable]
-    return [each for each in found if each is not None]
+    differences = [_difference(chosen, other) for other in comparable]
+    return [difference for difference in differences if difference is not None]
 
 
 def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[Estimate, str]:
@@ -509,10 +509,10 @@ def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[E
     """
     if chosen.status not in USABLE:
         return chosen, ""
-    against = [each for each in side_differences(chosen, others) if each.contradicts]
+    against = [difference for difference in side_differences(chosen, others) if difference.contradicts]
     if not against:
         return chosen, ""
-    worst = max(against, key=lambda each: each.distance)
+    worst = max(against, key=lambda difference: difference.distance)
     covariance = chosen.covariance + np.outer(worst.vector, worst.vector)
     return replace(chosen, covariance=covariance, status=JointStatus.DISAGREE), worst.text
 
@@ -527,11 +527,11 @@ def check_both_ways(chosen: Estimate, ways: Sequence[PlaceDifference]) -> tuple[
     Returns:
         The estimate, and the reason to doubt it, or "".
     """
-    against = [each for each in ways if each.contradicts]
+    against = [way for way in ways if way.contradicts]
     if not against:
         return chosen, ""
-    worst = max(against, key=lambda each: each.distance)
-    squares = sum(np.outer(each.vector, each.vector) for each in against)
+    worst = max(against, key=lambda way: way.distance)
+    squares = sum(np.outer(way.vector, way.vector) for way in against)
     status = JointStatus.REVERSES if chosen.status in USABLE else chosen.status
     return replace(
         chosen, covariance=chosen.covariance + squares, skin=chosen.skin + squares, status=status

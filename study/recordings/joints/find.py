@@ -72,10 +72,10 @@ def exchange(markers: Sequence[str], recording: Recording) -> str:
     names = [marker for marker in markers if marker in recording.markers]
     if len(names) < 3:
         return ""
-    found = exchanged_labels(np.stack([recording.of(name) for name in names]))
-    if found is None:
+    exchanged = exchanged_labels(np.stack([recording.of(name) for name in names]))
+    if exchanged is None:
         return ""
-    one, two, frames = found
+    one, two, frames = exchanged
     return (
         f"{names[one]} and {names[two]} exchange their labels in {frames.mean():.0%} of the frames, first in frame "
         f"{int(frames.argmax()) + 1}: exchange them back where the markers are labelled, or leave these frames out"
@@ -176,8 +176,8 @@ def _fit(joint: Joint, body: _Body) -> JointPlace:
     if isinstance(parent, SegmentPoses) and isinstance(child, SegmentPoses):
         pair = symmetric_fit(parent, child)
         estimates.append(None if pair is None else estimate_from_poses(parent, pair, joint.kind == "hinge"))
-    found = (_with_errors(estimate, joint, body) for estimate in estimates if estimate is not None)
-    ranked = sorted(found, key=lambda estimate: (estimate.status, estimate.standard_error))
+    with_errors = (_with_errors(estimate, joint, body) for estimate in estimates if estimate is not None)
+    ranked = sorted(with_errors, key=lambda estimate: (estimate.status, estimate.standard_error))
     if not ranked:
         samples = sum(int((~np.isnan(body.recording.of(name)[0])).sum()) for name in body.markerset.markers_for(joint))
         status = JointStatus.STILL if samples > 3 else JointStatus.UNSEEN

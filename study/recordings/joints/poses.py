@@ -635,7 +635,7 @@ def _marker_sigma(points: Floats, square: Floats, counted: Bools, joint: Floats 
     if joint is not None:
         of_markers[:3, :3], of_joint[:3, :3] = 0.0, joint
     expected, known = np.trace(left @ of_markers), np.trace(left @ of_joint)
-    found = float(square[:, whole].sum(axis=0).mean())
+    mean_square = float(square[:, whole].sum(axis=0).mean())
     # where the joint's noise alone explains all residuals, it is the best guess at the markers' noise
-    least = 0.1 * found / np.trace(left)
-    return max(float(np.sqrt(max((found - known) / expected, least))), _LEAST_SIGMA)
+    least = 0.1 * mean_square / np.trace(left)
+    return max(float(np.sqrt(max((mean_square - known) / expected, least))), _LEAST_SIGMA)

@@ -67,7 +67,7 @@ def sphere_skin(
     if not len(arms):
         return np.zeros((3, 3))
     shared = markers * (_COMMON * (arms @ arms.T) + (1.0 - _COMMON) * np.eye(len(arms)))
-    h = np.stack([np.einsum("i,kij->kj", arm, each) for arm, each in zip(arms, shifts, strict=True)])
+    h = np.stack([np.einsum("i,kij->kj", arm, shift) for arm, shift in zip(arms, shifts, strict=True)])
     total = np.einsum("jl,jai,lbi->ab", shared + own * np.einsum("jki,lki->jl", h, h), slopes, slopes)
     return np.asarray(inverse @ total @ inverse)
 
@@ -201,7 +201,7 @@ class SkinErrors:
         step = max(min(recording.frames // _FRAMES, int(recording.rate / _LEAST_RATE)), 1)
         self.part: Ints = np.arange(0, recording.frames, step)
         self.lag = max(round(_LAG * recording.rate / step), 1)
-        self.departures = {name: self._departures(each) for name, each in self.own.items()}
+        self.departures = {name: self._departures(own) for name, own in self.own.items()}
         self.measured: list[float] = []
         self.by_radius: dict[tuple[str, str], float] = {}
 
@@ -238,13 +238,13 @@ class SkinErrors:
         Returns:
             A difference for each axis about which the joint rotates: two, one for a hinge, fewer where a fit fails.
         """
-        found = []
+        differences = []
         both = turning_ways(self._angles(estimate, joint), self.lag, 2 if estimate.axis is None else 1)
         for ways in both:
             one, two = (self._refit(estimate, self.part[frames]) for frames in ways)
             if one is not None and two is not None:
-                found.append(PlaceDifference.of(two[0] - one[0], one[1] + two[1], estimate.axis, "ways"))
-        return found
+                differences.append(PlaceDifference.of(two[0] - one[0], one[1] + two[1], estimate.axis, "ways"))
+        return differences
 
     def _refit(self, estimate: Estimate, part: Ints) -> tuple[Floats, Floats] | None:
         """Centre (3,) and covariance (3, 3) of an estimate from some of the frames; None if they do not give one."""
@@ -275,16 +275,16 @@ class SkinErrors:
 
     def _slope(self, segment: str, angles: Floats) -> float:
         """β² of a segment's skin with a joint, (m/rad)²; 0 if no segment showed any so far."""
-        found = skin_slope(self.departures[segment], angles) if segment in self.departures else float("nan")
-        if not np.isnan(found):
-            self.measured.append(found)
+        own = skin_slope(self.departures[segment], angles) if segment in self.departures else float("nan")
+        if not np.isnan(own):
+            self.measured.append(own)
         if not self.measured:
             return 0.0
         mean = float(np.mean(self.measured))
-        if np.isnan(found):
+        if np.isnan(own):
             return _UNSEEN * mean
         shown = 3 * len(self.departures[segment]) - 6
-        return (shown * found + _PRIOR * mean) / (shown + _PRIOR - _LOST)
+        return (shown * own + _PRIOR * mean) / (shown + _PRIOR - _LOST)
 
     def _radius_slope(self, estimate: Estimate, angles: Floats) -> float:
         """β² of the skin below the markers of a sphere fit, by the change of their radii, (m/rad)²; 0 if unknown."""

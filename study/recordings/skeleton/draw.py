@@ -389,8 +389,8 @@ class _SkeletonBuilder:
         used = np.concatenate([used, ~np.isnan(world[:1])])[: len(errors)]
         square = np.nan_to_num(errors, nan=1.0)[:, None, None] ** 2
         noise = PoseNoise.of(ends, square * np.eye(3), used, fitted)
-        each = [noise.covariances_at(at) for at in ends[len(shape.markers) :]]
-        worst = np.linalg.eigvalsh(np.array(each))[:, :, -1].max(axis=0)
+        covariances = [noise.covariances_at(at) for at in ends[len(shape.markers) :]]
+        worst = np.linalg.eigvalsh(np.array(covariances))[:, :, -1].max(axis=0)
         sure = fitted.copy()
         sure[fitted] = worst[noise.pattern[fitted]] < _SURE**2
         self.rotations[number][:, :, frames[sure]] = rotation[:, :, sure]
