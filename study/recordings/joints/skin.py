@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from study.arrays import Floats, Ints
+from study.arrays import Bools, Floats, Ints
 from study.recordings.joints.center import CONDITION_LIMIT, LocalMarker, fit_center
 from study.recordings.joints.estimate import SIGNIFICANT, Estimate, PlaceDifference, symmetric_fit
 from study.recordings.joints.poses import SegmentPoses
@@ -42,11 +42,18 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
 
 
-def pose_shifts(points: Floats, place: Floats) -> Floats:
-    """Displacements (m, 3, 3) of a point (3,) fixed in a segment per displacement of each point of its pose (m, 3)."""
+def pose_shifts(points: Floats, on_skin: Bools, place: Floats) -> Floats:
+    """Displacements (k, 3, 3) of a point (3,) fixed in a segment per displacement of each of its k markers.
+
+    Args:
+        points: that the segment's pose is fitted to (m, 3), metres.
+        on_skin: which of them are markers (m,), and not joints.
+        place: of the point (3,), metres.
+    """
     middle = points.mean(axis=0)
     k = skew(points - middle)
-    return np.eye(3) / len(points) - skew(place - middle) @ np.linalg.pinv(np.einsum("mij,mkj->ik", k, k)) @ k
+    shifts = np.eye(3) / len(points) - skew(place - middle) @ np.linalg.pinv(np.einsum("mij,mkj->ik", k, k)) @ k
+    return np.asarray(shifts[on_skin])
 
 
 def sphere_skin(
@@ -341,5 +348,5 @@ class SkinErrors:
 
     def _shifts(self, poses: SegmentPoses, place: Floats) -> Floats:
         """Displacements (k, 3, 3) of a point (3,) fixed in a segment per displacement of each of its markers."""
-        on_skin = np.array([name in self.recording.markers for name in poses.points])  # the others are joints
-        return np.asarray(pose_shifts(poses.template, place)[on_skin])
+        on_skin = np.array([name in self.recording.markers for name in poses.points])
+        return pose_shifts(poses.template, on_skin, place)
