@@ -21,8 +21,8 @@ from study.arrays import Bools, Floats, Ints
 from study.fits.corrected import corrected, corrected_covariance
 from study.fits.samples import Estimates, Samples, binary_size
 
-_CURVED = 1.8
-"""Least ratio of the points' smaller extent in their plane to what a circle leaves of it, as variances."""
+_CURVED = 1.3
+"""Least ratio of the points' smaller extent in their plane to what a circle leaves of it, as variances; on a line 1."""
 _ROUND = 0.15
 """Largest residual of the circle, in its radii; points that fill a disc leave .3."""
 _FEWEST, _SURE = 15, 25
@@ -79,11 +79,17 @@ def on_circles(samples: Samples, fit: Estimates) -> Bools:
         return np.zeros(b, dtype=np.bool_)
     values, along = samples.regression.along[:2]
     with np.errstate(all="ignore"):
-        share = (n - 1.0) / n
-        center = 0.5 * along[:, 1:] / values[:, 1:]  # the algebraic fit in the plane of the two larger extents
-        radius = np.sqrt((center**2).sum(axis=1) + share * values[:, 1:].sum(axis=1))
-        explained = share * (along[:, 1:] ** 2 / values[:, 1:]).sum(axis=1)
-        left = np.maximum(samples.regression.variance - explained, 0.0) / (4.0 * radius**2) * n / (n - 3.0)
+        # the algebraic fit in the plane of the two larger extents, and then without the noise that draws it inwards
+        share, extent = (n - 1.0) / n, values[:, 1:]
+        least = 0.5 * along[:, 1:] / extent
+        center, noise = least, np.zeros(b)
+        for _ in range(2):
+            radius = np.sqrt((center**2).sum(axis=1) + share * extent.sum(axis=1) - 2.0 * noise)
+            moved = 4.0 * share * (extent * (center - least) ** 2).sum(axis=1)
+            explained = share * (along[:, 1:] ** 2 / extent).sum(axis=1) - moved
+            left = np.maximum(samples.regression.variance - explained, 0.0) / (4.0 * radius**2) * n / (n - 3.0)
+            noise = np.minimum(left, 0.8 * extent[:, 0])
+            center = 0.5 * along[:, 1:] / (extent - noise[:, None])
         height = values[:, 0] * (n - 1.0) / (n - 3.0)
         ring = (values[:, 1] > _CURVED * left) & (left < (_ROUND * min(n / _SURE, 1.0) * radius) ** 2)
         same = ~(left > _SAME * (1.0 + 6.0 / math.sqrt(n)) * fit.noise_variance)

@@ -5,8 +5,9 @@ degree l,
 
     E[(R - λ) Y(e) | u] = 0 for every u,      λ = E[R P_l(e·u)] / E[P_l(e·u)],
 
-so that no law of the directions enters. Four blocks see what fits do not show: *shape*, *unequal noise*, *tails* and
-*memory* of the rows. The errors of centre, radius and noise are taken out of each, and each gives a p value.
+so that no law of the directions enters; and so it is with waves, which see more where the noise is large. Four blocks
+see what fits do not show: *shape*, *unequal noise*, *tails* and *memory* of the rows. The errors of centre, radius and
+noise are taken out of each, and each gives a p value.
 
 Source: theory §13.
 """
@@ -18,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.special import betainc, chndtr, gammaln, hyp0f1, hyp1f1, ive, ndtri
+from scipy.special import betainc, chndtr, hyp0f1, ive, jv, ndtri
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.corrected import corrected
@@ -40,10 +41,20 @@ _LEAST = 1e-13
 """Least mean square of a direction of the harmonics beside which rounding counts."""
 SMALL = 0.05
 """Noise in radii up to which residuals are taken to be normal and of one size given the directions."""
+_LITTLE = 0.35
+"""Noise up to which the shape is tested as if noise were small, in the least spread of the directions."""
+_LARGEST_NOISE = 0.45
+"""Noise in radii beyond which no shape is tested: waves see a point."""
 _NO_NOISE = 1e-22
 """Noise variance in square radii that rounding makes."""
 _MANY = 300
 """Number of points from which the moments' own covariance is enough."""
+_WAVES, _LAST_WAVE = ((0.01, 0), (1.0, 0), (1.0, 1)), 3.0
+"""τ in inverse radii and degree of the waves whose moments are tested; the last goes with all degrees but 1."""
+_LEAST_TERMS = 4
+"""Points for each moment that is tested, at least."""
+_DEPENDENT = 1e-8
+"""Share of the largest eigenvalue of the moments' correlation below which they depend on each other."""
 _FAR = 1e-3
 """Noise in radii below which a distance is normal."""
 _LARGEST_SCORE = 8.0
@@ -162,47 +173,18 @@ def columns(e: Floats, basis: Harmonics) -> Floats:
     return out
 
 
-def _moment(q: int, degree: int, t: Floats, d: int) -> Floats:
-    """E[R^q P_l(e·u)] (b,) for r = 1 and t = 1/2s."""
-    a, c = 0.5 * (degree - q), 0.5 * (degree + q + d) - 1.0
-    term, total, inverse = np.ones_like(t), np.ones_like(t), 1.0 / np.maximum(t, 40.0)
-    for k in range(30):
-        term = term * ((a + k) * (k - c) / (k + 1.0)) * inverse
-        total += term
-        if np.all(np.abs(term) < 1e-17):
-            break
-    near = np.flatnonzero(t < 40.0)
-    if len(near):
-        x = t[near]
-        scale = np.exp(gammaln(0.5 * (d + degree + q)) - gammaln(0.5 * d + degree)) * x ** (0.5 * (degree - q))
-        total[near] = scale * hyp1f1(a, 0.5 * d + degree, -x)
-    return total
+def lengths(s: Floats, d: int, most: int) -> Floats:
+    """λ_l of R (b, most + 1) for spheres of radius 1 and noise variances s (b,) that are small."""
 
+    def moment(q: int, degree: int) -> Floats:
+        """E[R^q P_l(e·u)] (b,)."""
+        term = total = np.ones_like(s)
+        for k in range(8):
+            term = term * ((0.5 * (degree - q) + k) * (k + 1.0 - 0.5 * (degree + q + d)) / (k + 1.0)) * 2.0 * s
+            total = total + term
+        return total
 
-class Lengths(NamedTuple):
-    """λ_l of R, and its derivatives by r and s at r = 1 (b, L + 1); Var R and its derivatives (b,)."""
-
-    value: Floats
-    by_r: Floats
-    by_s: Floats
-    variance: Floats
-    variance_by_r: Floats
-    variance_by_s: Floats
-
-
-def lengths(s: Floats, d: int, most: int) -> Lengths:
-    """λ_l for the noise variances s (b,) of spheres of radius 1."""
-
-    def at(s: Floats) -> tuple[Floats, Floats]:
-        t = 0.5 / s
-        value = np.stack([_moment(1, degree, t, d) / _moment(0, degree, t, d) for degree in range(most + 1)], axis=1)
-        return value, np.maximum((1.0 - value[:, 0]) * (1.0 + value[:, 0]) + d * s, 1e-300)
-
-    h = 1e-3
-    value, variance = at(s)
-    (up, up_v), (down, down_v) = at(s * (1 + h)), at(s * (1 - h))
-    by_s, v_by_s = (up - down) / (2 * h * s[:, None]), (up_v - down_v) / (2 * h * s)
-    return Lengths(value, value - 2 * s[:, None] * by_s, by_s, variance, 2 * variance - 2 * s * v_by_s, v_by_s)
+    return np.stack([moment(1, degree) / moment(0, degree) for degree in range(most + 1)], axis=1)
 
 
 def normal_scores(R: Floats, s: Floats, d: int) -> Floats:
@@ -324,106 +306,112 @@ def number_of(d: int, degree: int) -> int:
     return comb(d + degree - 1, degree) - (comb(d + degree - 3, degree - 2) if degree > 1 else 0)
 
 
-class ShapeMoments(NamedTuple):
-    """Moments of a part, freed from the errors of (c, r, σ²) by C(α).
-
-    Attributes:
-        value: the moments of the harmonics of degree 2 and more (b, k).
-        least: the same by least squares on 1 and e, where the noise is small (b, k).
-        model: covariance of ``least`` for noise that is small beside the radius, over the noise variance (b, k, k).
-        left: mean square of the residuals of R on 1 and e (b,).
-        terms: for the sets ``noisy``, covariance of the moments by their terms, over the noise variance.
-    """
-
-    value: Floats
-    least: Floats
-    model: Floats
-    left: Floats
-    terms: Floats
-    noisy: Ints
-
-
-def _moments(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> ShapeMoments:
-    """The moments of (R - λ) Y; the radius is 1."""
-    b, k, n = Y.shape
-    d, degree = len(basis.gradient), basis.degree
-    known = lengths(s, d, int(degree.max()))
-    value, over = known.value[:, degree], R - known.value[:, :1]
-    gram = Y @ Y.swapaxes(1, 2) / n
-    mean, raw = gram[:, 0], (Y @ over[:, :, None])[:, :, 0] / n
-    square = over**2 - known.variance[:, None]
-    equations = np.column_stack([raw - (value - value[:, :1]) * mean, square.mean(axis=1)])
-    shrink = (1.0 - known.value * np.mean(1.0 / R, axis=1)[:, None])[:, degree]
-    slopes = np.empty((b, k + 1, d + 2))
-    slopes[:, :k, :d] = (1.0 - degree * shrink)[:, :, None] * gram[:, :, 1 : d + 1]
-    slopes[:, :k, :d] += shrink[:, :, None] * (basis.gradient @ mean[:, None, :, None])[..., 0].swapaxes(1, 2)
-    slopes[:, :k, d], slopes[:, :k, d + 1] = known.by_r[:, degree] * mean, known.by_s[:, degree] * mean
-    slopes[:, k, :d] = 2.0 * raw[:, 1 : d + 1]
-    slopes[:, k, d], slopes[:, k, d + 1] = known.variance_by_r, known.variance_by_s
-    solved, test = np.r_[0 : d + 1, k], np.arange(d + 1, k)
-    try:
-        inverse = np.linalg.inv(slopes[:, solved])
-    except np.linalg.LinAlgError:  # a set is exactly singular
-        inverse = np.linalg.pinv(slopes[:, solved])
-    weights = slopes[:, test] @ inverse
-    free = equations[:, test] - (weights @ equations[:, solved, None])[:, :, 0]
-    explained = np.linalg.solve(
-        gram[:, : d + 1, : d + 1], np.concatenate([gram[:, : d + 1, d + 1 :], equations[:, : d + 1, None]], axis=2)
-    )
-    model = gram[:, d + 1 :, d + 1 :] - gram[:, d + 1 :, : d + 1] @ explained[:, :, :-1]
-    left = (over**2).mean(axis=1) - np.einsum("bi,bi->b", equations[:, : d + 1], explained[:, :, -1])
-    least = equations[:, test] - (gram[:, d + 1 :, : d + 1] @ explained[:, :, -1:])[:, :, 0]
-    noisy = np.flatnonzero(s > SMALL**2)
-    combine = np.zeros((len(noisy), len(test), k + 1))
-    combine[:, np.arange(len(test)), test] = 1.0
-    combine[:, :, solved] = -weights[noisy]
-    each = Y[noisy] * (R[noisy][:, None] - value[noisy][:, :, None])
-    psi = combine @ np.concatenate([each, square[noisy][:, None]], axis=1)
-    psi -= psi.mean(axis=2, keepdims=True)
-    terms = psi @ psi.swapaxes(1, 2) / (left[noisy] * n * n / (n - d - 1))[:, None, None]
-    return ShapeMoments(free, least, model, left, terms, noisy)
-
-
 def _shape(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> Floats:
-    """The p values (b,) of shape: of degree 2, and of degrees 3 and more freed from it."""
-    n, d = R.shape[1], len(basis.gradient)
-    known = _moments(R, Y, s, basis)
-    degree = basis.degree[d + 1 :]
-    small = _shape_tests(known.least, known.model, known.left, degree, (n, d))
-    if not len(known.noisy):
-        return small
-    own = _shape_tests(known.value[known.noisy], known.terms, known.left[known.noisy], degree, (n, d), own=True)
-    small[known.noisy] = own if n >= _MANY else np.fmax(own, small[known.noisy])
-    return small
+    """The p values (b,) of shape."""
+    d = len(basis.gradient)
+    e = Y[:, 1 : d + 1] - Y[:, 1 : d + 1].mean(axis=2, keepdims=True)
+    spread = np.linalg.eigvalsh(e @ e.swapaxes(1, 2) / e.shape[2])[:, 0]
+    little = s <= np.maximum(SMALL**2, _LITTLE**2 * spread)
+    much = np.flatnonzero(~little & (s < _LARGEST_NOISE**2))
+    result = np.full(len(s), np.nan)
+    result[little] = _shape_of_little_noise(R[little], Y[little], s[little], basis)
+    result[much] = _shape_of_much_noise(R[much], Y[much], s[much], basis)
+    return result
 
 
-def _shape_tests(
-    g: Floats, omega: Floats, left: Floats, degree: Ints, size: tuple[int, int], own: bool = False
-) -> Floats:
-    """The p values (b,) of two tests, the lesser one counted twice; ``own`` if Ω stands on the terms themselves."""
-    n, d = size
-    spare, most = n - d - 1, (n - d - 1) // (3 if own else 2)
-    two, more = degree == 2, degree > 2
-    first, count, inverse = form_of(g[:, two], omega[:, two][:, :, two], most)
+def _shape_of_little_noise(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> Floats:
+    """The p values (b,) of (R - λ) Y: of degree 2, and of degrees 3 and more freed from it; the lesser counts twice.
+
+    By least squares on 1 and e, which takes the errors of centre and radius out where the noise is small.
+    """
+    n, d, degree = R.shape[1], len(basis.gradient), basis.degree
+    value = lengths(s, d, int(degree.max()))[:, degree]
+    over, gram, d1 = R - value[:, :1], Y @ Y.swapaxes(1, 2) / n, d + 1
+    g = (Y @ over[:, :, None])[:, :, 0] / n - (value - value[:, :1]) * gram[:, 0]
+    explained = np.linalg.solve(gram[:, :d1, :d1], np.concatenate([gram[:, :d1, d1:], g[:, :d1, None]], axis=2))
+    omega = gram[:, d1:, d1:] - gram[:, d1:, :d1] @ explained[:, :, :-1]
+    left = (over**2).mean(axis=1) - np.einsum("bi,bi->b", g[:, :d1], explained[:, :, -1])
+    g = g[:, d1:] - (gram[:, d1:, :d1] @ explained[:, :, -1:])[:, :, 0]
+    two, more, spare = degree[d1:] == 2, degree[d1:] > 2, n - d1
+    first, count, inverse = form_of(g[:, two], omega[:, two][:, :, two], spare // 2)
     forms, counts = [first], [count]
-    if more.any() and most > two.sum() + 1:
+    if more.any() and spare // 2 > two.sum() + 1:
         cross = omega[:, more][:, :, two] @ inverse
         rest = g[:, more] - (cross @ g[:, two, None])[:, :, 0]
-        second, count, _ = form_of(
-            rest, omega[:, more][:, :, more] - cross @ omega[:, two][:, :, more], most - int(two.sum())
-        )
+        rest_omega = omega[:, more][:, :, more] - cross @ omega[:, two][:, :, more]
+        second, count, _ = form_of(rest, rest_omega, spare // 2 - int(two.sum()))
         forms.append(second)
         counts.append(count)
-    result = []
     residual, free = np.maximum(left - sum(forms), 1e-12 * left), spare - sum(counts)
-    for form, count in zip(forms, counts, strict=True):
-        if own:
-            ratio = (n - 1.0) * n / spare * form / left * (spare - count) / (count * (spare - 1.0))
-            result.append(f_tail(ratio, count, spare - count))
-        else:
-            result.append(f_tail(form / count / (residual / free), count, free))
-    tested = np.isfinite(result).sum(axis=0)
-    return np.asarray(-np.expm1(tested * np.log1p(-np.minimum(np.fmin.reduce(result), 1.0 - 1e-16))))
+    tests = [f_tail(form / count / (residual / free), count, free) for form, count in zip(forms, counts, strict=True)]
+    tested = np.isfinite(tests).sum(axis=0)
+    return np.asarray(-np.expm1(tested * np.log1p(-np.minimum(np.fmin.reduce(tests), 1.0 - 1e-16))))
+
+
+def _shape_of_much_noise(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> Floats:
+    """The p values (b,) of moments of waves, of even degrees and of all; the lesser counts twice.
+
+    NaN where the points are too few.
+    """
+    (b, n), d, most = R.shape, len(basis.gradient), int(basis.degree.max())
+    surplus = len(basis.degree) - d  # moments beyond those that centre, radius and noise take
+    if not b or n < _LEAST_TERMS * surplus:
+        return np.full(b, np.nan)
+    waves = (*_WAVES, *((_LAST_WAVE, degree) for degree in (0, 2, 4, 3) if degree <= most))
+    parts = [wave_moments(R, Y, s, basis, tau, degree) for tau, degree in waves]
+    terms, slopes = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
+    result = _overidentified(terms, slopes)
+    if most > 2:
+        even = terms.shape[1] - number_of(d, 3)
+        least = np.fmin(result, _overidentified(terms[:, :even], slopes[:, :even]))
+        result = 1.0 - (1.0 - least) ** 2
+    return np.asarray(result)
+
+
+def _overidentified(terms: Floats, slopes: Floats) -> Floats:
+    """The p values (b,) that the means of k terms (b, k, n) are 0 for some c, r and s, by minus their slopes.
+
+    In the metric of the terms' own covariance, by one step (Hansen 1982); the rest is nearly Hotelling's T².
+    """
+    n, parameters = terms.shape[2], slopes.shape[2]
+    mean = terms.mean(axis=2)
+    around = terms - mean[:, :, None]
+    scale = np.sqrt((around**2).mean(axis=2))
+    around /= scale[:, :, None]
+    values, vectors = np.linalg.eigh(around @ around.swapaxes(1, 2) / n)
+    used = values > _DEPENDENT * values[:, -1:]
+    root = np.where(used, values, np.inf)[:, :, None] ** -0.5 * vectors.swapaxes(1, 2) / scale[:, None]
+    along, Q = root @ mean[:, :, None], root @ slopes
+    form = np.square(along - Q @ (np.linalg.pinv(Q) @ along)).sum(axis=(1, 2))
+    count = used.sum(axis=1) - parameters
+    spare = n - parameters - 1.0 - count
+    return f_tail(form * spare / count, count, spare)
+
+
+def wave_moments(R: Floats, Y: Floats, s: Floats, basis: Harmonics, tau: float, degree: int) -> tuple[Floats, Floats]:
+    """Terms f(R) Y (b, k, n) of degree l whose means are 0, and minus the slopes of these by (c, r, s) (b, k, d + 2).
+
+    The part of degree l of E[exp(iω·y) (|y - isω|² - r² - ds)] = 0, |ω| = τ: f is B(τR)(R² - s²τ² - r² - ds)
+    - 2sτR B'(τR) with B(x) = x^(1 - d/2) J(x) and Bessel's function J of order l - 1 + d/2.
+    """
+    n, d = R.shape[1], len(basis.gradient)
+    s = s[:, None]
+    curved = degree * (degree + d - 2)
+    x, over = tau * R, np.square(R) - 1.0 - s * (d + s * tau**2)
+    wave, next_wave = (x ** (1.0 - 0.5 * d) * jv(order - 1.0 + 0.5 * d, x) for order in (degree, degree + 1))
+    by_x = degree / x * wave - next_wave
+    f = wave * over - 2.0 * s * x * by_x
+    by_R = tau * by_x * (over + 2.0 * s * (d - 2)) + 2.0 * R * wave * (1.0 + s * tau**2 - s * curved / R**2)
+    mine, lower = basis.degree == degree, basis.degree == degree - 1
+    H = Y[:, mine]
+    slopes = np.empty((len(R), H.shape[1], d + 2))
+    slopes[:, :, :d] = (H * (by_R - degree * f / R)[:, None]) @ Y[:, 1 : d + 1].swapaxes(1, 2) / n
+    if degree:  # the solid harmonic's gradient
+        mean = (Y[:, lower] @ (f / R)[:, :, None]) / n
+        slopes[:, :, :d] += (basis.gradient[:, mine][:, :, lower] @ mean[:, None])[..., 0].swapaxes(1, 2)
+    slopes[:, :, d] = (H @ (2.0 * wave)[:, :, None])[:, :, 0] / n
+    slopes[:, :, d + 1] = (H @ ((d + 2.0 * s * tau**2) * wave + 2.0 * x * by_x)[:, :, None])[:, :, 0] / n
+    return H * f[:, None], slopes
 
 
 def form_of(g: Floats, omega: Floats, most: int) -> tuple[Floats, Ints, Floats]:
