@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object, with null where there is no number")]
 
 
-def echo(lines: Iterable[str]) -> None:
-    """Print lines."""
+def echo(lines: Iterable[object]) -> None:
+    """Print lines; a path is printed as it is."""
     for line in lines:
         typer.echo(line)
 

@@ -27,7 +27,7 @@ from matplotlib.lines import Line2D
 from study import style
 from study.arrays import Bools, Floats, Ints
 from study.fits.random import stream
-from study.recordings.joints.calibration import Calibration, JointPlace
+from study.recordings.joints.calibration import Calibration
 from study.recordings.joints.estimate import USABLE, Estimate
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import across, cap_angle
@@ -323,7 +323,8 @@ def case_study(
     rows, about, skipped = [], [], {}
     for place in joints.joints:
         name = place.joint.name
-        sphere = _sphere(place)
+        # the child's markers in the parent's axes
+        sphere = next((e for e in place.estimates if e.side == "parent" and e.sphere is not None), None)
         if sphere is None:
             skipped[name] = f"no sphere in its parent's axes ({place.reason})"
             continue
@@ -338,11 +339,6 @@ def case_study(
     table = with_outliers(pd.DataFrame(about), scatter)
     laws = pd.DataFrame([power_law(scatter, axis) for axis in ("raw", "window", "effective")])
     return CaseStudy(recording.name, recording.frames, subsets, scatter, table, laws, skipped)
-
-
-def _sphere(place: JointPlace) -> Estimate | None:
-    """The estimate from the child's markers in the parent's axes."""
-    return next((e for e in place.estimates if e.side == "parent" and e.sphere is not None), None)
 
 
 def _scatter_of(

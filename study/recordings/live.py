@@ -204,14 +204,14 @@ class GrowingJoint:
     def answer(self) -> "LiveAnswer":
         """The joint as far as it is known."""
         whole = merged(self.blocks) if self.blocks else [Incremental(3)]
-        found = mgdk_so_far(whole)
+        fit = mgdk_so_far(whole)
         covariance = np.full((3, 3), np.inf)
-        if len(self.blocks) >= _BLOCKS // 2 and np.isfinite(found.center).all():
+        if len(self.blocks) >= _BLOCKS // 2 and np.isfinite(fit.center).all():
             others = (merged([*self.blocks[:k], *self.blocks[k + 1 :]]) for k in range(len(self.blocks)))
             centers = np.array([mgdk_so_far(other).center for other in others])
             off = centers - centers.mean(axis=0)
             covariance = (1.0 - 1.0 / len(self.blocks)) * (off.T @ off)
-        return LiveAnswer(replace(found, covariance=covariance), rms_angles(whole, found), self._lack(found))
+        return LiveAnswer(replace(fit, covariance=covariance), rms_angles(whole, fit), self._lack(fit))
 
     def _lack(self, found: JointFit) -> str:
         """Reason why there are too few points for a fit; empty if there are enough."""
@@ -319,7 +319,7 @@ class LiveJoints:
 
     def _named(self, frame: Mapping[str, Floats]) -> dict[str, Floats]:
         """The frame under the names of the joints' markers."""
-        found: dict[str, Floats] = {}
+        seen: dict[str, Floats] = {}
         for label, place in frame.items():
             marker = self._markers.get(label) or self._markers.get(label.casefold())
             if marker is None:
@@ -329,10 +329,10 @@ class LiveJoints:
             if self._spelt.setdefault(marker, label) != label:  # a stream may have labels that differ in case alone
                 continue
             if place.any():
-                found[marker] = place
+                seen[marker] = place
             else:
                 self.zeros[marker] = None
-        return found
+        return seen
 
     @property
     def jumps(self) -> int:

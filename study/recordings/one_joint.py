@@ -177,15 +177,15 @@ def other_centres(recording: Recording, joint: Floats, axis: Floats | None = Non
     Returns:
         One for each such point that is seen together with the joint, the nearest first.
     """
-    found = []
+    centres = []
     for label in filter(is_centre, recording.markers):
         off = recording.of(label) - joint
         off = off if axis is None else off - (off * axis).sum(axis=0) * axis
         distance = np.linalg.norm(off, axis=0)
         distance = distance[~np.isnan(distance)]
         if len(distance):
-            found.append((label, float(np.median(distance)), len(distance)))
-    return tuple(sorted(found, key=lambda centre: centre[1]))
+            centres.append((label, float(np.median(distance)), len(distance)))
+    return tuple(sorted(centres, key=lambda centre: centre[1]))
 
 
 _ONE_AXIS = 0.2
@@ -310,7 +310,26 @@ def _doubts(joints: Calibration, recording: Recording, world: Floats) -> list[st
 
 def joint_line(joint: OneJoint) -> str:
     """A joint in one line: status, centre, error, range of motion, comparison and doubts; millimetres and degrees."""
-    return "; ".join(_parts(joint))
+    found = joint.found
+    parts = [f"{joint.recording}: {SHORT_TEXTS[found.status]}"]
+    if not np.isnan(found.in_parent).any():
+        parts.append(f"centre ({_millimetres(found.in_parent)}) ± {1000 * joint.error:.1f} mm in the parent's axes")
+        parts.append(f"mean ({_millimetres(joint.in_recording)}) mm in the recording's")
+    if found.axis is not None:
+        between = " and ".join(found.joint.across)
+        place = f"midway between {between}" if between else "not known"
+        parts.append(f"axis ({', '.join(f'{x:.3f}' for x in found.axis_in_parent)}), the place along it is {place}")
+    turned = "" if math.isnan(joint.turn) else f", 95 % of the rotations within {joint.turn:.0f}°"
+    if not math.isnan(joint.moved[0]):
+        parts.append(f"moved {joint.moved[0]:.0f}°-{joint.moved[1]:.0f}°{turned}")
+    if joint.frames:
+        parts.append(f"{joint.frames} frames, effectively {number(joint.effective_frames, '.0f')}")
+    across = "" if found.axis is None else " across the axis"
+    for i, (label, distance, _) in enumerate(joint.compared):
+        if i == 0 or distance < NEAR:
+            parts.append(f"{label} of another program is {1000 * distance:.1f} mm away{across}")
+    parts.append(f"doubts: {'; '.join(joint.doubts)}" if joint.doubts else "no doubts")
+    return "; ".join(parts)
 
 
 def joint_json(joint: OneJoint) -> str:
@@ -348,28 +367,6 @@ def joint_json(joint: OneJoint) -> str:
         "compared": [dict(zip(("label", "distance", "frames"), each, strict=True)) for each in joint.compared],
     }
     return json_text(values)
-
-
-def _parts(joint: OneJoint) -> Iterator[str]:
-    found = joint.found
-    yield f"{joint.recording}: {SHORT_TEXTS[found.status]}"
-    if not np.isnan(found.in_parent).any():
-        yield f"centre ({_millimetres(found.in_parent)}) ± {1000 * joint.error:.1f} mm in the parent's axes"
-        yield f"mean ({_millimetres(joint.in_recording)}) mm in the recording's"
-    if found.axis is not None:
-        between = " and ".join(found.joint.across)
-        place = f"midway between {between}" if between else "not known"
-        yield f"axis ({', '.join(f'{x:.3f}' for x in found.axis_in_parent)}), the place along it is {place}"
-    turned = "" if math.isnan(joint.turn) else f", 95 % of the rotations within {joint.turn:.0f}°"
-    if not math.isnan(joint.moved[0]):
-        yield f"moved {joint.moved[0]:.0f}°-{joint.moved[1]:.0f}°{turned}"
-    if joint.frames:
-        yield f"{joint.frames} frames, effectively {number(joint.effective_frames, '.0f')}"
-    across = "" if found.axis is None else " across the axis"
-    for i, (label, distance, _) in enumerate(joint.compared):
-        if i == 0 or distance < NEAR:
-            yield f"{label} of another program is {1000 * distance:.1f} mm away{across}"
-    yield f"doubts: {'; '.join(joint.doubts)}" if joint.doubts else "no doubts"
 
 
 def _millimetres(place: Floats) -> str:

@@ -6,9 +6,10 @@ what a recording holds, and `with_origin` stamps a stored table with the recordi
 """
 
 import hashlib
+import os
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Bools, Floats, Ints
-from study.files import InputError, write
+from study.files import InputError, replacing
 from study.text import columns
 
 
@@ -24,18 +25,35 @@ class RecordingError(InputError):
     """A recording cannot be used; the message, one line, gives its name, the place and the reason."""
 
 
-def save_whole(path: str | Path, data: bytes) -> Path:
+def written(path: Path, fill: Callable[[Path], object]) -> Path:
     """Write a file whole or not at all, into a folder that is made if there is none.
 
+    Args:
+        path: of the file.
+        fill: writes it under a temporary name with the same end, in small letters (see `replacing`).
+
+    Returns:
+        The path.
+
     Raises:
-        RecordingError: if it cannot be written.
+        RecordingError: one line with the file's name: a library is missing, or the file cannot be written.
     """
-    path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, data)
+        with replacing(path) as temporary:
+            named = temporary.with_suffix(path.suffix.lower())  # ezc3d wants a name that ends in .c3d
+            try:
+                named.write_bytes(b"")  # ezc3d does not say why it cannot write
+                fill(named)
+                os.replace(named, temporary)
+            finally:
+                named.unlink(missing_ok=True)
+    except ModuleNotFoundError as error:
+        raise RecordingError(f"{path}: writing it needs {error.name}: pip install '.[mocap]'") from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
+    except RecordingError as error:
+        raise RecordingError(str(error).replace(str(named), str(path))) from None
     return path
 
 

@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape, joint_table
+from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape, joint_table, millimetres
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     SHORT_TEXTS,
@@ -49,7 +49,7 @@ from study.recordings.skeleton.calibrate import (
     with_doubts,
 )
 from study.recordings.skeleton.draw import draw_skeleton
-from study.text import columns, number
+from study.text import columns
 
 
 class AxesChange(NamedTuple):
@@ -93,7 +93,7 @@ def change_between(points: Mapping[str, Floats], onto: Mapping[str, Floats]) -> 
     common = [name for name in points if name in onto]
     if len(common) < 3:
         return UNKNOWN
-    template, x = (np.stack([each[name] for name in common]) for each in (points, onto))
+    template, x = (np.stack([named[name] for name in common]) for named in (points, onto))
     rotation, origin, known = fit_rigid_motion(template, np.ascontiguousarray(x[:, :, None]))
     return AxesChange(rotation[:, :, 0], origin[:, 0]) if known[0] else UNKNOWN
 
@@ -190,11 +190,11 @@ def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
         within = basis.T @ (part.covariance + part.allowance) @ basis
         information.append(basis @ np.linalg.pinv(within, hermitian=True) @ basis.T)
     rotation, total = best.mean_rotation, np.linalg.pinv(np.sum(information, axis=0), hermitian=True)
-    shares = [total @ each for each in information]
+    shares = [total @ weight for weight in information]
     return replace(
         best,
         in_parent=_mean([part.in_parent for part in used], information),
-        in_child=_mean([part.in_child for part in used], [rotation.T @ each @ rotation for each in information]),
+        in_child=_mean([part.in_child for part in used], [rotation.T @ weight @ rotation for weight in information]),
         covariance=np.sum([w @ part.covariance @ w.T for w, part in zip(shares, used, strict=True)], axis=0),
         trials=tuple(name for part in used for name in part.trials),
     )
@@ -464,9 +464,9 @@ def _row(place: JointPlace, parts: Sequence[JointPlace]) -> list[str]:
     return [
         place.joint.name,
         SHORT_TEXTS[place.status],
-        *(_millimetres(float(x)) for x in place.in_parent),
-        _millimetres(place.standard_error),
-        _millimetres(max(apart)) if len(apart) > 1 else "-",
+        *(millimetres(float(x)) for x in place.in_parent),
+        millimetres(place.standard_error),
+        millimetres(max(apart)) if len(apart) > 1 else "-",
         ", ".join(place.trials) if not np.isnan(place.in_parent).all() else "-",
     ]
 
@@ -477,7 +477,3 @@ def _left_out(part: JointPlace) -> str:
     error = part.standard_error
     size = "" if np.isnan(error) else f", ± {1000 * error:.1f} mm"
     return f"{', '.join(part.trials)} ({SHORT_TEXTS[part.status]}{size})"
-
-
-def _millimetres(metres: float) -> str:
-    return number(1000 * metres, ".1f")

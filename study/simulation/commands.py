@@ -422,7 +422,7 @@ def report(
     from study.simulation.claims import save as save_claims
     from study.simulation.claims.readings import Readings
     from study.simulation.claims.recordings import read_case_studies
-    from study.simulation.figures import Gallery, make_folder
+    from study.simulation.figures import gallery, make_folder
     from study.simulation.report.page import read_bench, render, save
 
     if jobs is not None:
@@ -436,14 +436,14 @@ def report(
     if claims:
         runs[0].manifest()  # without a sound one, no verdict could be stored
     verdicts = judge_all(runs, cost, spreads)
-    gallery = Gallery() if figures is not None else Gallery(kinds=["png"])
-    path = save(render(runs, verdicts, measured, gallery, otherwise), out or runs[0].folder / "report.html")
-    echo(map(str, gallery.save(figures) if figures is not None else []))
+    drawn = gallery() if figures is not None else gallery(kinds=["png"])
+    path = save(render(runs, verdicts, measured, drawn, otherwise), out or runs[0].folder / "report.html")
+    echo(map(str, drawn.save(figures) if figures is not None else []))
     echo(printed(verdicts) if claims else [])
     typer.echo(str(path))
     if claims:
         save_claims(runs[0], verdicts)
-    if figures is not None and (failures := gallery.failures()):
+    if figures is not None and (failures := drawn.failures()):
         for name, reason in failures.items():
             typer.echo(f"{name}: {reason}", err=True)
         raise typer.Exit(ExitCode.FAILURE)

@@ -1,11 +1,12 @@
 """Commands about recordings: the options that several of them have, and how they print and where they write."""
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+
+from study.options import echo
 
 if TYPE_CHECKING:
     from study.recordings.markersets import Match
@@ -50,11 +51,5 @@ def results_folder(name: str, out: Path | None = None) -> Path:
 
 def print_match(match: "Match", calibrated: bool = False) -> None:
     """Print the notes about a recording, and how the marker set, or that of a calibration, fits it."""
-    print_lines(f"note: {note}" for note in match.source.notes)
-    print_lines(match.lines(calibrated))
-
-
-def print_lines(lines: Iterable[object]) -> None:
-    """Print lines to the standard output."""
-    for line in lines:
-        typer.echo(str(line))
+    echo(f"note: {note}" for note in match.source.notes)
+    echo(match.lines(calibrated))

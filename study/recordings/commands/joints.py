@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from study.options import ExitCode, Json
+from study.options import ExitCode, Json, echo
 from study.recordings.commands import (
     File,
     FrameRange,
@@ -17,7 +17,6 @@ from study.recordings.commands import (
     Rate,
     Subject,
     Unit,
-    print_lines,
     print_match,
     results_folder,
 )
@@ -63,13 +62,13 @@ def case_study(
     if not as_json:
         print_match(match)
     case = precision_study.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
-    print_lines([] if as_json else precision_study.printed(case))
+    echo([] if as_json else precision_study.printed(case))
     paths = []
     for name, table in {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}.items():
         paths.append(folder / f"case-study-{name}.parquet")
         save_frame(with_origin(table, case.recording, digest), paths[-1])
     paths += save(precision_study.draw(case), folder / "fig7_case")
-    print_lines([json_text(case.data() | {"files": paths})] if as_json else paths)
+    echo([json_text(case.data() | {"files": paths})] if as_json else paths)
 
 
 _PARENT = "labels of three or more markers of the parent segment"
@@ -109,8 +108,8 @@ def joint(
     if as_json:
         typer.echo(joint_json(answer))
     else:
-        print_lines(f"note: {note}" for note in recording.notes)
-        print_lines([joint_line(answer)])
+        echo(f"note: {note}" for note in recording.notes)
+        echo([joint_line(answer)])
     if not answer.ok:
         raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
 
@@ -176,10 +175,10 @@ def joints(
     paths = [folder / "joints.parquet", report.save_calibration(calibration, folder / "calibration.json")]
     if not as_json:
         print_match(match)
-        print_lines([*lines, *regression_hint(calibration, match.source)])
+        echo([*lines, *regression_hint(calibration, match.source)])
     head = {"recording": match.source.name, "notes": list(match.source.notes), "markerset": match.data()}
     data = head | {"joints": table.to_dict("records")} | further | {"files": paths}
-    print_lines([json_text(data)] if as_json else paths)
+    echo([json_text(data)] if as_json else paths)
 
 
 Set = Annotated[str | None, typer.Option("--markerset", help="all joints of a marker set, by name or file, instead")]

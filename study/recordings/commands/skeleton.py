@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from study.options import Json, unchanged
+from study.options import Json, echo, unchanged
 from study.recordings.commands import (
     File,
     FrameRange,
@@ -20,7 +20,6 @@ from study.recordings.commands import (
     Rate,
     Subject,
     Unit,
-    print_lines,
     print_match,
     results_folder,
 )
@@ -74,7 +73,7 @@ def markersets(
         names = shipped() if name is None else [name]
         typer.echo(json_text({"markersets": [load_markerset(word).model_dump() for word in names]}))
     elif name is None:
-        print_lines(described())
+        echo(described())
     else:
         typer.echo(shipped_text(name), nl=False)
 
@@ -106,7 +105,7 @@ def recording(
     if as_json:
         typer.echo(json_text(recording_data(source) | {"markerset": match.data() if match else None}))
     else:
-        print_lines([*describe(source), *([reason] if match is None else match.lines())])
+        echo([*describe(source), *([reason] if match is None else match.lines())])
 
 
 def written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
@@ -228,13 +227,13 @@ def skeleton(
     match, used = library.with_joints(source, calibration, markerset, hips)
     if not as_json:
         print_match(match, calibration is not None)
-        print_lines([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])
+        echo([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])
     remarks = [] if calibration is None else require_same_subject(used, match.recording, refit, force)
     used = refit_shapes(used, match.recording) if refit else used
     drawn = draw_skeleton(used, match.recording)
     scene = skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
-        print_lines([*skeleton_lines(scene), *angle_lines(used)])
+        echo([*skeleton_lines(scene), *angle_lines(used)])
     motion = ExportedMotion(drawn, match.source, scene, file, RestPose(rest))
 
     def written() -> Iterator[Path]:
@@ -248,7 +247,7 @@ def skeleton(
     paths: list[Path] = []
     for path in written():
         paths.append(path)
-        print_lines([] if as_json else [path])
+        echo([] if as_json else [path])
     if as_json:
         typer.echo(
             json_text(skeleton_data(scene) | {"angles": angle_lines(used), "overruled": remarks, "files": paths})
@@ -310,4 +309,4 @@ def synthetic(
     path = write_recording(made, out or results_folder(made.name) / f"{made.name}.c3d")
     paths = [path, *write_truth(truth, path)]
     data = {"recording": made.name, "frames": made.frames, "rate": made.rate, "files": paths}
-    print_lines([json_text(data)] if as_json else paths)
+    echo([json_text(data)] if as_json else paths)

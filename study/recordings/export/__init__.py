@@ -17,8 +17,8 @@ import numpy as np
 
 from study.arrays import Floats
 from study.recordings.export.tree import Y_UP, ExportedMotion, JointNode, angle_lines, joint_angles, joint_tree
-from study.recordings.formats.write import write_recording, written
-from study.recordings.recording import UNITS, RecordingError
+from study.recordings.formats.write import write_recording
+from study.recordings.recording import UNITS, RecordingError, written
 from study.recordings.rigid import zxy_angles
 from study.recordings.skeleton.scene import skeleton_table
 from study.text import inert_frame

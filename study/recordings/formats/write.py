@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from study.files import replacing
-from study.recordings.recording import Recording, RecordingError
+from study.recordings.recording import Recording, RecordingError, written
 from study.text import did_you_mean
 
 _TIMEOUT = 30.0  # seconds
@@ -120,31 +119,6 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     if path.suffix.lower() not in WRITERS:
         raise RecordingError(f"{path}: a recording is written to a file whose name ends in {', '.join(WRITERS)}")
     return written(path, lambda temporary: WRITERS[path.suffix.lower()](recording, temporary))
-
-
-def written(path: Path, fill: Callable[[Path], None]) -> Path:
-    """Fill a file under a temporary name with the same end, in small letters, and then rename it; see `replacing`.
-
-    Raises:
-        RecordingError: one line with the file's name: a library is missing, or the file cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
-            named = temporary.with_suffix(path.suffix.lower())  # ezc3d wants a name that ends in .c3d
-            try:
-                named.write_bytes(b"")  # ezc3d does not say why it cannot write
-                fill(named)
-                os.replace(named, temporary)
-            finally:
-                named.unlink(missing_ok=True)
-    except ModuleNotFoundError as error:
-        raise RecordingError(f"{path}: writing it needs {error.name}: pip install '.[mocap]'") from None
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
-    except RecordingError as error:
-        raise RecordingError(str(error).replace(str(named), str(path))) from None
-    return path
 
 
 def _write_c3d(recording: Recording, path: Path) -> None:

@@ -48,7 +48,7 @@ from study.recordings.joints.estimate import (
 )
 from study.recordings.joints.poses import SegmentPoses
 from study.recordings.markersets import Joint, MarkerSet
-from study.recordings.recording import Recording, RecordingError, save_whole
+from study.recordings.recording import Recording, RecordingError, written
 from study.recordings.rigid import cap_angle, relative_rotation, rotation_range
 from study.text import columns, number
 
@@ -281,7 +281,8 @@ def save_calibration(calibration: Calibration, path: str | Path) -> Path:
     content = _MODEL.dump_python(calibration, mode="json", by_alias=True)
     head = {key: content.pop(key) for key in ("source", "frames")}
     document = {"format": FORMAT, "version": VERSION, **head, "unit": "m", **content}
-    return save_whole(path, (json.dumps(document, indent=1) + "\n").encode())
+    text = json.dumps(document, indent=1) + "\n"
+    return written(Path(path), lambda temporary: temporary.write_bytes(text.encode()))
 
 
 def load_calibration(path: str | Path) -> Calibration:
@@ -389,7 +390,7 @@ def agreement_lines(table: pd.DataFrame) -> Iterator[str]:
     others = [name for name in table.columns if str(name).startswith("from_")]
     titles = ["distance to / mm", *(str(name).removeprefix("from_").replace("_", "-") for name in others)]
     distances = zip(table["joint"], table[others].to_numpy(dtype=float), strict=True)
-    yield from columns([[name, *map(_millimetres, row)] for name, row in distances], titles, "<>")
+    yield from columns([[name, *map(millimetres, row)] for name, row in distances], titles, "<>")
 
 
 def joint_lines(joints: Calibration) -> Iterator[str]:
@@ -419,16 +420,17 @@ def _joint_row(place: JointPlace) -> list[str]:
     side = place.estimate.side if place.estimate else "-"
     return [
         *(place.joint.name, SHORT_TEXTS[place.status], side),
-        *(_millimetres(float(x)) for x in place.in_parent),
-        f"> {1000 * _FAR:.0f}" if n["error"] > _FAR else _millimetres(n["error"]),
-        *(_millimetres(n[key]) for key in ("floor", "sigma")),
+        *(millimetres(float(x)) for x in place.in_parent),
+        f"> {1000 * _FAR:.0f}" if n["error"] > _FAR else millimetres(n["error"]),
+        *(millimetres(n[key]) for key in ("floor", "sigma")),
         *(moved, number(n["rho"], ".3f")),
         *(number(n[key], ".0f") for key in ("frames", "worth")),
-        _millimetres(n["apart"]),
+        millimetres(n["apart"]),
     ]
 
 
-def _millimetres(metres: float) -> str:
+def millimetres(metres: float) -> str:
+    """A length in millimetres, as it is printed."""
     return number(1000 * metres, ".1f")
 
 
@@ -466,10 +468,10 @@ def _row(place: JointPlace, joints: Calibration, recording: Recording) -> dict[s
     if place.estimate is None:
         return row
     every = place.estimates
-    pair = next((each for each in every if each.side == "both"), None)
+    pair = next((estimate for estimate in every if estimate.side == "both"), None)
     if pair is not None:
         row["from_two_sided"] = _distance(mean_difference(place.estimate, pair.poses.to_world(pair.center)))
-    one = next((each for each in every if each.sphere is not None), None)
+    one = next((estimate for estimate in every if estimate.sphere is not None), None)
     if one is not None and one.sphere is not None:
         row["radii"] = one.sphere.radii.tolist()
         local = [one.poses.to_local(recording.of(name)) for name in one.markers]

@@ -118,9 +118,9 @@ class PooledMoments:
         of_f = [
             part * (f.reshape(9, -1) @ np.vstack([np.ones_like(z[0]), z]).T).reshape(3, 3, 4) for part, z, f in samples
         ]
-        self.f = np.array([each[:, :, 0] for each in of_f])
-        self.fz = np.array([np.einsum("ijj->i", each[:, :, 1:]) for each in of_f])
-        self.trace_z = np.array([np.einsum("iik->k", each[:, :, 1:]) for each in of_f])
+        self.f = np.array([moment[:, :, 0] for moment in of_f])
+        self.fz = np.array([np.einsum("ijj->i", moment[:, :, 1:]) for moment in of_f])
+        self.trace_z = np.array([np.einsum("iik->k", moment[:, :, 1:]) for moment in of_f])
         self.zfz = np.array([part * float(np.vdot(f, z[:, None] * z)) for part, z, f in samples])
         numbers = (np.bincount(pose.pattern[used], minlength=len(pose.centroid)) for used in self.used)
         patterns = [part * count for part, count in zip(share, numbers, strict=True)]
@@ -445,12 +445,13 @@ def fit_center(
     if hinge or (not clear and hinge is None):
         planar_size, planar_center = pooled.solve(across, given)
         planar_scores = pooled.scores(planar_size, planar_center, across)
+        along = least @ planar_scores[:3]
         # sizes, not residuals: moving the centre to where the pose itself rotates least makes any residual smaller
         before = size if size < CONDITION_LIMIT * pooled.largest_size(everything) else 0.0
         if hinge or (
             planar_size < _WORSE * max(before, 1.0)
             and pooled.significance(planar_size, effective, across, max(SHAPE_ERROR, tissue)) > _SIGNIFICANT
-            and _sum_is_noise(least @ planar_scores[:3])
+            and along.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(along[None])[0][0, 0]
         ):
             size, center, basis, axis = planar_size, planar_center, across, least
             significance = pooled.significance(size, effective, basis, max(SHAPE_ERROR, tissue))
@@ -489,16 +490,16 @@ def center_only(
     pooled = _pooled_moments(markers, pose, size)
     if pooled is None:
         return None
-    found, center = pooled.solve(np.eye(3), size)
-    return pooled.solve(pooled.least_direction(found)[1], size)[1] if hinge else center
+    eta, center = pooled.solve(np.eye(3), size)
+    return pooled.solve(pooled.least_direction(eta)[1], size)[1] if hinge else center
 
 
 def _pooled_moments(markers: Sequence[LocalMarker], pose: PoseNoise, given: float | None) -> PooledMoments | None:
     """Moments corrected for the mean effects of noise of the given size, or of a size found in some of the frames."""
     size = 1.0 if given is None else given
     if given is None:  # the mean effects depend on the size; a first value of it will do
-        some = slice(None, None, max(len(pose.pattern) // _FRAMES, 1))
-        pooled = _moments_of_size([marker.in_frames(some) for marker in markers], pose.in_frames(some), size)
+        spread = slice(None, None, max(len(pose.pattern) // _FRAMES, 1))
+        pooled = _moments_of_size([marker.in_frames(spread) for marker in markers], pose.in_frames(spread), size)
         size = pooled.solve(np.eye(3))[0] if pooled is not None else size
     return _moments_of_size(markers, pose, size)
 
@@ -511,11 +512,6 @@ def _moments_of_size(markers: Sequence[LocalMarker], pose: PoseNoise, size: floa
         return None
     pooled = PooledMoments(markers, present, pose, size)
     return pooled if pooled.extents()[1] > TINY * pooled.extents()[2] else None
-
-
-def _sum_is_noise(score: Floats) -> bool:
-    """True if scores (frames,) add up to no more than their standard errors explain."""
-    return bool(score.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(score[None])[0][0, 0])
 
 
 def _covariance(
@@ -550,18 +546,18 @@ _ROUNDS = 3
 
 def reject_outliers(markers: Sequence[LocalMarker]) -> list[LocalMarker]:
     """Reject the samples of markers about one joint that are far off their spheres."""
-    kept = list(markers)
-    clean = _robust_center(markers, _center_of_all(kept))
+    accepted = list(markers)
+    clean = _robust_center(markers, _center_of_all(accepted))
     if clean is not None:
-        kept = [reject_off_sphere(marker, clean, tolerance=_COARSE) for marker in markers]
+        accepted = [reject_off_sphere(marker, clean, tolerance=_COARSE) for marker in markers]
     for _ in range(_ROUNDS):
-        center = _center_of_all(kept)
+        center = _center_of_all(accepted)
         if center is None:
             break
-        before, kept = kept, [reject_off_sphere(marker, center) for marker in kept]
-        if all(a.used.sum() == b.used.sum() for a, b in zip(kept, before, strict=True)):
+        before, accepted = accepted, [reject_off_sphere(marker, center) for marker in accepted]
+        if all(a.used.sum() == b.used.sum() for a, b in zip(accepted, before, strict=True)):
             break
-    return kept
+    return accepted
 
 
 def reject_off_sphere(
@@ -589,8 +585,8 @@ def reject_off_sphere(
 
 def _center_of_all(markers: Sequence[LocalMarker]) -> Floats | None:
     """GDKE's centre (3,), on frames spread over the recording."""
-    some = slice(None, None, max(markers[0].y.shape[1] // _OUTLIER_FRAMES, 1))
-    part = [marker.in_frames(some) for marker in markers]
+    spread = slice(None, None, max(markers[0].y.shape[1] // _OUTLIER_FRAMES, 1))
+    part = [marker.in_frames(spread) for marker in markers]
     none = np.zeros((1, 3, 3))
     exact = PoseNoise(np.zeros(part[0].y.shape[1], dtype=np.int64), np.zeros((1, 3)), none, none, none)
     return center_only(part, exact, size=0.0)

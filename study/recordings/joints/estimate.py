@@ -113,6 +113,7 @@ class SymmetricFit:
     """A joint from the poses of both of its segments.
 
     Attributes:
+        child: poses of the child.
         in_parent: c_P (3,), metres.
         in_child: c_Q (3,), metres.
         covariance: of c_P (3, 3), m²: the sandwich over frames in its long-run form, and the error that follows if the
@@ -127,6 +128,7 @@ class SymmetricFit:
         effective_frames: effective number of independent frames.
     """
 
+    child: SegmentPoses
     in_parent: Floats
     in_child: Floats
     covariance: Floats
@@ -168,6 +170,7 @@ def symmetric_fit(parent: SegmentPoses, child: SegmentPoses, known_hinge: bool |
     doubt = inverse @ _Agreement(parent, child, 1.0 + SHAPE_ERROR).residual(c)
     apart = parent.to_world(c[:3]) - child.to_world(c[3:])
     return SymmetricFit(
+        child=child,
         in_parent=c[:3],
         in_child=c[3:],
         covariance=inflated[:3, :3] + np.outer(doubt[:3], doubt[:3]),
@@ -301,10 +304,6 @@ class Estimate:
             return self
         return replace(self, center=self.center + ((place - self.center) @ self.axis) * self.axis)
 
-    def as_ball(self) -> "Estimate":
-        """The estimate of a joint that is known to be a ball: a hinge's is not reliable along its axis."""
-        return replace(self, status=JointStatus.ONE_AXIS) if self.status == JointStatus.HINGE else self
-
     def with_status(self) -> "Estimate":
         """The same estimate with the status that follows from its noise, error and frames."""
         if self.noise == "none":
@@ -333,35 +332,35 @@ def estimate_from_spheres(
     Returns:
         The estimate, without its status; None if the markers do not move.
     """
-    found = _fit_with_noise(markers, poses, hinge)
-    if found is None:
+    fitted = _fit_with_noise(markers, poses, hinge)
+    if fitted is None:
         return None
-    noise, fit, kept = found
+    noise, fit, accepted = fitted
     return Estimate(
         side=side,
         poses=poses,
         markers=tuple(names),
         center=fit.center,
-        covariance=fit.covariance + fit.shape + _doubt_of_noise(noise, fit, kept, poses),
+        covariance=fit.covariance + fit.shape + _doubt_of_noise(noise, fit, accepted, poses),
         axis=fit.least if hinge and fit.axis is None else fit.axis,
         noise=noise,
-        used=np.stack([marker.used for marker in kept]),
+        used=np.stack([marker.used for marker in accepted]),
         sphere=fit,
         pair=None,
     )
 
 
-def estimate_from_poses(parent: SegmentPoses, child: SegmentPoses, pair: SymmetricFit, hinge: bool) -> Estimate:
+def estimate_from_poses(parent: SegmentPoses, pair: SymmetricFit, hinge: bool) -> Estimate:
     """Estimate a joint from the point in which its two segments agree; the status is not set yet."""
     return Estimate(
         side="both",
         poses=parent,
-        markers=child.points,
+        markers=pair.child.points,
         center=pair.in_parent,
         covariance=pair.covariance,
         axis=pair.axes[0] if hinge or pair.hinge else None,
         noise="pose",
-        used=child.good & parent.known,
+        used=pair.child.good & parent.known,
         sphere=None,
         pair=pair,
     )
@@ -392,13 +391,13 @@ def _fit_with_noise(
             fit = planar if planar is not None and planar.significance > SIGNIFICANT else fit
         if fit is None:
             return None
-        kept = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
-        if any(a.used.sum() < b.used.sum() for a, b in zip(kept, clean, strict=True)):
-            fit = fit_center(kept, pose_noise, (hinge and fit.axis is not None) or None, size) or fit
+        accepted = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
+        if any(a.used.sum() < b.used.sum() for a, b in zip(accepted, clean, strict=True)):
+            fit = fit_center(accepted, pose_noise, (hinge and fit.axis is not None) or None, size) or fit
         determined = fit.clear or fit.axis is not None or not hinge
         significant = fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT and fit.exceeds_noise
         if name == "none" or (significant and determined):
-            return name, fit, kept
+            return name, fit, accepted
     return None
 
 
@@ -494,8 +493,8 @@ class PlaceDifference:
 def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[PlaceDifference]:
     """Differences of the other estimates from the chosen one; those that cannot be compared are left out."""
     comparable = [e for e in others if e.status in COMPARABLE and e.frames >= FEWEST_FRAMES]
-    found = [_difference(chosen, other) for other in comparable]
-    return [each for each in found if each is not None]
+    differences = [_difference(chosen, other) for other in comparable]
+    return [difference for difference in differences if difference is not None]
 
 
 def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[Estimate, str]:
@@ -510,10 +509,10 @@ def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[E
     """
     if chosen.status not in USABLE:
         return chosen, ""
-    against = [each for each in side_differences(chosen, others) if each.contradicts]
+    against = [difference for difference in side_differences(chosen, others) if difference.contradicts]
     if not against:
         return chosen, ""
-    worst = max(against, key=lambda each: each.distance)
+    worst = max(against, key=lambda difference: difference.distance)
     covariance = chosen.covariance + np.outer(worst.vector, worst.vector)
     return replace(chosen, covariance=covariance, status=JointStatus.DISAGREE), worst.text
 
@@ -528,11 +527,11 @@ def check_both_ways(chosen: Estimate, ways: Sequence[PlaceDifference]) -> tuple[
     Returns:
         The estimate, and the reason to doubt it, or "".
     """
-    against = [each for each in ways if each.contradicts]
+    against = [way for way in ways if way.contradicts]
     if not against:
         return chosen, ""
-    worst = max(against, key=lambda each: each.distance)
-    squares = sum(np.outer(each.vector, each.vector) for each in against)
+    worst = max(against, key=lambda way: way.distance)
+    squares = sum(np.outer(way.vector, way.vector) for way in against)
     status = JointStatus.REVERSES if chosen.status in USABLE else chosen.status
     return replace(
         chosen, covariance=chosen.covariance + squares, skin=chosen.skin + squares, status=status

@@ -72,10 +72,10 @@ def exchange(markers: Sequence[str], recording: Recording) -> str:
     names = [marker for marker in markers if marker in recording.markers]
     if len(names) < 3:
         return ""
-    found = exchanged_labels(np.stack([recording.of(name) for name in names]))
-    if found is None:
+    exchanged = exchanged_labels(np.stack([recording.of(name) for name in names]))
+    if exchanged is None:
         return ""
-    one, two, frames = found
+    one, two, frames = exchanged
     return (
         f"{names[one]} and {names[two]} exchange their labels in {frames.mean():.0%} of the frames, first in frame "
         f"{int(frames.argmax()) + 1}: exchange them back where the markers are labelled, or leave these frames out"
@@ -137,11 +137,6 @@ class _Body:
         x = [poses.to_world(place), *(self.recording.of(marker)[:, frames] for marker in markers)]
         return fit_poses(segment, [joint, *markers], x, poses.world_covariance(place), self.reference)
 
-    def why_no_own_pose(self, segment: str) -> str:
-        """Reason, in words, why a segment has no pose of its own."""
-        poses = self.poses[segment]
-        return f"{segment} has one only by the joint {poses.points[0]}" if isinstance(poses, SegmentPoses) else poses
-
 
 def _from_the_root(body: _Body) -> list[JointPlace]:
     """Fit the joints, parents first, until no more can be fitted; their places in both segments are still open."""
@@ -160,8 +155,12 @@ def _from_the_root(body: _Body) -> list[JointPlace]:
         if estimate is not None and estimate.status in _BUILT_ON:
             body.complete(joint, estimate)
     for joint in waiting:
-        why = "; ".join(body.why_no_own_pose(name) for name in (joint.parent, joint.child))
-        answers.append(JointPlace(joint, JointStatus.NO_FRAME, f"{JointStatus.NO_FRAME.text} ({why})"))
+        whys = []
+        for name in (joint.parent, joint.child):
+            poses = body.poses[name]
+            whys.append(poses if isinstance(poses, str) else f"{name} has one only by the joint {poses.points[0]}")
+        reason = f"{JointStatus.NO_FRAME.text} ({'; '.join(whys)})"
+        answers.append(JointPlace(joint, JointStatus.NO_FRAME, reason))
     return answers
 
 
@@ -175,23 +174,23 @@ def _fit(joint: Joint, body: _Body) -> JointPlace:
     if isinstance(child, SegmentPoses):
         estimates.append(_from_spheres(joint, "child", child, body))
     if isinstance(parent, SegmentPoses) and isinstance(child, SegmentPoses):
-        estimates.append(_from_both(joint, parent, child, body))
-    ranked = sorted((e for e in estimates if e is not None), key=lambda e: (e.status, e.standard_error))
+        pair = symmetric_fit(parent, child)
+        estimates.append(None if pair is None else estimate_from_poses(parent, pair, joint.kind == "hinge"))
+    with_errors = (_with_errors(estimate, joint, body) for estimate in estimates if estimate is not None)
+    ranked = sorted(with_errors, key=lambda estimate: (estimate.status, estimate.standard_error))
     if not ranked:
         samples = sum(int((~np.isnan(body.recording.of(name)[0])).sum()) for name in body.markerset.markers_for(joint))
         status = JointStatus.STILL if samples > 3 else JointStatus.UNSEEN
         return JointPlace(joint, status, status.text)
     chosen, sides = check_against_sides(ranked[0], ranked[1:])
     # of the estimates in the first one's axes, the one in which bending and straightening differ most
-    ways = [
-        body.skin.ways(e, joint, child if e.side == "both" and isinstance(child, SegmentPoses) else None)
-        for e in ranked
-        if e.poses is ranked[0].poses and e.status in COMPARABLE
-    ]
+    one_frame = (e for e in ranked if e.poses is ranked[0].poses and e.status in COMPARABLE)
+    ways = [body.skin.ways(estimate, joint) for estimate in one_frame]
     most = max(ways, key=lambda two: sum(way.distance for way in two if way.contradicts), default=[])
     chosen, reverses = check_both_ways(chosen, most)
     chosen = chosen.placed_along_axis(_midway(joint, body.recording))
-    chosen = chosen.as_ball() if joint.kind == "ball" else chosen
+    if joint.kind == "ball" and chosen.status == JointStatus.HINGE:  # a hinge is not reliable along its axis
+        chosen = replace(chosen, status=JointStatus.ONE_AXIS)
     own = sides or ("" if chosen.status in (*USABLE, JointStatus.REVERSES) else chosen.status.text)
     reason = "; ".join(filter(None, (own, reverses))) or chosen.status.text
     return JointPlace(joint, chosen.status, reason, floor=chosen.floor, estimates=(chosen, *ranked[1:]))
@@ -201,22 +200,15 @@ def _from_spheres(joint: Joint, side: Side, poses: SegmentPoses, body: _Body) ->
     """Fit a joint to markers in the axes of one of its segments."""
     names = body.markerset.markers_for(joint) if side == "parent" else body.markerset.segment(joint.parent).markers
     markers = [local_marker(poses, body.recording.of(name), body.accepted(name)) for name in names]
-    estimate = estimate_from_spheres(side, poses, names, markers, joint.kind == "hinge") if markers else None
-    if estimate is None:
-        return None
-    return body.skin.add(_with_propagated_errors(estimate, None, body), joint, None).with_status()
+    return estimate_from_spheres(side, poses, names, markers, joint.kind == "hinge") if markers else None
 
 
-def _from_both(joint: Joint, parent: SegmentPoses, child: SegmentPoses, body: _Body) -> Estimate | None:
-    """Fit a joint as the point in which both of its segments agree."""
-    pair = symmetric_fit(parent, child)
-    if pair is None:
-        return None
-    estimate = estimate_from_poses(parent, child, pair, joint.kind == "hinge")
-    return body.skin.add(_with_propagated_errors(estimate, child, body), joint, child).with_status()
+def _with_errors(estimate: Estimate, joint: Joint, body: _Body) -> Estimate:
+    """Add to an estimate the errors of the joint that its poses rest on and those from skin, and set its status."""
+    return body.skin.add(_with_propagated_errors(estimate, body), joint).with_status()
 
 
-def _with_propagated_errors(estimate: Estimate, child: SegmentPoses | None, body: _Body) -> Estimate:
+def _with_propagated_errors(estimate: Estimate, body: _Body) -> Estimate:
     """Add to an estimate's covariance the errors of the joint that its segment's poses are fitted to.
 
     That joint is moved by its standard errors, one principal direction after the other, and the fit is repeated with
@@ -235,7 +227,7 @@ def _with_propagated_errors(estimate: Estimate, child: SegmentPoses | None, body
         moved = body.about_joint(segment, fixed.points[0], base, part, step)
         place = np.full(3, np.nan)
         if isinstance(moved, SegmentPoses):
-            center = _repeated(estimate, moved, child, part, body)
+            center = _repeated(estimate, moved, part, body)
             place = place if center is None else fixed.mean_place(moved.to_world(center))
         places.append(place)
     shifts = np.array(places[1:]) - places[0]
@@ -245,12 +237,10 @@ def _with_propagated_errors(estimate: Estimate, child: SegmentPoses | None, body
     return replace(estimate, covariance=covariance, skin=estimate.skin + follows @ base.skin @ follows.T)
 
 
-def _repeated(
-    estimate: Estimate, poses: SegmentPoses, child: SegmentPoses | None, part: Ints, body: _Body
-) -> Floats | None:
+def _repeated(estimate: Estimate, poses: SegmentPoses, part: Ints, body: _Body) -> Floats | None:
     """The centre (3,) of an estimate with other poses of its segment, in these frames; None if the fit fails."""
-    if child is not None:
-        pair = symmetric_fit(poses, child.in_frames(part))
+    if estimate.pair is not None:
+        pair = symmetric_fit(poses, estimate.pair.child.in_frames(part))
         return None if pair is None else pair.in_parent
     names, recording = estimate.markers, body.recording
     markers = [local_marker(poses, recording.of(name)[:, part], body.accepted(name)[part]) for name in names]

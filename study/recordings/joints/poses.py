@@ -403,10 +403,6 @@ class PoseNoise:
         values = values.T if values.ndim < 3 else values.transpose(1, 2, 0)
         return values if values.shape[-1] == 1 else np.take(values, self.pattern[frames], axis=-1)
 
-    def patterns_beyond(self, angle: float) -> Bools:
-        """Patterns (patterns,) whose rotation about some axis has a standard deviation above an angle, radians."""
-        return np.linalg.eigvalsh(self.tilt)[:, -1] > angle**2
-
     def in_frames(self, frames: Ints | slice) -> "PoseNoise":
         """The same noise in some of the frames."""
         return replace(self, pattern=self.pattern[frames])
@@ -422,9 +418,9 @@ class PoseNoise:
         return replace(self, shift=none, tilt=none, cross=none)
 
     @property
-    def worst_angle(self) -> float:
-        """Standard deviation of the pose's rotation about its worst axis in its worst pattern, radians."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.tilt)[:, -1].max(initial=0.0)))
+    def worst_angles(self) -> Floats:
+        """Standard deviation of the pose's rotation about its worst axis in each pattern (patterns,), radians."""
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.tilt)[:, -1], 0.0)))
 
 
 def times(matrix: Floats, v: Floats) -> Floats:
@@ -578,9 +574,9 @@ def fit_poses(
     if given is not None:
         covariance[0] = given
     noise = PoseNoise.of(points, covariance, good, known)
-    loose = noise.patterns_beyond(_LOOSE)
+    loose = noise.worst_angles > _LOOSE
     if loose[noise.pattern[known]].all():
-        angle = np.degrees(noise.worst_angle)
+        angle = np.degrees(noise.worst_angles.max())
         words = f"its points ({listed}) lie nearly on a line: the rotation about it is known to {angle:.0f}° only"
         return f"{segment}: {words}"
     known = known & ~np.where(known, loose[noise.pattern], False)
@@ -639,7 +635,7 @@ def _marker_sigma(points: Floats, square: Floats, counted: Bools, joint: Floats 
     if joint is not None:
         of_markers[:3, :3], of_joint[:3, :3] = 0.0, joint
     expected, known = np.trace(left @ of_markers), np.trace(left @ of_joint)
-    found = float(square[:, whole].sum(axis=0).mean())
+    mean_square = float(square[:, whole].sum(axis=0).mean())
     # where the joint's noise alone explains all residuals, it is the best guess at the markers' noise
-    least = 0.1 * found / np.trace(left)
-    return max(float(np.sqrt(max((found - known) / expected, least))), _LEAST_SIGMA)
+    least = 0.1 * mean_square / np.trace(left)
+    return max(float(np.sqrt(max((mean_square - known) / expected, least))), _LEAST_SIGMA)

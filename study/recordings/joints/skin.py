@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from study.arrays import Floats, Ints
+from study.arrays import Bools, Floats, Ints
 from study.recordings.joints.center import CONDITION_LIMIT, LocalMarker, fit_center
 from study.recordings.joints.estimate import SIGNIFICANT, Estimate, PlaceDifference, symmetric_fit
 from study.recordings.joints.poses import SegmentPoses
@@ -42,11 +42,18 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
 
 
-def pose_shifts(points: Floats, place: Floats) -> Floats:
-    """Displacements (m, 3, 3) of a point (3,) fixed in a segment per displacement of each point of its pose (m, 3)."""
+def pose_shifts(points: Floats, on_skin: Bools, place: Floats) -> Floats:
+    """Displacements (k, 3, 3) of a point (3,) fixed in a segment per displacement of each of its k markers.
+
+    Args:
+        points: that the segment's pose is fitted to (m, 3), metres.
+        on_skin: which of them are markers (m,), and not joints.
+        place: of the point (3,), metres.
+    """
     middle = points.mean(axis=0)
     k = skew(points - middle)
-    return np.eye(3) / len(points) - skew(place - middle) @ np.linalg.pinv(np.einsum("mij,mkj->ik", k, k)) @ k
+    shifts = np.eye(3) / len(points) - skew(place - middle) @ np.linalg.pinv(np.einsum("mij,mkj->ik", k, k)) @ k
+    return np.asarray(shifts[on_skin])
 
 
 def sphere_skin(
@@ -67,7 +74,7 @@ def sphere_skin(
     if not len(arms):
         return np.zeros((3, 3))
     shared = markers * (_COMMON * (arms @ arms.T) + (1.0 - _COMMON) * np.eye(len(arms)))
-    h = np.stack([np.einsum("i,kij->kj", arm, each) for arm, each in zip(arms, shifts, strict=True)])
+    h = np.stack([np.einsum("i,kij->kj", arm, shift) for arm, shift in zip(arms, shifts, strict=True)])
     total = np.einsum("jl,jai,lbi->ab", shared + own * np.einsum("jki,lki->jl", h, h), slopes, slopes)
     return np.asarray(inverse @ total @ inverse)
 
@@ -201,19 +208,18 @@ class SkinErrors:
         step = max(min(recording.frames // _FRAMES, int(recording.rate / _LEAST_RATE)), 1)
         self.part: Ints = np.arange(0, recording.frames, step)
         self.lag = max(round(_LAG * recording.rate / step), 1)
-        self.departures = {name: self._departures(each) for name, each in self.own.items()}
+        self.departures = {name: self._departures(own) for name, own in self.own.items()}
         self.measured: list[float] = []
         self.by_radius: dict[tuple[str, str], float] = {}
 
-    def add(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> Estimate:
+    def add(self, estimate: Estimate, joint: Joint) -> Estimate:
         """Add the error from skin to an estimate's covariance, and find its floor.
 
         Args:
             estimate: of the joint.
             joint: that it is of.
-            child: poses of the child, for an estimate from both segments.
         """
-        angles = self._angles(estimate, joint, child)
+        angles = self._angles(estimate, joint)
         frame = estimate.poses.segment
         other = joint.parent if frame == joint.child else joint.child
         if estimate.sphere is not None and estimate.axis is None:  # a hinge's radii change with its axis' own error
@@ -221,7 +227,7 @@ class SkinErrors:
         slopes = [
             max(self._slope(name, angles), self.by_radius.get((joint.name, name), 0.0)) for name in (frame, other)
         ]
-        skin, floor = self._covariances(estimate, child, angles, (slopes, ((0.5 * _FLOOR) ** 2, _FLOOR**2)))
+        skin, floor = self._covariances(estimate, angles, (slopes, ((0.5 * _FLOOR) ** 2, _FLOOR**2)))
         return replace(
             estimate,
             covariance=estimate.covariance + skin,
@@ -229,30 +235,29 @@ class SkinErrors:
             floor=float(np.sqrt(max(np.linalg.eigvalsh(floor)[-1], 0.0))),
         )
 
-    def ways(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> list[PlaceDifference]:
+    def ways(self, estimate: Estimate, joint: Joint) -> list[PlaceDifference]:
         """Compare an estimate's centres from the frames in which the joint rotates one way and the other.
 
         Args:
             estimate: of the joint.
             joint: that it is of.
-            child: poses of the child, for an estimate from both segments.
 
         Returns:
             A difference for each axis about which the joint rotates: two, one for a hinge, fewer where a fit fails.
         """
-        found = []
-        both = turning_ways(self._angles(estimate, joint, child), self.lag, 2 if estimate.axis is None else 1)
+        differences = []
+        both = turning_ways(self._angles(estimate, joint), self.lag, 2 if estimate.axis is None else 1)
         for ways in both:
-            one, two = (self._refit(estimate, child, self.part[frames]) for frames in ways)
+            one, two = (self._refit(estimate, self.part[frames]) for frames in ways)
             if one is not None and two is not None:
-                found.append(PlaceDifference.of(two[0] - one[0], one[1] + two[1], estimate.axis, "ways"))
-        return found
+                differences.append(PlaceDifference.of(two[0] - one[0], one[1] + two[1], estimate.axis, "ways"))
+        return differences
 
-    def _refit(self, estimate: Estimate, child: SegmentPoses | None, part: Ints) -> tuple[Floats, Floats] | None:
+    def _refit(self, estimate: Estimate, part: Ints) -> tuple[Floats, Floats] | None:
         """Centre (3,) and covariance (3, 3) of an estimate from some of the frames; None if they do not give one."""
         poses = estimate.poses.in_frames(part)
-        if estimate.pair is not None and child is not None:
-            pair = symmetric_fit(poses, child.in_frames(part), estimate.pair.hinge)
+        if estimate.pair is not None:
+            pair = symmetric_fit(poses, estimate.pair.child.in_frames(part), estimate.pair.hinge)
             return None if pair is None else (pair.in_parent, pair.covariance)
         markers = [
             LocalMarker(poses.to_local(self.recording.of(name)[:, part]), used[part], poses.sigma**2)
@@ -265,10 +270,11 @@ class SkinErrors:
             return None
         return fit.center, fit.covariance
 
-    def _angles(self, estimate: Estimate, joint: Joint, child: SegmentPoses | None) -> Floats:
+    def _angles(self, estimate: Estimate, joint: Joint) -> Floats:
         """Rotation vectors of the joint (3, frames of the part) in the axes of an estimate, radians."""
         one = estimate.poses.in_frames(self.part)
-        two = child or self.own.get(joint.parent if one.segment == joint.child else joint.child)
+        two = self.own.get(joint.parent if one.segment == joint.child else joint.child)
+        two = two if estimate.pair is None else estimate.pair.child
         if two is not None:
             return rotation_vectors(relative_rotation(one.rotation, two.in_frames(self.part).rotation))
         y = one.to_local(np.stack([self.recording.of(name)[:, self.part] for name in estimate.markers]))
@@ -276,16 +282,16 @@ class SkinErrors:
 
     def _slope(self, segment: str, angles: Floats) -> float:
         """β² of a segment's skin with a joint, (m/rad)²; 0 if no segment showed any so far."""
-        found = skin_slope(self.departures[segment], angles) if segment in self.departures else float("nan")
-        if not np.isnan(found):
-            self.measured.append(found)
+        own = skin_slope(self.departures[segment], angles) if segment in self.departures else float("nan")
+        if not np.isnan(own):
+            self.measured.append(own)
         if not self.measured:
             return 0.0
         mean = float(np.mean(self.measured))
-        if np.isnan(found):
+        if np.isnan(own):
             return _UNSEEN * mean
         shown = 3 * len(self.departures[segment]) - 6
-        return (shown * found + _PRIOR * mean) / (shown + _PRIOR - _LOST)
+        return (shown * own + _PRIOR * mean) / (shown + _PRIOR - _LOST)
 
     def _radius_slope(self, estimate: Estimate, angles: Floats) -> float:
         """β² of the skin below the markers of a sphere fit, by the change of their radii, (m/rad)²; 0 if unknown."""
@@ -301,20 +307,18 @@ class SkinErrors:
         y = poses.in_frames(self.part).to_local(x) - poses.template[:, :, None]
         return np.where(poses.good[:, self.part].all(axis=0), y, np.nan)
 
-    def _covariances(
-        self, estimate: Estimate, child: SegmentPoses | None, angles: Floats, several: Sequence[Sequence[float]]
-    ) -> list[Floats]:
+    def _covariances(self, estimate: Estimate, angles: Floats, several: Sequence[Sequence[float]]) -> list[Floats]:
         """Covariance of an estimate's centre from skin (3, 3), m², for each of several pairs of slopes.
 
         They are the mean square slopes β² on the segment of the estimate's axes, and on the other, (m/rad)².
         """
-        if estimate.pair is None or child is None:
+        if estimate.pair is None:
             inverse, slopes, arms, places = self._response(estimate, angles)
             shifts = [self._shifts(estimate.poses, place) for place in places]
             return [sphere_skin(inverse, slopes, arms, shifts, other, own) for own, other in several]
         x = angles[:, ~np.isnan(angles[0])]
         x = x - x.mean(axis=1, keepdims=True)
-        one, two = estimate.poses.in_frames(self.part), child.in_frames(self.part)
+        one, two = estimate.poses.in_frames(self.part), estimate.pair.child.in_frames(self.part)
         both = one.known & two.known
         rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
         images = image_skin(self._shifts(one, estimate.center), 1.0)
@@ -344,5 +348,5 @@ class SkinErrors:
 
     def _shifts(self, poses: SegmentPoses, place: Floats) -> Floats:
         """Displacements (k, 3, 3) of a point (3,) fixed in a segment per displacement of each of its markers."""
-        on_skin = np.array([name in self.recording.markers for name in poses.points])  # the others are joints
-        return np.asarray(pose_shifts(poses.template, place)[on_skin])
+        on_skin = np.array([name in self.recording.markers for name in poses.points])
+        return pose_shifts(poses.template, on_skin, place)

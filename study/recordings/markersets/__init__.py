@@ -415,9 +415,9 @@ def mirrored(name: str) -> str:
 
 
 def _other_side(word: re.Match[str]) -> str:
-    found = word[0]
-    other = "right" if found.lower() == "left" else "left"
-    return other.upper() if found.isupper() else other.capitalize() if found[0].isupper() else other
+    own = word[0]
+    other = "right" if own.lower() == "left" else "left"
+    return other.upper() if own.isupper() else other.capitalize() if own[0].isupper() else other
 
 
 def side_of(labels: Iterable[str]) -> str:

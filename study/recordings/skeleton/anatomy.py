@@ -58,6 +58,12 @@ _OWNERS = {
     "fifth metatarsal": "foot",
 }
 """The part of the body that each point is on."""
+_ENDS = {
+    "thigh": ("lateral epicondyle", "medial epicondyle"),
+    "shank": ("lateral malleolus", "medial malleolus"),
+    "foot": ("fifth metatarsal", "first metatarsal"),
+}
+"""The lateral and the medial point at the end of each part of a leg."""
 _MIRROR = {"left": -1.0, "right": 1.0}
 
 
@@ -149,22 +155,17 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
     above = {place.joint.child: place for place in calibration.joints}
     if (pelvis := _pelvis(points)) is not None:
         result[segments["pelvis"]] = pelvis[0]
-    for one, sign in _MIRROR.items():
-
-        def across(lateral: str, medial: str, one: str = one, sign: float = sign) -> tuple[Floats, Floats] | None:
-            """Middle of two points, and the direction from one to the other, to the right."""
-            pair = [points.get(f"{one} {name}") for name in (lateral, medial)]
-            if pair[0] is None or pair[1] is None:
-                return None
-            return 0.5 * (pair[0] + pair[1]), sign * (pair[0] - pair[1])
-
-        for part, ends in (("thigh", "epicondyle"), ("shank", "malleolus")):
-            name, pair = segments.get(f"{one} {part}", ""), across(f"lateral {ends}", f"medial {ends}")
-            if name and pair is not None and not np.isnan(top := above[name].in_child).any():
-                result[name] = _frame(1, top - pair[0], 2, pair[1])
-        name, pair = segments.get(f"{one} foot", ""), across("fifth metatarsal", "first metatarsal")
-        if name and pair is not None and f"{one} heel" in points:
-            result[name] = _frame(0, pair[0] - points[f"{one} heel"], 2, pair[1])
+    for name, segment in segments.items():
+        one, _, part = name.partition(" ")
+        lateral, medial = (points.get(f"{one} {end}") for end in _ENDS.get(part, ("", "")))
+        if lateral is None or medial is None:
+            continue
+        middle, outwards = 0.5 * (lateral + medial), _MIRROR[one] * (lateral - medial)  # to the right on both sides
+        heel, top = points.get(f"{one} heel"), above[segment].in_child
+        if part == "foot" and heel is not None:
+            result[segment] = _frame(0, middle - heel, 2, outwards)
+        elif part != "foot" and not np.isnan(top).any():
+            result[segment] = _frame(1, top - middle, 2, outwards)
     return {name: axes for name, axes in result.items() if axes is not None}
 
 

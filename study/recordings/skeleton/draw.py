@@ -298,7 +298,7 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
     """Run phase 2: place the joints in every frame.
 
     Args:
-        calibration: of the same subject with the same markers (see `check_subject`).
+        calibration: of the same subject with the same markers (see `other_subject`).
         recording: markers under the calibration's names; those that it lacks count as always missing.
         bridge: longest time, seconds, between an unseen segment and the nearest frame in which it is seen; beyond, it
             is unknown unless one of its markers is seen.
@@ -334,8 +334,8 @@ class _SkeletonBuilder:
         self.rotations, self.origins = np.full((count, 3, 3, n), np.nan), np.full((count, 3, n), np.nan)
         self.flags, self.misfits = np.full((count, n), Flag.UNKNOWN, dtype=np.uint8), np.full(count, np.nan)
         self.left_out = np.zeros(count)
-        self.used: dict[str, Bools] = {}
-        """Samples of each segment's markers that are not rejected (m, frames)."""
+        self.markers: dict[str, Floats] = {}
+        """Each segment's markers in the world (m, 3, frames), metres; NaN where missing or rejected."""
         self.turning = np.zeros((count, n, 3, 3))
         """Covariance of the rotation of each segment in the frames in which it is bridged, rad²..."""
         self.pivots = np.zeros((count, 3, n))
@@ -344,13 +344,13 @@ class _SkeletonBuilder:
     def place_by_markers(self, segment: Segment) -> None:
         """Place a segment in the frames that show it by its own markers, at its joint if its parent is seen."""
         number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
-        place, x = pivot_joint(self.above.get(segment.name), shape), self._markers(shape)
+        place, x = pivot_joint(self.above.get(segment.name), shape), self._samples(shape)
         local, world = np.zeros(3), np.full((3, self.recording.frames), np.nan)
         if place is not None:
             local, world = place.in_child, self._shown(place.joint.parent, place.in_parent)
         path = fit_poses_about(shape.places, _limits(shape, place), x, local, world)
         self.rotations[number], self.origins[number], fitted, used, square = path
-        seen, self.used[segment.name] = ~np.isnan(x[:, 0]), used
+        seen, self.markers[segment.name] = ~np.isnan(x[:, 0]), np.where(used[:, None], x, np.nan)
         self.left_out[number] = 1.0 - used.sum() / max(seen.sum(), 1) if seen.any() else 0.0
         if fitted.any():
             self.misfits[number] = np.sqrt(square[fitted].mean())
@@ -358,7 +358,7 @@ class _SkeletonBuilder:
         # one marker and the joint are all that a hand may have: its rotation about the line of the two is not shown
         whole = used.all(axis=0) & ~np.isnan(world[0]) & ~fitted
         if place is not None and len(shape.markers) and whole.any():
-            self._complete(segment.name, np.flatnonzero(whole), local, world)
+            self._complete(segment.name, np.flatnonzero(whole), local, world, self._in_parent(place))
             self.flags[number, whole] = Flag.SEEN
 
     def place_by_neighbours(self, segment: Segment) -> None:
@@ -375,8 +375,8 @@ class _SkeletonBuilder:
         if own is not None:
             local, world = own.in_child, self._shown(own.joint.parent, own.in_parent)[:, frames]
         below = self._below(segment.name)
-        x = np.where(self.used[segment.name][:, None], self._markers(shape), np.nan)[:, :, frames]
-        x = np.concatenate([x, *(self._shown(p.joint.child, p.in_child)[None, :, frames] for p in below)])
+        others = (self._shown(p.joint.child, p.in_child)[None, :, frames] for p in below)
+        x = np.concatenate([self.markers[segment.name][:, :, frames], *others])
         shown = ~np.isnan(x[:, 0])
         if (shown.sum(axis=0) + ~np.isnan(world[0]) < 3).all():
             return
@@ -389,8 +389,8 @@ class _SkeletonBuilder:
         used = np.concatenate([used, ~np.isnan(world[:1])])[: len(errors)]
         square = np.nan_to_num(errors, nan=1.0)[:, None, None] ** 2
         noise = PoseNoise.of(ends, square * np.eye(3), used, fitted)
-        each = [noise.covariances_at(at) for at in ends[len(shape.markers) :]]
-        worst = np.linalg.eigvalsh(np.array(each))[:, :, -1].max(axis=0)
+        covariances = [noise.covariances_at(at) for at in ends[len(shape.markers) :]]
+        worst = np.linalg.eigvalsh(np.array(covariances))[:, :, -1].max(axis=0)
         sure = fitted.copy()
         sure[fitted] = worst[noise.pattern[fitted]] < _SURE**2
         self.rotations[number][:, :, frames[sure]] = rotation[:, :, sure]
@@ -400,7 +400,8 @@ class _SkeletonBuilder:
     def bridge(self, segment: Segment, reach: int) -> None:
         """Place a segment about a joint that is seen, or about one of its markers, with its expected rotation."""
         number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
-        marker: Bools = np.asarray(self.used[segment.name].any(axis=0))
+        seen = ~np.isnan(self.markers[segment.name][:, 0])
+        marker: Bools = np.asarray(seen.any(axis=0))
         pivots = [(at, self._shown(other, there)) for at, other, there in self._joints_of(segment.name)]
         about = [(at, world, ~np.isnan(world[0])) for at, world in pivots]
         about.append((np.zeros(3), np.full((3, self.recording.frames), np.nan), marker))  # its first marker
@@ -414,41 +415,31 @@ class _SkeletonBuilder:
                 self.turning[number, frames] = course.covariance(frames)
                 self.pivots[number][:, frames] = at[:, None]
                 if np.isnan(world).all() and len(frames):
-                    first = self.used[segment.name][:, frames].argmax(axis=0)
-                    self.pivots[number][:, frames] = shape.places[first].T
+                    self.pivots[number][:, frames] = shape.places[seen[:, frames].argmax(axis=0)].T
 
     def _courses(self, segment: Segment, wanted: Ints) -> Iterator[tuple[InterpolatedRotation, Ints]]:
         """The segment's rotation in its parent for the frames that show that, and in the world for others."""
         number, place = self.numbers[segment.name], self.above.get(segment.name)
-        seen, rotation = self.flags[number] == Flag.SEEN, self.rotations[number]
-        left = np.ones(len(wanted), dtype=np.bool_)
+        shown = np.zeros(len(wanted), dtype=np.bool_)
         if place is not None:
-            parent = self.numbers[place.joint.parent]
-            shown = self.flags[parent] == Flag.SEEN
-            left = ~shown[wanted]
-            yield (
-                InterpolatedRotation(rotation, self.rotations[parent], seen & shown, place.mean_rotation),
-                wanted[~left],
-            )
-        yield InterpolatedRotation(rotation, None, seen), wanted[left]
+            shown = self.flags[self.numbers[place.joint.parent], wanted] == Flag.SEEN
+            yield self._in_parent(place), wanted[shown]
+        yield InterpolatedRotation(self.rotations[number], None, self.flags[number] == Flag.SEEN), wanted[~shown]
 
-    def _complete(
-        self, name: str, frames: Ints, local: Floats, world: Floats, course: InterpolatedRotation | None = None
-    ) -> None:
+    def _in_parent(self, place: JointPlace) -> InterpolatedRotation:
+        """Rotation of a joint's child in its parent, from the frames that show both."""
+        child, parent = self.numbers[place.joint.child], self.numbers[place.joint.parent]
+        known = (self.flags[child] == Flag.SEEN) & (self.flags[parent] == Flag.SEEN)
+        return InterpolatedRotation(self.rotations[child], self.rotations[parent], known, place.mean_rotation)
+
+    def _complete(self, name: str, frames: Ints, local: Floats, world: Floats, course: InterpolatedRotation) -> None:
         """Complete a segment's poses in some frames from its expected rotation and the markers that are left."""
-        number, shape = self.numbers[name], self.calibration.shape(name)
-        if course is None:
-            place = self.above[name]
-            parent = self.numbers[place.joint.parent]
-            known = (self.flags[number] == Flag.SEEN) & (self.flags[parent] == Flag.SEEN)
-            course = InterpolatedRotation(self.rotations[number], self.rotations[parent], known, place.mean_rotation)
-        x = np.where(self.used[name][:, None], self._markers(shape), np.nan)[:, :, frames]
-        rotation, origin = complete_poses(
-            shape.places, np.ascontiguousarray(x), local, np.ascontiguousarray(world[:, frames]), course.at(frames)
-        )
-        self.rotations[number][:, :, frames], self.origins[number][:, frames] = rotation, origin
+        number, x = self.numbers[name], np.ascontiguousarray(self.markers[name][:, :, frames])
+        places, at = self.calibration.shape(name).places, np.ascontiguousarray(world[:, frames])
+        poses = complete_poses(places, x, local, at, course.at(frames))
+        self.rotations[number][:, :, frames], self.origins[number][:, frames] = poses
 
-    def _markers(self, shape: SegmentShape) -> Floats:
+    def _samples(self, shape: SegmentShape) -> Floats:
         """Markers of a segment in the world (m, 3, frames), NaN where missing."""
         x = np.full((len(shape.markers), 3, self.recording.frames), np.nan)
         for k, marker in enumerate(shape.markers):

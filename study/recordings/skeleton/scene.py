@@ -40,15 +40,15 @@ def bones(fixed: Sequence[Sequence[int]], points: Floats, sides: Sequence[str]) 
     Returns:
         Pairs of numbers, each once.
     """
-    found: dict[tuple[int, int], None] = {}
+    chosen: dict[tuple[int, int], None] = {}
     for group in fixed:
         pairs = [(i, j) for place, i in enumerate(group) for j in group[place + 1 :]]
         if len(group) > 3:
             total = dict(zip(group, _distances(points[list(group)]), strict=True))
             middle = min(group, key=lambda i: (sides[i] != "", total[i]))
             pairs = [(middle, other) for other in group if other != middle]
-        found |= dict.fromkeys(pairs)
-    return tuple(found)
+        chosen |= dict.fromkeys(pairs)
+    return tuple(chosen)
 
 
 def _distances(points: Floats) -> list[float]:

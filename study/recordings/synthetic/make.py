@@ -50,11 +50,6 @@ class BodyPart:
     axis: Triple | None = None
     """Axis of a hinge in the parent's axes; the angle about y is the angle about it, and the other two do not count."""
 
-    @property
-    def kind(self) -> str:
-        """Ball or hinge."""
-        return "ball" if self.axis is None else "hinge"
-
 
 @cache
 def body(markerset: str = "cmu41") -> tuple[BodyPart, ...]:
@@ -102,9 +97,7 @@ JOINTS: tuple[str, ...] = tuple(part.joint for part in PARTS if part.joint)
 
 def unit(axis: Triple) -> Floats:
     """A direction as a unit vector (3,)."""
-    vector = np.array(axis, dtype=np.float64)
-    length: float = np.linalg.norm(vector).item()
-    return vector / length
+    return np.array(axis) / float(np.linalg.norm(axis))
 
 
 def nearest_pairs(parts: tuple[BodyPart, ...] = PARTS) -> list[tuple[str, str]]:

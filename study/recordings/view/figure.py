@@ -8,7 +8,6 @@ The paper shows a skeleton during a karate exercise. Here each joint has its 95 
 that the figure states. That of a hinge is a disc, and a line shows its axis, along which the data do not place it.
 """
 
-import contextlib
 import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,7 +29,7 @@ from scipy.stats import chi2
 
 from study import style
 from study.arrays import Bools, Bytes, Floats, Ints
-from study.recordings.recording import RecordingError
+from study.recordings.recording import RecordingError, written
 from study.recordings.skeleton.draw import Flag
 from study.recordings.skeleton.scene import Scene
 
@@ -413,11 +412,10 @@ def write_video(scene: Scene, path: str | Path, advance: Callable[[float], None]
     if path.suffix.lower() != ".mp4":
         raise RecordingError(f"{path}: a video is written to a file whose name ends in .mp4")
     film = _Film(scene.at_most(_RATE))
-    partial = path.with_name(f".{path.stem}.partial.mp4")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+
+    def fill(temporary: Path) -> None:
         writer = imageio_ffmpeg.write_frames(
-            str(partial),
+            str(temporary),
             _PIXELS,
             pix_fmt_in="rgba",
             fps=film.scene.rate,
@@ -433,13 +431,8 @@ def write_video(scene: Scene, path: str | Path, advance: Callable[[float], None]
                 advance(1.0 / film.scene.frames)
         finally:
             writer.close()
-        partial.replace(path)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
-    return path
+
+    return written(path, fill)
 
 
 def encoder() -> ModuleType:

@@ -15,7 +15,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from study.arrays import Floats
-from study.recordings.recording import save_whole
+from study.recordings.recording import written
 from study.recordings.skeleton.scene import Scene
 from study.recordings.view import figure
 from study.recordings.view.figure import LEVEL, exaggeration, half_axes
@@ -101,7 +101,7 @@ def write_motion(scene: Scene, path: str | Path) -> Path:
     Raises:
         RecordingError: if it cannot be written.
     """
-    return save_whole(path, motion_text(scene).encode())
+    return written(Path(path), lambda temporary: temporary.write_bytes(motion_text(scene).encode()))
 
 
 def _rounded(numbers: Floats) -> "np.typing.NDArray[np.int16]":

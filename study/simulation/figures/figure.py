@@ -1,4 +1,4 @@
-"""A figure: an object with ``prepare(tables) -> frame`` and ``draw(frame) -> Figure``, and what figures share.
+"""A figure: an object with ``prepare(tables) -> frame`` and ``draw(frame) -> Figure``; its tables, and its pictures.
 
 All computing is in ``prepare``; ``draw`` reads no files. `NotApplicable` says why a run cannot feed a figure.
 """
@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
@@ -215,6 +215,97 @@ class Tables:
         return [str(name) for name in self.summary["estimator"].unique()]
 
 
+class FigureModule(Protocol):
+    """Protocol of a figure: a module, or an object with a docstring of its own."""
+
+    def prepare(self, tables: Tables) -> Any:
+        """Compute the frame; raise `NotApplicable` if the run lacks what it needs."""
+
+    def draw(self, frame: Any) -> Figure:
+        """Draw the frame."""
+
+
+class Drawing(NamedTuple):
+    """A figure that was drawn from a run.
+
+    Attributes:
+        figure: its module.
+        tables: the run's; their summary alone is in memory.
+        frame: what ``prepare`` computed.
+        pictures: the encoded pictures by format.
+    """
+
+    figure: FigureModule
+    tables: Tables
+    frame: Any
+    pictures: dict[str, bytes]
+
+
+class Gallery:
+    """Figures of runs, each drawn from the first run that has the tables for it.
+
+    A figure that fails does not cost the others; its reason starts with `FAILED`, and says where in the code it failed.
+
+    Args:
+        figures: the figures by name.
+        kinds: formats of the pictures.
+
+    Attributes:
+        undrawn: for each figure that was not drawn so far the reasons, by the run's name.
+    """
+
+    def __init__(self, figures: Mapping[str, FigureModule], kinds: Collection[str] = style.KINDS) -> None:
+        self._figures, self._kinds = figures, kinds
+        self._drawings: dict[str, Drawing] = {}
+        self._open = list(figures)
+        self.undrawn: dict[str, dict[str, str]] = {name: {} for name in figures}
+
+    @property
+    def drawings(self) -> dict[str, Drawing]:
+        """The figures that were drawn, by name, in the order in which they were given."""
+        return {name: self._drawings[name] for name in self._figures if name in self._drawings}
+
+    def add(self, tables: Tables) -> None:
+        """Draw the figures that a run can feed and no earlier run could; of its tables the summary stays in memory."""
+        for name in list(self._open):
+            figure = self._figures[name]
+            try:
+                frame = figure.prepare(tables)
+                pictures = style.encoded(figure.draw(frame), self._kinds)
+            except NotApplicable as reason:
+                self.undrawn[name][tables.name] = str(reason)
+                continue
+            except Exception as error:  # a figure that fails must not cost the others
+                self.undrawn[name] = {tables.name: failure(error)}
+            else:
+                self._drawings[name] = Drawing(figure, tables, frame, pictures)
+                del self.undrawn[name]
+            self._open.remove(name)
+        tables.release()
+
+    def save(self, folder: Path | None = None) -> list[Path]:
+        """Write the pictures into a folder, by default the run's own, and return their paths.
+
+        Raises:
+            RunError: if one cannot be written.
+        """
+        return [
+            style.save_bytes((folder or own_folder(drawing.tables.run)) / f"{name}.{kind}", picture)
+            for name, drawing in self.drawings.items()
+            for kind, picture in drawing.pictures.items()
+        ]
+
+    def failures(self) -> dict[str, str]:
+        """For each figure that failed its name and the place in the code."""
+        reasons = {name: next(iter(reasons.values()), "") for name, reasons in self.undrawn.items()}
+        return {name: reason for name, reason in reasons.items() if reason.startswith(FAILED)}
+
+
+def own_folder(run: Run) -> Path:
+    """A run's own folder of pictures."""
+    return run.folder / "figures"
+
+
 def at_first(table: pd.DataFrame, besides: Collection[str]) -> pd.DataFrame:
     """Rows in which every condition has the value of the first row.
 
@@ -278,13 +369,3 @@ def log_axes(ax: Axes) -> None:
     """Make both axes logarithmic."""
     ax.set_xscale("log")
     ax.set_yscale("log")
-
-
-class FigureModule(Protocol):
-    """Protocol of a figure: a module, or an object with a docstring of its own."""
-
-    def prepare(self, tables: Tables) -> Any:
-        """Compute the frame; raise `NotApplicable` if the run lacks what it needs."""
-
-    def draw(self, frame: Any) -> Figure:
-        """Draw the frame."""

@@ -19,8 +19,8 @@ from study.fits.registry import ESTIMATORS
 from study.simulation import figures
 from study.simulation.claims import CLAIMS, Verdict
 from study.simulation.claims.readings import Readings
-from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
-from study.simulation.figures.figure import Frame, failure, log_axes, look
+from study.simulation.figures import FigureModule, Gallery, Tables
+from study.simulation.figures.figure import Drawing, Frame, failure, log_axes, look
 from study.simulation.report import html, words
 from study.simulation.report.words import count
 from study.simulation.runs.run_folder import Run
@@ -197,7 +197,7 @@ def draw_lead(frame: Frame) -> Figure:
 
 def picture(name: str, drawing: Drawing) -> Markup:
     """A figure with its title, its advice and the name of the run as caption."""
-    title, advice = described(figures.FIGURES[name])
+    title, advice = described(drawing.figure)
     of_run = html.paragraph([html.code(name), f", run {drawing.tables.name}"])
     caption = [*(html.paragraph(html.coded(text)) for text in (title, advice) if text), of_run]
     return html.picture(name, drawing.pictures["png"], f"{title} Run {drawing.tables.name}.".replace("`", ""), caption)
@@ -254,7 +254,7 @@ class Material:
         Raises:
             RunError: if a run did not finish, or is given twice.
         """
-        gallery = gallery or Gallery(kinds=["png"])
+        gallery = gallery or figures.gallery(kinds=["png"])
         read: list[Tables] = []
         for run in runs:
             tables = Tables(run)

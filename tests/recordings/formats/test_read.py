@@ -185,6 +185,9 @@ def read(folder, text, name="walk.csv", **options):
         (TABLE.replace("_", "."), "csv", 50.0, None),
         (TABLE.replace("_", ":").replace("\n", "\r\n"), "csv", 50.0, None),
         ("\ufeff" + TABLE, "csv", 50.0, None),
+        (TABLE + "\n\n", "csv", 50.0, None),
+        (MOTIVE + "\n \n", "csv", 60.0, None),
+        (qualisys() + "\n\n", "tsv", 100.0, None),
     ],
 )
 def test_the_same_markers_in_other_programs_formats(tmp_path, text, end, rate, unit):

@@ -25,6 +25,7 @@ from study.recordings.synthetic.make import Recipe, synthesize
 ARMS = np.array([[0.0, 0.05, -0.2], [0.06, 0.0, -0.3], [-0.05, -0.04, -0.25]])
 
 FRAME = np.array([[0.1, 0.1, 0.0], [0.1, -0.1, 0.0], [-0.1, 0.05, 0.02], [-0.1, -0.05, 0.02]])
+ALL = np.ones(4, dtype=bool)
 
 
 def motion(frames=500):
@@ -38,7 +39,7 @@ def response(angles, z):
     r = np.linalg.norm(ARMS, axis=1)
     normal = sum(each @ each.T / each.shape[1] / r[j] ** 2 for j, each in enumerate(z))
     slopes = np.array([each @ angles.T / each.shape[1] / r[j] for j, each in enumerate(z)])
-    return np.linalg.inv(normal), slopes, ARMS / r[:, None], [pose_shifts(FRAME, place) for place in ARMS]
+    return np.linalg.inv(normal), slopes, ARMS / r[:, None], [pose_shifts(FRAME, ALL, place) for place in ARMS]
 
 
 def test_spheres_against_refits():
@@ -65,11 +66,12 @@ def test_spheres_against_refits():
 def test_common_skin_shifts_an_image_as_a_whole():
     """The pose's skin moves a point by its mean and by its rotation; a joint among the points is not on skin."""
     place = np.array([0.0, 0.1, -0.2])
-    shifts = pose_shifts(FRAME, place)
+    shifts = pose_shifts(FRAME, ALL, place)
     np.testing.assert_allclose(image_skin(shifts, 0.0), np.eye(3))
-    middle = image_skin(pose_shifts(FRAME, FRAME.mean(axis=0)), 1.0)
+    middle = image_skin(pose_shifts(FRAME, ALL, FRAME.mean(axis=0)), 1.0)
     np.testing.assert_allclose(middle, np.eye(3) / 4, atol=1e-12)
-    assert np.trace(image_skin(shifts[1:], 1.0)) < np.trace(image_skin(shifts, 1.0))
+    three = pose_shifts(FRAME, np.array([False, True, True, True]), place)
+    assert np.trace(image_skin(three, 1.0)) < np.trace(image_skin(shifts, 1.0))
 
 
 def test_pairs_against_least_squares():

@@ -14,7 +14,6 @@ from study.simulation import figures
 from study.simulation.claims import CLAIMS, judge_all
 from study.simulation.claims.claim import Number, Verdict
 from study.simulation.experiment.config import parse
-from study.simulation.figures import Gallery
 from study.simulation.figures.figure import Frame
 from study.simulation.report import material, words
 from study.simulation.report.html import coded
@@ -52,7 +51,7 @@ def test_a_top_that_fails(circles, make_run, claims, monkeypatch, read):
 
 def test_the_page_has_the_pictures_that_are_written(random, claims, tmp_path):
     """Each figure is drawn once: the PNGs on the page are the bytes of the files, which `study figures` writes too."""
-    gallery = Gallery()
+    gallery = figures.gallery()
     text = render([random], claims, gallery=gallery)
     written = {path.name: path.read_bytes() for path in gallery.save(tmp_path / "page")}
     alone, _ = figures.draw_all([random], tmp_path / "alone")
