@@ -28,8 +28,6 @@ from scipy.stats import f as f_distribution
 from study.arrays import Floats, Ints, real_array
 from study.fits.answer import Fit
 from study.fits.bounds import noise_covariance
-from study.fits.corrected import corrected
-from study.fits.goodness import LEVEL
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments, Regression
 from study.fits.samples import FARTHEST, Estimator, Samples, Status, binary_size, blank, is_ordinary, scaled_noise
@@ -118,17 +116,21 @@ class JointFit:
         Raises:
             ValueError: if the fit does not hold its points, because it is from `mgdk_so_far`.
         """
+        residuals = self.residuals
+        if len(residuals) < 2:
+            return np.nan
         markers, apart, ranks = list[Floats](), 0.0, 0
-        for points, residuals in zip(self.markers, self.residuals, strict=True):
-            there = points[np.isfinite(residuals)]
+        for points, distances in zip(self.markers, residuals, strict=True):
+            there = points[np.isfinite(distances)]
+            own = mgdk([there])
             with np.errstate(all="ignore"):
-                own = corrected(Samples(np.ascontiguousarray(there.T)[None]))
-                e = there - own.center[0]
-                e /= np.linalg.norm(e, axis=1, keepdims=True)
-                noise, d = np.sqrt(own.noise_variance[0] * len(e)) / own.radius[0], e.shape[1]
-            if len(e) <= d + 1 or not np.isfinite(e).all() or not noise < np.linalg.svd(e - e.mean(axis=0))[1][-1]:
+                e = (there - own.center) / np.linalg.norm(there - own.center, axis=1, keepdims=True)
+            if len(e) <= e.shape[1] + 1 or not np.isfinite(e).all():
                 continue
-            left, rank = _left([there], own.center[0])
+            spread = np.linalg.svd(e - e.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(e))
+            if not own.sigma < spread * own.radii[0]:
+                continue
+            left, rank = _left([there], own.center)
             apart, ranks = apart + np.fmin(left, _left([there], self.center)[0]), ranks + rank
             markers.append(there)
         if len(markers) < 2:
@@ -275,6 +277,8 @@ class Incremental:
         return Fit(fit.reshape())
 
 
+REFUSED = 0.01
+"""p value of the agreement below which markers do not share a centre."""
 ROUNDS = 5
 """Rounds in which weights, or the noise, are found."""
 
@@ -403,7 +407,7 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
         noise_variance=float(np.ldexp(result.noise_variance, 2 * power)),
         covariance=np.ldexp(result.covariance, 2 * power),
     )
-    return replace(result, status=Status.MISFIT) if result.ok and result.agreement < LEVEL else result
+    return replace(result, status=Status.MISFIT) if result.ok and result.agreement < REFUSED else result
 
 
 def mgdk_so_far(markers: Sequence[Incremental]) -> JointFit:
