@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.special import betainc, chndtr, hyp0f1, ive, jv, ndtri
+from scipy.special import betainc, chdtrc, chndtr, hyp0f1, ive, jv, ndtri
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.corrected import corrected
@@ -371,7 +371,8 @@ def _shape_of_much_noise(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> F
 def _overidentified(terms: Floats, slopes: Floats) -> Floats:
     """The p values (b,) that the means of k terms (b, k, n) are 0 for some c, r and s, by minus their slopes.
 
-    In the metric of the terms' own covariance, by one step (Hansen 1982); the rest is nearly Hotelling's T².
+    In the metric of the terms' own covariance, by one step (Hansen 1982). With N less the freedoms in place of N the
+    rest is nearly χ² from four terms a freedom on, where Hotelling's law is too cautious.
     """
     n, parameters = terms.shape[2], slopes.shape[2]
     mean = terms.mean(axis=2)
@@ -384,8 +385,7 @@ def _overidentified(terms: Floats, slopes: Floats) -> Floats:
     along, Q = root @ mean[:, :, None], root @ slopes
     form = np.square(along - Q @ (np.linalg.pinv(Q) @ along)).sum(axis=(1, 2))
     count = used.sum(axis=1) - parameters
-    spare = n - parameters - 1.0 - count
-    return f_tail(form * spare / count, count, spare)
+    return np.asarray(chdtrc(count, form * (n - count)))
 
 
 def wave_moments(R: Floats, Y: Floats, s: Floats, basis: Harmonics, tau: float, degree: int) -> tuple[Floats, Floats]:

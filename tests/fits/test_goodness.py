@@ -121,6 +121,7 @@ def test_slopes_of_waves(d, degree):
         (3, 400, 90, 0.3),
         (3, 12, 180, 0.3),
         (3, 1000, 180, 0.35),
+        (3, 200, 180, 0.25),
         (2, 60, 180, 0.05),
         (4, 60, 180, 0.1),
     ],
@@ -169,10 +170,10 @@ def test_a_misfit_larger_than_noise_explains_speaks():
 
 
 def test_a_filled_cube_is_no_sphere():
-    """Uniform in a cube, N = 200: low moments see .38 of them; a sphere is rejected in at least 170 of 200."""
+    """Uniform in a cube, N = 200: low moments see .38 of them; a sphere is rejected in at least 185 of 200."""
     rng = np.random.default_rng(13)
     answer = answer_of(rng.uniform(-1.0, 1.0, (200, 200, 3)) + 0.01 * rng.normal(size=(200, 200, 3)))
-    assert (answer.first() == "shape").sum() >= 170
+    assert (answer.first() == "shape").sum() >= 185
 
 
 def test_moving_turning_and_scaling_change_nothing():
