@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import orth
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from study.arrays import Floats, Ints, real_array
 from study.fits.answer import Fit
@@ -110,36 +110,31 @@ class JointFit:
 
         An F test of the squares that the common centre leaves beyond those that each marker leaves about a centre of
         its own, both by regression on the directions: exact for white isotropic noise that is small beside the radii.
-        Markers whose directions spread less than their noise, in radii, tell nothing and are left out. Below .01 a fit
-        that would be ok is a misfit.
+        Markers that spread less than twice the noise along some direction of the sphere tell nothing and are left out.
+        Below .01 a fit that would be ok is a misfit.
 
         Raises:
             ValueError: if the fit does not hold its points, because it is from `mgdk_so_far`.
         """
-        residuals = self.residuals
-        if len(residuals) < 2:
+        there = [points[np.isfinite(away)] for points, away in zip(self.markers, self.residuals, strict=True)]
+        there = [points for points in there if len(points) > points.shape[1] + 1]
+        if len(there) < 2:
             return np.nan
+        own = [mgdk([points]) for points in there]
+        noise = np.sqrt(np.average([fit.noise_variance for fit in own], weights=[len(points) for points in there]))
         markers, apart, ranks = list[Floats](), 0.0, 0
-        for points, distances in zip(self.markers, residuals, strict=True):
-            there = points[np.isfinite(distances)]
-            own = mgdk([there])
-            with np.errstate(all="ignore"):
-                e = (there - own.center) / np.linalg.norm(there - own.center, axis=1, keepdims=True)
-            if len(e) <= e.shape[1] + 1 or not np.isfinite(e).all():
-                continue
-            spread = np.linalg.svd(e - e.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(e))
-            if not own.sigma < spread * own.radii[0]:
-                continue
-            left, rank = _left([there], own.center)
-            apart, ranks = apart + np.fmin(left, _left([there], self.center)[0]), ranks + rank
-            markers.append(there)
+        for points, fit in zip(there, own, strict=True):
+            if 2.0 * noise < _spread(points, fit.center):
+                left, rank = _left([points], fit.center)
+                apart, ranks = apart + np.fmin(left, _left([points], self.center)[0]), ranks + rank
+                markers.append(points)
         if len(markers) < 2:
             return np.nan
         together, parameters = _left(markers, self.center)
         more, spare = ranks - parameters, sum(map(len, markers)) - ranks
         if more < 1 or spare < 1 or not apart > spare * (1e-11 * np.nanmax(self.radii)) ** 2:
             return np.nan
-        return float(f_distribution.sf((together - apart) / more / (apart / spare), more, spare))
+        return float(fdtrc(more, spare, (together - apart) / more / (apart / spare)))
 
     def to_frame(self) -> "pd.DataFrame":
         """A row per marker.
@@ -167,6 +162,17 @@ class JointFit:
         words = self.status.name.lower().replace("_", " ")
         rest = f"sigma {number(self.sigma)}, {self.count.sum():,} points, {words}"
         return f"JointFit(center ({center}), radii ({radii}{more}), {rest})"
+
+
+def _spread(points: Floats, center: Floats) -> float:
+    """Least standard deviation of the directions from a centre along an axis, times the mean distance; NaN at it."""
+    distance = np.linalg.norm(points - center, axis=1)
+    with np.errstate(all="ignore"):
+        e = (points - center) / distance[:, None]
+    if not np.isfinite(e).all():
+        return np.nan
+    least = np.linalg.svd(e - e.mean(axis=0), compute_uv=False)[-1]
+    return float(least / np.sqrt(len(e)) * distance.mean())
 
 
 def _left(markers: list[Floats], center: Floats) -> tuple[float, int]:
