@@ -60,6 +60,13 @@ def test_the_quick_look_misses_nothing(angle, sigma, n):
     assert seen[:1500].mean() < 0.15
 
 
+def test_a_filled_cube_is_not_ok():
+    """Of 200 sets of 200 points at most as many are ok as a share of .03 gives in all but 1e-4 of runs."""
+    rng = np.random.default_rng(14)
+    ok = study.fit(rng.uniform(-1.0, 1.0, (200, 200, 3)) + 0.01 * rng.normal(size=(200, 200, 3))).ok
+    assert ok.sum() <= binom.isf(1e-4, 200, 0.03)
+
+
 def test_clean_points_keep_their_errors_to_the_digit():
     """Where nothing is seen, in at least .97 of 1000 clean sets, errors and intervals are those of white noise."""
     rng = np.random.default_rng(2)
