@@ -116,7 +116,8 @@ class FittedPoints:
         result[seen.hinge & ~np.isin(status, _NO_SPHERE)] = Status.HINGE
         result[(result == Status.OK) & seen.doubted] = Status.MISFIT
         fitted = np.isin(result, (Status.OK, Status.MISFIT)) & (seen.extreme | seen.spread)
-        fitted |= seen.far & np.isin(result, (Status.HINGE, Status.WEAKLY_IDENTIFIED, Status.INSIGNIFICANT))
+        fitted |= seen.spread & np.isin(result, (Status.WEAKLY_IDENTIFIED, Status.INSIGNIFICANT))
+        fitted |= seen.far & (result == Status.HINGE)  # an arc's ends lie far from its middle, too
         searched = np.flatnonzero(fitted & np.logical_not(self._without_outliers))
         if not len(searched):
             return result

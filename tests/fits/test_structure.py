@@ -48,15 +48,16 @@ def share_at_least(share, count, wanted):
 def test_the_quick_look_misses_nothing(angle, sigma, n):
     """Of 1500 clean sets and 300 ellipsoids, every one in which a block speaks is tested in full.
 
-    Where the noise is large, shape is judged by waves in full and by low moments in the quick look: both must speak.
+    Where the noise is large, shape is judged by waves in full and by low moments in the quick look: half may differ.
     """
     rng = np.random.default_rng(1)
     clean, egg = on_cap(rng, 1500, n, angle), on_cap(rng, 300, n, angle) * [1.0, 0.97, 0.95]
     samples = Samples(np.ascontiguousarray(noisy(rng, np.concatenate([clean, egg]), sigma).swapaxes(1, 2)))
     seen = quick_look(samples, corrected(samples)).seen
-    speaks = goodness(samples).speaks()[1 if sigma > SMALL else 0 :].any(axis=0)
-    assert speaks.sum() >= 5
-    assert seen[speaks].all()
+    speaks = goodness(samples).speaks()
+    assert speaks.any(axis=0).sum() >= 5
+    assert seen[speaks[1:].any(axis=0)].all()
+    assert seen[speaks[0]].mean() >= (0.5 if sigma > SMALL else 1.0)
     assert seen[:1500].mean() < 0.15
 
 
@@ -130,7 +131,7 @@ def test_far_points_that_draw_the_fit_to_themselves_are_not_ok(n, moved):
     points[:, :moved] *= 3.0
     fit = study.fit(points)
     assert not fit.ok.any()
-    assert (fit.status == Status.OUTLIERS).mean() > (0.3 if (n, moved) == (30, 1) else 0.0)
+    assert (fit.status == Status.OUTLIERS).mean() > 0.95
     assert np.abs(fit.radius - 1.0).max() > 0.5
 
 
