@@ -10,7 +10,7 @@ import pandas as pd
 
 from study.files import writing
 from study.simulation.claims import bound, costs, error_by_noise, outliers, recordings, ugdk
-from study.simulation.claims.claim import Claim, Evidence, Verdict, evaluate, frame
+from study.simulation.claims.claim import Claim, Evidence, Verdict, evaluate, frame, read_cost
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.text import columns
@@ -42,7 +42,7 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
     Raises:
         RunError: if two runs have one name, or the cost table cannot be read.
     """
-    evidence = Evidence.of(runs, cost, spreads)
+    evidence = Evidence(runs, read_cost(cost), spreads)
     return frame(evaluate(CLAIMS, evidence), evidence)
 
 
