@@ -18,12 +18,14 @@ from study.text import columns
 _CHAPTERS = (error_by_noise, outliers, bound, ugdk, costs, recordings)
 _LAST = ("efficient-below-distance", "troubles-beyond-radius", "two-answers", "speed-abstract", "noise-ranges")
 """Claims that come after those of the text: of the abstract and of asides."""
+_KINDS = [thing for chapter in _CHAPTERS for thing in vars(chapter).values() if isinstance(thing, type)]
 CLAIMS: tuple[Claim, ...] = tuple(
     sorted(
-        (claim for chapter in _CHAPTERS for claim in chapter.CLAIMS),
+        (kind() for kind in _KINDS if issubclass(kind, Claim) and kind is not Claim),
         key=lambda claim: _LAST.index(claim.name) + 1 if claim.name in _LAST else 0,
     )
 )
+"""Every claim: chapter by chapter, in the order in which they stand there."""
 
 __all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "printed", "save"]
 

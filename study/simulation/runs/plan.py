@@ -109,7 +109,8 @@ def _timed(study: Study, batches: list[Batch]) -> Floats:
                 break
         fits, drawing = min(times)
         result.append((drawing / batch.trials, fits / (batch.trials * len(batch.group.levels))))
-    return np.mean(result, axis=0)
+    seconds: Floats = np.mean(result, axis=0)
+    return seconds
 
 
 def _steps(study: Study, batch: Batch) -> dict[str, float]:
