@@ -246,11 +246,6 @@ def test_costs_in_units_that_suit_them(tmp_path):
     assert [row[2] for row in rows] == ["0.327", "5931", "5.584 × 10⁷", "5.2 × 10¹⁰", ""]
 
 
-def test_no_table_no_section():
-    """A page about runs alone has none."""
-    assert list(speed_section(Material([], pd.DataFrame()))) == []
-
-
 @pytest.mark.parametrize("content", [None, "", "a,b\n1,2\n", ",".join(COLUMNS) + "\n", "\xff\xfe"])
 def test_other_files(tmp_path, content):
     """A file that is none, or not this table, is named, with what writes one."""
