@@ -16,7 +16,6 @@ a thousand times, whatever the dependence between the comparisons.
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,7 +32,7 @@ from study.text import columns
 
 FALSE_ALARM = 1e-3
 """Largest probability with which two equal runs are called different."""
-Row = dict[str, Any]
+Row = dict[str, object]
 _NAMES = ("group", "estimator", "conditions", "measure")
 _VALUES = ("first", "second", "chance", "trials", "equal", "same_trials")
 _COLUMNS = ["cell", "trial", "error", "radius_error", "bound", "status"]
