@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import bound_numbers
-import number_tables
 import pandas as pd
 import typst
 
@@ -41,7 +40,7 @@ def claims(table: pd.DataFrame) -> Iterator[list[str]]:
 
 def tables(bound: bound_numbers.Bound) -> dict[str, object]:
     """Everything that the text takes from stored tables, by name."""
-    made = {name: getattr(number_tables, name)(bound.table) for name in DOCUMENTS}
+    made = {name: bound.rows(name) for name in DOCUMENTS}
     rows = {name: [row for row in table if not isinstance(row, str)] for name, table in made.items()}
     run = json.loads((ROOT / "results" / "paper" / "manifest.json").read_text(encoding="utf-8"))["software"]
     source = f"Main study: sphere-fit-study {run['study']}, commit {run['commit'][:10]}, Python {run['python']}."
