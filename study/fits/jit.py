@@ -265,24 +265,6 @@ class Scratch(NamedTuple):
     square: Sums
 
 
-@compiled_as_written
-def _coordinate(i: int, u: float, z: float, center: float, radius: float, sigma: float) -> float:
-    """The i-th coordinate of a sample."""
-    cosine = 1.0 - u if i == 0 else u
-    return fma(sigma, z, fma(radius, cosine, center))
-
-
-@compiled
-def form(directions: Floats, noise: Floats, center: Floats, radius: float, sigma: float, points: Floats) -> None:
-    """Write the points x = c + r u + σ z of directions with the height 1 - u₁ in place of u₁, all (b, d, n)."""
-    b, d, n = points.shape
-    for t in range(b):
-        for i in range(d):
-            u, z, x, c = directions[t, i], noise[t, i], points[t, i], center[i]
-            for k in range(n):
-                x[k] = _coordinate(i, u[k], z[k], c, radius, sigma)
-
-
 def readable(x: Floats) -> PointSets:
     """Point sets (b, d, n) in a form that :func:`window` reads. Small or strided arrays are copied.
 

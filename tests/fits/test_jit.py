@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ import pytest
 
 import study
 from study.fits import ESTIMATORS, Estimates, Samples
-from study.fits.jit import BLOCK, COMPILING, aligned, compiled, form
+from study.fits.jit import BLOCK, COMPILING, aligned, compiled
 from study.fits.moments import Moments
 
 PROGRAM = """
@@ -143,20 +142,6 @@ def test_aligned_memory_begins_with_a_cache_line(count):
     for k, row in enumerate(rows):
         row[:] = k
     assert [row.sum() for row in rows] == [count * k for k in range(20)]
-
-
-def test_points_are_those_of_their_sphere(rng, on_cap):
-    """Each coordinate is c + r u + σ z of exact arithmetic, to three roundings."""
-    directions = np.ascontiguousarray(on_cap(rng, 20, 70.0, sets=2)[0].swapaxes(1, 2))
-    directions[:, 0] = 1.0 - directions[:, 0]
-    noise, center, points = rng.standard_normal((2, 3, 20)), rng.uniform(-3, 3, 3), np.empty((2, 3, 20))
-    for radius, sigma in ((1.0, 0.01), (2.0, 0.5), (7.0, 3.0)):
-        form(directions, noise, center, radius, sigma, points)
-        r, s = Fraction(radius), Fraction(sigma)
-        for (t, i, k), point in np.ndenumerate(points):
-            u, z, c = (Fraction(float(value)) for value in (directions[t, i, k], noise[t, i, k], center[i]))
-            terms = (c, r * ((1 - u) if i == 0 else u), s * z)
-            assert abs(Fraction(float(point)) - sum(terms)) <= 3 * 2.0**-53 * float(sum(map(abs, terms)))
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])

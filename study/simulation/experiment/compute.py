@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from study.arrays import Floats
 from study.fits import ESTIMATORS, Estimates, Samples, Status, cap
-from study.fits.jit import form
+from study.fits.jit import compiled, compiled_as_written, fma
 from study.fits.moments import JointMoments
 from study.fits.random import Name, lanes, stream
 from study.fits.registry import SimpleForm
@@ -51,6 +51,24 @@ class Workspace(threading.local):
         if name not in self._arrays or self._arrays[name].size < size:
             self._arrays[name] = np.empty(size)
         return self._arrays[name][:size].reshape(shape)
+
+
+@compiled_as_written
+def _coordinate(i: int, u: float, z: float, center: float, radius: float, sigma: float) -> float:
+    """The i-th coordinate of a sample."""
+    cosine = 1.0 - u if i == 0 else u
+    return fma(sigma, z, fma(radius, cosine, center))
+
+
+@compiled
+def form(directions: Floats, noise: Floats, center: Floats, radius: float, sigma: float, points: Floats) -> None:
+    """Write the points x = c + r u + σ z of directions with the height 1 - u₁ in place of u₁, all (b, d, n)."""
+    b, d, n = points.shape
+    for t in range(b):
+        for i in range(d):
+            u, z, x, c = directions[t, i], noise[t, i], points[t, i], center[i]
+            for k in range(n):
+                x[k] = _coordinate(i, u[k], z[k], c, radius, sigma)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ Points of a cell: x = c + r u + σ z, the same u and z for every σ, r and c of 
 """
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -264,8 +265,6 @@ def test_a_lost_unit(make_study):
     assert set(told.failures["cause"]) == {"worker"}
 
 
-EPS = np.finfo(float).eps
-
 LEVELS = {"noise": [0.5, 2.0, 8.0], "radius": [1, 3], "center": [0, 4]}
 
 
@@ -274,26 +273,20 @@ def first_batch(study):
     return next(next(study.units()).parts(0))
 
 
-def unit_vectors(draws):
-    """Directions (b, d, n), with the height put back to u₁."""
-    u = draws.directions.copy()
-    u[:, 0] = 1.0 - u[:, 0]
-    return u
-
-
 @pytest.mark.parametrize("d", [2, 3, 5])
 def test_points_are_centre_plus_direction_plus_noise(make_study, d):
-    """Placed points are c + r u + σ z of the draws, to rounding, for every level of a group."""
+    """Placed points are c + r u + σ z of the draws, in exact arithmetic, to three roundings, for every level."""
     study = make_study({"dimension": d}, **LEVELS)
     batch = first_batch(study)
     draws = draw(study, batch)
-    u = unit_vectors(draws)
     assert len(batch.cells) == 12
     for cell in batch.cells:
-        center = np.array(cell.center)[:, None]
-        size = np.abs(center) + cell.radius + cell.noise * np.abs(draws.unit_noise)
-        error = draws.place(cell.level).x - (center + cell.radius * u + cell.noise * draws.unit_noise)
-        assert np.all(np.abs(error) <= 4 * EPS * size)
+        level, points = cell.level, draws.place(cell.level).x
+        r, s = Fraction(level.radius), Fraction(level.noise)
+        for (t, i, k), point in np.ndenumerate(points):
+            u, z, c = map(Fraction, (draws.directions[t, i, k], draws.unit_noise[t, i, k], level.center[i]))
+            terms = (c, r * ((1 - u) if i == 0 else u), s * z)
+            assert abs(Fraction(point) - sum(terms)) <= 3 * 2.0**-53 * float(sum(map(abs, terms)))
 
 
 @pytest.mark.parametrize(
