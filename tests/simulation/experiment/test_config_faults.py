@@ -83,7 +83,16 @@ MOMENTS = 'estimators = ["gdke"]\n^ route = "moments"'
 SHAPED = "^ noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, 4]]"
 MEMORY = "samples are too many for memory"
 MANY_SAMPLES = ('"uniform", low = 5, high = 1e12', '"constant", value = 1e300', '"choice", values = [9, 1e10]')
+FEW_SAMPLES = ('"log_uniform", low = 3, high = 9', '"choice", values = [9, 3]', '"constant", value = 3')
 MANY_CELLS = "design: 200,000,000 cells; at most 10,000,000 are allowed"
+SINGULAR = [[[1, 2, 0], [0, 1, 0], [0, 0, 1]], [[26, 13, -23], [13, 13, -19], [-23, -19, 29]]]
+"""A matrix that is not symmetric, and one that is singular but for rounding."""
+BEYOND = [("trials", 0, 1), ("walkers", 7, 8), ("walkers", 5000, 4096), ("max_steps", 99, 100), ("keep_draws", -1, 0)]
+BEYOND += [("max_steps", 20000000, 10000000), ("box", 2000.0, 1000)]
+TWICE = [("noise", '["known", "known"]'), ("likelihood", '["geometric", "geometric"]')]
+NO_NUMBERS = ['angle = "wide"', "angle = [180, true]", "noise = nan", "angle = { linspace = [60, 180, 2] }"]
+NO_CELL = [("angle", 45, 45), ("samples", [20, 21], 21), ("noise", 0.1000001, 0.1000001), ("radius", 3, 3)]
+NO_CELL += [("noise_over_radius", 0.15, 0.15), ("center", 1, 1), ("directions", '"polar"', "polar")]
 CASES = [
     *(("gr", f'name = "{name}"', f"name = '{name}'", NAME) for name in ("../x", "a/b", "", "a\\n")),
     ("gr", "name = 7", "name = 7", "string"),
@@ -100,9 +109,8 @@ CASES = [
     ("gr", 'estimators = ["lsl"]', "estimators = ['lsl']", "'lsl' unknown; did you mean 'lls'? Known are mle, "),
     ("gr", 'estimators = ["lls", "lls"]', "estimators", "'lls' given more than once; give each value once"),
     ("gr", "^ noise_shape = [[1, 0], [0, 1]]", "noise_shape = [[1, 0], [0, 1]]", DEFINITE),
-    ("gr", "^ noise_shape = [[1, 2, 0], [0, 1, 0], [0, 0, 1]]", DEFINITE),
     *(("gr", f"^ noise_shape = [[1, 0, 0], [0, 1, 0], [0, 0, {last}]]", DEFINITE) for last in (-1, 0)),
-    ("gr", "^ noise_shape = [[26, 13, -23], [13, 13, -19], [-23, -19, 29]]", DEFINITE),  # singular but for rounding
+    *(("gr", f"^ noise_shape = {shape}", DEFINITE) for shape in SINGULAR),
     ("gr", HUGE_SHAPE, "noise_shape"),
     ("gr", "^ noise_shape = [[1, 0, 0], [0, 1, 0]]", "3 × 3 matrix"),
     ("gr", "^ noise_shape = 2", "noise_shape = 2", "3 × 3 matrix"),
@@ -153,9 +161,7 @@ CASES = [
     ("g", "angle = [90, 0, 181]", "0, 181 not allowed", "at most 180 degrees"),
     ("g", 'draws = "both"', "design.draws = 'both'", "'shared' or 'independent'"),
     ("g", "noise = { logspace = [1e-9, 1, 10_000] }\nangle = { linspace = [1, 180, 10_000] }", "line 5: " + MANY_CELLS),
-    ("r", 'samples = { law = "log_uniform", low = 3, high = 9 }', "design.samples", "3 samples are too few"),
-    ("r", 'samples = { law = "choice", values = [9, 3] }', "design.samples", "3 samples are too few"),
-    ("r", 'samples = { law = "constant", value = 3 }', "design.samples", "3 samples are too few"),
+    *(("r", f"samples = {{ law = {law} }}", "design.samples", "3 samples are too few") for law in FEW_SAMPLES),
     ("r", 'samples = { law = "choice", values = [4, 4.5, 9] }', "design.samples", "4.5", "whole number"),
     ("r", "noise = [0.1, 0.2]", "design.noise", 'law = "uniform"'),
     ("r", "noise = { linspace = [1, 2, 3] }", "design.noise", 'law = "uniform"'),
@@ -213,50 +219,28 @@ CASES = [
     ("g", "noise > noise_over_radius = [1, 1e250]\nradius = [1, 1e100]", "line 9: ", " σ is inf in float64: give ano"),
     ("r", "noise > noise_over_radius = 1e-250\nradius = 1e-100", "line 9: ", "with radius = 1e-100 σ is 0 in float64"),
     ("cl", "^ posterior = 3", "posterior = 3: must be one table, whose entries follow a line [posterior]"),
-    ("cl", "[posterior]\ntrials = 0", "posterior.trials = 0", "greater than or equal to 1"),
-    ("cl", "[posterior]\ntrials = 2.0", "posterior.trials = 2.0", "integer"),
-    ("cl", '[posterior]\ntrials = "2"', "posterior.trials = '2'", "integer"),
-    ("cl", "[posterior]\ntrials = true", "posterior.trials = True", "integer"),
+    *(("cl", f"[posterior]\n{key} = {v}", f"{key} = {v}", f"than or equal to {most}") for key, v, most in BEYOND),
+    *(("cl", f"[posterior]\ntrials = {v}", "posterior.trials = ", "integer") for v in ("2.0", '"2"', "true")),
     ("g", "[posterior]\ntrials = 4001", "trials = 4001: more trials than a cell has: design.trials = 4,000"),
-    ("cl", "[posterior]\nbox = 0", "posterior.box = 0", "greater than 0"),
-    ("cl", "[posterior]\nbox = -1.0", "posterior.box = -1.0", "greater than 0"),
-    ("cl", "[posterior]\nbox = 2e3", "posterior.box = 2000.0", "less than or equal to 1000"),
-    ("cl", "[posterior]\nbox = inf", "posterior.box = inf", "finite"),
-    ("cl", "[posterior]\nbox = nan", "posterior.box = nan", "finite"),
-    ("cl", "[posterior]\nwalkers = 7", "posterior.walkers = 7", "greater than or equal to 8"),
-    ("cl", "[posterior]\nwalkers = 5000", "posterior.walkers = 5000", "less than or equal to 4096"),
-    ("cl", "[posterior]\nwalkers = 32.5", "posterior.walkers = 32.5", "integer"),
+    *(("cl", f"[posterior]\nbox = {v}", f"posterior.box = {v}", "greater than 0") for v in ("0", "-1.0")),
+    *(("cl", f"[posterior]\nbox = {v}", f"posterior.box = {v}", "finite") for v in ("inf", "nan")),
     ("c", "[posterior]\nwalkers = 11", "posterior.walkers = 11: at least 12 are needed in dimension 3"),
     ("c", "dimension = 2\n[posterior]\nwalkers = 9", "posterior.walkers = 9: at least 10 are needed in dimension 2"),
     ("g", "dimension = 5\n[posterior]\nwalkers = 15", "posterior.walkers = 15: at least 16 are needed in dimension 5"),
-    ("cl", "[posterior]\nmax_steps = 99", "posterior.max_steps = 99", "greater than or equal to 100"),
-    ("cl", "[posterior]\nmax_steps = 20_000_000", "posterior.max_steps = 20000000", "less than or equal to 10000"),
-    ("cl", "[posterior]\nkeep_draws = -1", "posterior.keep_draws = -1", "greater than or equal to 0"),
     ("cl", '[posterior]\nnoise = "knwon"', "posterior.noise[0] = 'knwon'", "'known' or 'unknown'"),
     ("cl", '[posterior]\nnoise = ["known", "both"]', "posterior.noise[1] = 'both'", "'known' or 'unknown'"),
     ("cl", "[posterior]\nnoise = 0.1", "posterior.noise[0] = 0.1", "'known' or 'unknown'"),
-    ("cl", "[posterior]\nnoise = []", "posterior.noise = []", "must have a value"),
-    ("cl", '[posterior]\nnoise = ["known", "known"]', "posterior.noise", "'known' given more than once"),
+    *(("cl", f"[posterior]\n{key} = []", f"posterior.{key} = []", "must have a value") for key, _ in TWICE),
+    *(("cl", f"[posterior]\n{key} = {two}", f"posterior.{key}", "given more than once") for key, two in TWICE),
     ("cl", '[posterior]\nlikelihood = "flat"', "posterior.likelihood[0] = 'flat'", "'geometric' or 'whole_sphere'"),
-    ("cl", "[posterior]\nlikelihood = []", "posterior.likelihood = []", "must have a value"),
-    ("cl", '[posterior]\nlikelihood = ["geometric", "geometric"]', "posterior.likelihood", "given more than once"),
     ("cl", "[posterior]\nwlakers = 64", "posterior.wlakers = 64", "unknown key; did you mean 'walkers'?"),
     ("cl", "[posterior]\nzzz = 1", "posterior.zzz = 1", "unknown key; known are trials, where, noise, likelihood, box"),
     ("cl", WHERE + "180", "posterior.where = 180", "must be a table of conditions and values, such as { angle = "),
     ("cl", WHERE + "{ angel = 180 }", "posterior.where", "angel unknown: conditions are samples, noise, noise_over_ra"),
-    ("cl", WHERE + '{ angle = "wide" }', "posterior.where", NUMBER),
-    ("cl", WHERE + "{ angle = [180, true] }", "posterior.where", NUMBER),
-    ("cl", WHERE + "{ noise = nan, samples = 20 }", "posterior.where", NUMBER),
-    ("cl", WHERE + "{ angle = { linspace = [60, 180, 2] } }", "posterior.where", NUMBER),
+    *(("cl", f"{WHERE}{{ {entry} }}", "posterior.where", NUMBER) for entry in NO_NUMBERS),
     ("cl", WHERE + "{ samples = [] }", "posterior.where", "every list must have a value"),
-    ("c", WHERE + "{ angle = 45 }", "posterior.where: no cell has angle = 45"),
-    ("c", WHERE + "{ samples = [20, 21] }", "posterior.where: no cell has samples = 21"),
-    ("c", WHERE + "{ noise = 0.1000001, samples = 20 }", "posterior.where: no cell has noise = 0.1000001"),
-    ("c", WHERE + "{ noise_over_radius = 0.15, samples = 20 }", "where: no cell has noise_over_radius = 0.15"),
+    *(("c", f"{WHERE}{{ {key} = {v} }}", f"posterior.where: no cell has {key} = {no}") for key, v, no in NO_CELL),
     ("c", "noise > noise_over_radius = [0.1, 0.2]\n" + WHERE + "{ noise = 0.3 }", "where: no cell has noise = 0.3"),
-    ("c", WHERE + "{ radius = 3, samples = 20 }", "posterior.where: no cell has radius = 3"),
-    ("c", WHERE + "{ center = 1, samples = 20 }", "posterior.where: no cell has center = 1"),
-    ("c", WHERE + '{ directions = "polar" }', "posterior.where: no cell has directions = polar"),
     ("l", WHERE + "{ radius = 3 }", "posterior.where: no cell has radius = 3"),
     ("l", WHERE + "{ noise_over_radius = 0.2 }", "posterior.where: no cell has noise_over_radius = 0.2"),
     ("cl", '[posterior]\nlikelihood = "whole_sphere"', WHOLE),
