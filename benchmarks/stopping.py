@@ -27,19 +27,19 @@ def _columns(values):
 
 
 def studies(name):
-    """Deviations from the truth and errors (2, 8, n), over the targets, of studies that reached them."""
+    """Deviations from the truth and errors over the targets, and trials over 250 of the factor² (3, 8, n)."""
     law, truth = LAWS[name]
     rng = np.random.default_rng(20)
     targets = 0.5 / law.pdf(truth) / np.sqrt(250) / FACTORS  # the median's standard error at first, asymptotically
     rows = []
-    for target in targets:
+    for target, factor in zip(targets, FACTORS, strict=True):
         precision = Precision(target=target)
         for values in law.rvs(size=(REPEATS, CAP), random_state=rng):
             measures = ((n, measured(precision.measure, _columns(values[:n]))) for n in precision.checkpoints(CAP))
             count, (value, error) = next(row for row in measures if precision.reached(*row[1]) or row[0] == CAP)
             assert count < CAP
-            rows.append(((value - truth) / target, error / target))
-    return np.moveaxis(np.reshape(rows, (len(targets), REPEATS, 2)), 2, 0)
+            rows.append(((value - truth) / target, error / target, count / (250 * factor**2)))
+    return np.moveaxis(np.reshape(rows, (len(targets), REPEATS, 3)), 2, 0)
 
 
 def fixed(name, count, repeats=4000):
@@ -53,7 +53,7 @@ def fixed(name, count, repeats=4000):
 def rows():
     """A row per law and quantity: real standard error over target, and shares of studies that hold the truth."""
     for law in LAWS:
-        away, error = studies(law)
+        away, error, _ = studies(law)
         spread = np.sqrt(np.mean(away**2, axis=1))
         quantities = {
             "spread": np.sqrt(np.mean(away**2)),

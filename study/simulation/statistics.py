@@ -242,6 +242,12 @@ def _far(which: str, fits: Fits) -> Measure:
     return share(int(np.sum(far | ~fits.ok if which == "_all" else ~(fits.ratio <= FAR))), len(far))
 
 
+def _moment(moment: Callable[[Floats], Measure], name: str, fits: Fits) -> Measure:
+    """A moment of the ok fits, where it exists as far as they can tell."""
+    values: Floats = getattr(fits, name)
+    return moment(values[fits.ok]) if fits.moments_exist else UNKNOWN
+
+
 class Performance(NamedTuple):
     """A performance measure: its title in a few words, its meaning, and the function that computes it."""
 
@@ -256,6 +262,9 @@ _FAILED_LAST = "of all fits, with those that are not ok counted as infinite"
 _WHICH = {"": ("", _OF_ALL), "_ok": (", ok fits", _OF_OK), "_all": (", not ok as infinite", _FAILED_LAST)}
 _GUARD = "of the estimator's own ok fits; only where the tail index exceeds 2 by two errors"
 _AXIS = "median of the error along the cap's axis, over the bound"
+_RMSE = "root mean square of error over bound"
+_SHARE = "share beyond 10 bounds"
+_OF_FITS = "share of all fits that are"
 _ON_AXIS = "error along the axis over the bound"
 _BEYOND = "beyond 10 times the bound"
 _HILL = "Hill's index of the error's tail, of the estimator's own ok fits; no moments exist of that order and above"
@@ -267,31 +276,16 @@ MEASURES: dict[str, Performance] = {
     for part, p, words in (("median", 0.5, "median"), ("q05", 0.05, "5 % quantile"), ("q95", 0.95, "95 % quantile"))
     for which, (short, of_which) in _WHICH.items()
 }
+_on_axis = partial(_quantile, "axis", 0.5)
 MEASURES |= {
-    "far": Performance(
-        "share beyond 10 bounds", f"share of all fits that are {_BEYOND} or without a number", partial(_far, "")
-    ),
-    "far_ok": Performance(
-        "share beyond 10 bounds, ok fits", f"share of the ok fits with an error {_BEYOND}", partial(_far, "_ok")
-    ),
-    "far_all": Performance(
-        "share beyond 10 bounds or not ok", f"share of all fits that are {_BEYOND} or not ok", partial(_far, "_all")
-    ),
-    "axis_median": Performance(f"median {_ON_AXIS}", f"{_AXIS}, {_OF_ALL}", partial(_quantile, "axis", 0.5, "")),
-    "axis_median_ok": Performance(
-        f"median {_ON_AXIS}, ok fits", f"{_AXIS}, {_OF_OK}", partial(_quantile, "axis", 0.5, "_ok")
-    ),
+    "far": Performance(_SHARE, f"{_OF_FITS} {_BEYOND} or without a number", partial(_far, "")),
+    "far_ok": Performance(f"{_SHARE}, ok fits", f"share of the ok fits with an error {_BEYOND}", partial(_far, "_ok")),
+    "far_all": Performance(f"{_SHARE} or not ok", f"{_OF_FITS} {_BEYOND} or not ok", partial(_far, "_all")),
+    "axis_median": Performance(f"median {_ON_AXIS}", f"{_AXIS}, {_OF_ALL}", partial(_on_axis, "")),
+    "axis_median_ok": Performance(f"median {_ON_AXIS}, ok fits", f"{_AXIS}, {_OF_OK}", partial(_on_axis, "_ok")),
     "tail_index": Performance("tail index of error over bound, ok fits", _HILL, lambda fits: fits.tail),
-    "bias": Performance(
-        f"mean {_ON_AXIS}, ok fits",
-        f"mean {_ON_AXIS}, {_GUARD}",
-        lambda fits: mean(fits.axis[fits.ok]) if fits.moments_exist else UNKNOWN,
-    ),
-    "rmse": Performance(
-        "root mean square of error over bound, ok fits",
-        f"root mean square of error over bound, {_GUARD}",
-        lambda fits: root_mean_square(fits.ratio[fits.ok]) if fits.moments_exist else UNKNOWN,
-    ),
+    "bias": Performance(f"mean {_ON_AXIS}, ok fits", f"mean {_ON_AXIS}, {_GUARD}", partial(_moment, mean, "axis")),
+    "rmse": Performance(f"{_RMSE}, ok fits", f"{_RMSE}, {_GUARD}", partial(_moment, root_mean_square, "ratio")),
 }
 """Every performance measure of the summary, in the order of its columns."""
 

@@ -104,17 +104,11 @@ def cost_table(dimension: int = 3, samples: int = 1000) -> pd.DataFrame:
     """
     entries = [ESTIMATORS[name] for name in PAPER]
     vector, scalar = timed(dimension, samples), timed_scalar(dimension, samples)
-    frame = pd.DataFrame(
-        {
-            "estimator": list(PAPER),
-            "samples": samples,
-            "paper_flops": [paper(samples, dimension) for paper in PAPER.values()],
-            "flops_per_sample": [float(entry.flops(dimension)) if entry.flops else math.nan for entry in entries],
-            "flops_of": [entry.flops_of or "a fit" for entry in entries],
-            "vector_seconds": [vector[name] for name in PAPER],
-            "scalar_seconds": [scalar[name] for name in PAPER],
-        }
-    )
+    frame = pd.DataFrame({"estimator": list(PAPER), "samples": samples})
+    counted = [float(entry.flops(dimension)) if entry.flops else math.nan for entry in entries]
+    frame = frame.assign(paper_flops=[paper(samples, dimension) for paper in PAPER.values()], flops_per_sample=counted)
+    frame = frame.assign(flops_of=[entry.flops_of or "a fit" for entry in entries])
+    frame = frame.assign(vector_seconds=frame["estimator"].map(vector), scalar_seconds=frame["estimator"].map(scalar))
     base = frame[frame["estimator"] == "gdke"].iloc[0]
     return frame.assign(**{f"{column}_over_gdke": frame[column] / base[column] for column in _COSTS})
 

@@ -300,13 +300,9 @@ def _parts(run: Run) -> Iterator[pd.DataFrame]:
 def as_data(run: Run, trials: pd.DataFrame) -> dict[str, object]:
     """The worst trials for other programs: the run's name, the bound in words, and a mapping per trial."""
     conditions = [condition.name for condition in run.study.conditions()]
-    rows = [
-        {
-            "name": f"{row['cell']}/{row['trial']}",
-            **{name: row[name] for name in ("cell", "trial", "estimator", "ratio", "error", "bound", *conditions)},
-        }
-        for row in trials.to_dict("records")
-    ]
+    names = ("cell", "trial", "estimator", "ratio", "error", "bound", *conditions)
+    records = trials.to_dict("records")
+    rows = [{"name": f"{row['cell']}/{row['trial']}"} | {name: row[name] for name in names} for row in records]
     return {"run": run.study.run_name(), "bound": bound_law(conditions) or "Cramér-Rao bound", "trials": rows}
 
 
@@ -316,16 +312,11 @@ def printed(run: Run, trials: pd.DataFrame) -> Iterator[str]:
     shown = named_in(conditions)
     bound = bound_law(conditions) or "Cramér-Rao bound"
     yield f"{run.study.run_name()}: the largest errors over the {bound} of fits that are ok"
-    rows = [
-        [
-            f"{row['cell']}/{row['trial']}",
-            row["estimator"],
-            f"{row['ratio']:.4g}",
-            f"{row['error'] / row['radius']:.3g}",
-            *(condition.written(condition.of(row)) for condition in shown),
-        ]
-        for row in trials.to_dict("records")
-    ]
+    rows = []
+    for trial in trials.to_dict("records"):
+        name, over_radius = f"{trial['cell']}/{trial['trial']}", trial["error"] / trial["radius"]
+        rows.append([name, trial["estimator"], f"{trial['ratio']:.4g}", f"{over_radius:.3g}"])
+        rows[-1] += [condition.written(condition.of(trial)) for condition in shown]
     titles = ["trial", "estimator", "over bound", "error/r", *(condition.symbol for condition in shown)]
     yield from columns(rows, titles, "<<>")
     if len(trials):

@@ -130,10 +130,9 @@ class GdkeBiasStays(Claim):
         few, many = (grid[grid["samples"] == n] for n in (grid["samples"].min(), grid["samples"].max()))
         growth = f"from N = {few['samples'].min():g} to {many['samples'].max():g}"
         left = shared.ratio(*(shared.median(part["error_1"] / part["radius"]) for part in (many, few)))
+        relative = shared.ratio(bias, Measure(spread, of_spread))
         return [
-            Number.of(
-                "GDKE's bias over its standard deviation", shared.ratio(bias, Measure(spread, of_spread)), len(cell)
-            ),
+            Number.of("GDKE's bias over its standard deviation", relative, len(cell)),
             Number.of("share of GDKE's 95 % ellipses that contain the true centre", held[0], len(cell)),
             Number.of(f"share of GDKE's bias that remains {growth}, by medians", left, min(len(few), len(many))),
             Number.of("for comparison, share of MLE's 95 % ellipses that contain it", held[1], len(of_mle)),
@@ -302,19 +301,14 @@ class GdkeEvenData(Claim):
         if shared.WHOLE not in levels:
             return [Number.unknown(f"{words}, whole sphere")]
         most, sphere = greatest.pop(shared.WHOLE)[0], [part for _, part in levels[shared.WHOLE]]
+        few, pull = min(map(len, sphere)), max(map(_pull, sphere), key=abs)
         numbers = [
-            Number.of(f"{words}, whole sphere", Measure(*(v / efficient for v in most)), min(map(len, sphere))),
-            Number(
-                "GDKE's bias there over its Monte-Carlo error, furthest from 0",
-                max(map(_pull, sphere), key=abs),
-                1.0,
-                min(map(len, sphere)),
-            ),
+            Number.of(f"{words}, whole sphere", Measure(*(v / efficient for v in most)), few),
+            Number("GDKE's bias there over its Monte-Carlo error, furthest from 0", pull, 1.0, few),
         ]
         for angle, (measure, part) in sorted(greatest.items(), reverse=True):
-            numbers.append(
-                Number.of(f"GDKE's median error over bound, greatest for φ = {angle:g}°", measure, len(part))
-            )
+            words = f"GDKE's median error over bound, greatest for φ = {angle:g}°"
+            numbers.append(Number.of(words, measure, len(part)))
         return numbers
 
     def judge(self, numbers: list[Number]) -> Verdict:

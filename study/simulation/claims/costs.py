@@ -114,13 +114,9 @@ def mle_over_gdke(evidence: Evidence, longest: bool = False) -> Number:
     """MLE's operations over GDKE's where σ < 1: its start by GDKE and the median number of passes, or the greatest."""
     counts, a_pass = _passes(evidence)
     passes = Measure(float(np.max(counts, initial=0.0)), math.nan) if longest else quantile(counts, 0.5)
-    words = "the greatest" if longest else "the median"
-    return Number(
-        f"counted FLOPs per sample: MLE (its start by GDKE and {words} number of passes, σ < 1) over GDKE",
-        1.0 + passes.value * a_pass,
-        passes.error * a_pass,
-        len(counts),
-    )
+    number = "the greatest" if longest else "the median"
+    words = f"counted FLOPs per sample: MLE (its start by GDKE and {number} number of passes, σ < 1) over GDKE"
+    return Number(words, 1.0 + passes.value * a_pass, passes.error * a_pass, len(counts))
 
 
 def formula(evidence: Evidence) -> Number:

@@ -97,12 +97,10 @@ class MleOutliers(Claim):
         other = (quiet["mle_mirror"] - quiet["mle"]).abs() > _TWO_MINIMA * quiet["mle"]
         status = shared.by_estimator(errors, errors["status"])["mle"]
         plane = (relative["mle"] > 1e4) & (status == Status.OK)
-        of_these = "error over MLE's in these outliers, median"
+        of_these, mends = "error over MLE's in these outliers, median", "from three starts reduces to a third or less"
         return [
             result,
-            _share(
-                "these outliers whose error the best minimum from three starts reduces to a third or less", cured, _FEW
-            ),
+            _share(f"these outliers whose error the best minimum {mends}", cured, _FEW),
             Number.of(f"GDKE's {of_these}", shared.median(of_gdke / of_mle, _FEW), len(cured)),
             Number.of("σ/r of these outliers, median", shared.median(noise[outliers], _FEW), len(cured)),
             _share("trials, σ < .01 r, in which a start beyond the points ends at another minimum", other),
@@ -233,9 +231,8 @@ class LlsOutliersLarge(Claim):
     def measure(self, evidence: Evidence) -> list[Number]:
         far = evidence.rules.far
         errors, paper = (evidence.errors(config, "error", "bound") for config in ("outliers", "paper"))
-        if not (
-            shared.has_estimators(errors, "lls", "lls_single", "gdke") and shared.has_estimators(paper, "lls", "gdke")
-        ):
+        ours = shared.has_estimators(errors, "lls", "lls_single", "gdke")
+        if not (ours and shared.has_estimators(paper, "lls", "gdke")):
             return [Number.unknown("outliers of LLS")]
         noise = _noise(errors)
         large = noise > _LARGE

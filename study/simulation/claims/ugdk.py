@@ -290,9 +290,11 @@ def _median(parts: list[Floats]) -> Measure:
     return quantile(np.concatenate(parts) if parts else np.empty(0), 0.5)
 
 
-def _weighted(noises: str, joint: list[Floats], best: list[Floats]) -> Number:
+def _weighted(noises: str, known: list[tuple[JointMarkers, Floats]]) -> Number:
+    """Ratio of the median errors with weights 1/r̂² to those of the best marker, which stand beside each joint."""
+    joint = [_distances(markers, sigma, weighted=True) / sigma for (sigma, _, markers), _ in known]
     words = f"median error of all fits: weights 1/r̂² over the best marker alone, σ {noises}"
-    return Number.of(words, ratio(_median(joint), _median(best)), sum(map(len, joint)))
+    return Number.of(words, ratio(_median(joint), _median([best for _, best in known])), sum(map(len, joint)))
 
 
 def _circles(known: list[JointMarkers]) -> Number:
@@ -326,8 +328,6 @@ class MarkersAveraged(Claim):
         known, circles = evidence.joints("markers"), evidence.joints("mgdk")
         trials = sum(len(joint.markers[0]) for joint in known)
         best, worst, both, outer = [], [], [], []
-        little: tuple[list[Floats], list[Floats]] = ([], [])
-        much: tuple[list[Floats], list[Floats]] = ([], [])
         for joint in known:
             alone, unit = _alone(joint), joint.sigma
             order = np.argsort([quantile(errors, 0.5).value for errors in alone])
@@ -335,10 +335,8 @@ class MarkersAveraged(Claim):
             worst.append(alone[order[-1]] / unit)
             both.append(_distances(joint.markers, unit) / unit)
             outer.append(_distances(joint.markers[1:], unit) / unit)
-            side = little if joint.sigma <= 0.1 * joint.radii[0] else much if joint.sigma >= joint.radii[0] else None
-            if side is not None:
-                side[0].append(_distances(joint.markers, unit, weighted=True) / unit)
-                side[1].append(best[-1])
+        little = [place for place, joint in enumerate(known) if joint.sigma <= 0.1 * joint.radii[0]]
+        much = [place for place, joint in enumerate(known) if joint.sigma >= joint.radii[0]]
         nearer = np.concatenate([b < w for b, w in zip(both, worst, strict=True)] or [np.empty(0, dtype=bool)])
         without = ratio(_median(both), _median(outer))
         words = "median error of all fits: eq. 22 with all markers over"
@@ -347,8 +345,8 @@ class MarkersAveraged(Claim):
             Number.share("share of trials in which eq. 22 errs less than the worst marker alone", nearer),
             *only_known(
                 Number.of(f"{words} eq. 22 without the innermost marker", without, trials),
-                _weighted("at most a tenth of the innermost radius", *little),
-                _weighted("at least the innermost radius", *much),
+                _weighted("at most a tenth of the innermost radius", [(known[i], best[i]) for i in little]),
+                _weighted("at least the innermost radius", [(known[i], best[i]) for i in much]),
                 _circles(circles),
             ),
         ]

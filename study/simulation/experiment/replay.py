@@ -176,20 +176,12 @@ def fit_table(study: Study, trial: Trial) -> pd.DataFrame:
         fit, raised = attempt(name, trial.level)
         vector = (fit.center[0] - np.array(level.center)) * scale
         error = float(np.linalg.norm(vector))
-        rows.append(
-            {
-                "estimator": name,
-                "error": error,
-                "over_bound": error / bound,
-                "axis": float(vector[0]),
-                "radius_error": float((fit.radius[0] - level.radius) * scale),
-                "noise": float(np.sqrt(fit.noise_variance[0]) * scale),
-                "condition": float(fit.condition[0]),
-                "iterations": int(fit.iterations[0]),
-                "status": raised.get(0, explain(int(fit.status[0]))),
-            }
-        )
-    return pd.DataFrame(rows)
+        noise = np.sqrt(fit.noise_variance[0]) * scale
+        numbers = error, error / bound, vector[0], (fit.radius[0] - level.radius) * scale, noise, fit.condition[0]
+        status = raised.get(0, explain(int(fit.status[0])))
+        rows.append((name, *map(float, numbers), int(fit.iterations[0]), status))
+    names = ["error", "over_bound", "axis", "radius_error", "noise", "condition", "iterations"]
+    return pd.DataFrame(rows, columns=["estimator", *names, "status"])
 
 
 def printed(study: Study, trial: Trial) -> Iterator[str]:

@@ -93,25 +93,17 @@ def choose(tables: Tables, estimators: list[str]) -> Frame:
     known = cell[np.isfinite(cell["error"])]
     conditions = f"$N$ = {int(row['samples'])}, $σ/r$ = {row['noise'] / radius:.4g}, $φ$ = {row['angle']:g}°"
     columns = (known[["error_1", "error_2"]] / radius).set_axis(["x", "y"], axis=1)
-    return Frame(
-        trial=int(row["trial"]),
-        trials=trials,
-        condition=float(row["condition"]),
-        points=pd.DataFrame(
-            {axis: (mine[f"x_{i}"] - mine[f"center_{i}"]) / radius for i, axis in ((1, "x"), (2, "y"))}
-        ),
-        fits={
-            str(fit): FittedCircle(x / radius, y / radius, 1.0 + r / radius)
-            for fit, x, y, r in fits[["estimator", "error_1", "error_2", "radius_error"]].to_numpy()
-        },
-        errors=columns.assign(estimator=known["estimator"].astype(str)),
-        spreads={
-            str(name): _spread((part[["error_1", "error_2"]] / radius).to_numpy())
-            for name, part in known.groupby("estimator", observed=True, sort=False)
-        },
-        caption=f"{conditions}, $ρ$ = {row['condition']:.4f}",
-        stamp=f"{tables.name} · trial {row['trial']} of {trials:,}",
-    )
+    centers = columns.assign(estimator=known["estimator"].astype(str))
+    spreads = {
+        str(name): _spread(part[["x", "y"]].to_numpy()) for name, part in centers.groupby("estimator", sort=False)
+    }
+    axes = {"x": (mine["x_1"] - mine["center_1"]) / radius, "y": (mine["x_2"] - mine["center_2"]) / radius}
+    numbers = fits[["estimator", "error_1", "error_2", "radius_error"]].to_numpy()
+    circles = {str(fit): FittedCircle(x / radius, y / radius, 1.0 + r / radius) for fit, x, y, r in numbers}
+    words = {"caption": f"{conditions}, $ρ$ = {row['condition']:.4f}"}
+    words["stamp"] = f"{tables.name} · trial {row['trial']} of {trials:,}"
+    measured = {"trial": int(row["trial"]), "trials": trials, "condition": float(row["condition"]), "spreads": spreads}
+    return Frame(points=pd.DataFrame(axes), fits=circles, errors=centers, **measured, **words)
 
 
 def _spread(errors: Floats) -> Frame:

@@ -60,18 +60,9 @@ def prepare(tables: Tables) -> Frame:
     errors = tables.errors
     ok = errors["status"] == Status.OK
     kind = np.where(ok, np.where(errors["error"] > FAR * errors["bound"], "far", "ok"), "not ok")
-    dots = pd.DataFrame(
-        {
-            "cell": errors["cell"].astype(str),
-            "trial": errors["trial"],
-            "estimator": errors["estimator"].astype(str),
-            "noise": errors["noise"] / errors["radius"],
-            "error": errors["error"] / errors["radius"],
-            "bound": errors["bound"] / errors["radius"],
-            "ratio": errors["error"] / errors["bound"],
-            "kind": kind,
-        }
-    )
+    over_radius = errors[["noise", "error", "bound"]].div(errors["radius"], axis=0)
+    dots = errors[["cell", "trial", "estimator"]].astype({"cell": str, "estimator": str}).join(over_radius)
+    dots = dots.assign(ratio=errors["error"] / errors["bound"], kind=kind)
     low, high = math.floor(np.log10(dots["noise"].min())), math.ceil(np.log10(dots["noise"].max()))
     if dots["noise"].max() < 10.0 * dots["noise"].min():
         raise NotApplicable("needs relative noise σ/r over at least a decade: widen the law of the noise in the config")
@@ -84,17 +75,9 @@ def prepare(tables: Tables) -> Frame:
     stamp = f"{tables.name} · {panels['planned'].min():,} trials"
     if len(bound):
         stamp += f", at least {bound['trials'].min()} in each decade of the CRLB's median"
-    ratios = _robust_limits(dots["ratio"].to_numpy(), _LEFT_OUT)
-    return Frame(
-        dots=dots,
-        bound=bound,
-        medians=_medians(dots),
-        panels=panels,
-        noise_limits=(low, high),
-        error_limits=limits,
-        ratio_limits=ratios,
-        stamp=stamp,
-    )
+    ends = {"noise_limits": (low, high), "error_limits": limits}
+    ends["ratio_limits"] = _robust_limits(dots["ratio"].to_numpy(), _LEFT_OUT)
+    return Frame(dots=dots, bound=bound, medians=_medians(dots), panels=panels, stamp=stamp, **ends)
 
 
 def _robust_limits(error: Floats, left_out: float = 0.002) -> tuple[int, int]:
@@ -113,16 +96,13 @@ def _panel(name: str, part: pd.DataFrame, sloped: pd.DataFrame, limits: tuple[in
     if len(used) >= 3:
         slope, low, high = theil_sen(np.log10(used["noise"].to_numpy()), np.log10(used["error"].to_numpy()))
     on_scale = (part["error"] >= 10.0 ** limits[0]) & (part["error"] <= 10.0 ** limits[1])
-    return {
-        "estimator": name,
-        "slope": slope,
-        "slope_low": low,
-        "slope_high": high,
-        "planned": len(part),
+    counts = {
         "far": int((~(part["ratio"] <= FAR)).sum()),  # of all fits; one without a number is far
         "not_ok": int((part["kind"] == "not ok").sum()),
         "off_scale": int((~on_scale).sum()),  # zero and non-finite errors count too
     }
+    law = {"estimator": name, "slope": slope, "slope_low": low, "slope_high": high}
+    return law | {"planned": len(part)} | counts
 
 
 def _running_bound(trials: pd.DataFrame) -> pd.DataFrame:

@@ -105,16 +105,10 @@ def _laws(level: Any, part: pd.DataFrame) -> list[dict[str, Any]]:
         allowed = np.maximum(_TOLERANCE, 3.0 * error[there] / median[there])
         lost = samples[~there]
         which = f"$N$ = {', '.join(f'{n:.0f}' for n in lost)}" if there.any() else "every $N$"
-        rows.append(
-            {
-                "level": level,
-                "estimators": [str(name)],
-                "exponent": law.value,
-                "interval": 1.96 * law.error,
-                "describes": bool(np.isfinite(law.value) and np.all(off <= allowed)),
-                "failed": f"half of the fits\nwithout a number at {which}" if len(lost) else "",
-            }
-        )
+        failed = f"half of the fits\nwithout a number at {which}" if len(lost) else ""
+        row = {"level": level, "estimators": [str(name)], "exponent": law.value, "interval": 1.96 * law.error}
+        describes = bool(np.isfinite(law.value) and np.all(off <= allowed))
+        rows.append(row | {"describes": describes, "failed": failed})
     return rows
 
 

@@ -57,15 +57,9 @@ def prepare(tables: Tables) -> Frame:
     for name, values in (("levels of noise", level), ("angles", result["angle"])):
         if len(np.unique(values)) < _LEAST:
             raise NotApplicable(f"needs at least {_LEAST} {name} in the grid")
-    ratios = pd.DataFrame(
-        {
-            "estimator": result["estimator"].astype(str),
-            "samples": result["samples"].astype(int),
-            "angle": result["angle"],
-            "level": level,
-            "ratio": result["ratio_median"] / tables.efficient(result["angle"]),
-        }
-    ).reset_index(drop=True)
+    ratio = result["ratio_median"] / tables.efficient(result["angle"])
+    ratios = result[["estimator", "samples", "angle"]].astype({"estimator": str, "samples": int})
+    ratios = ratios.assign(level=level, ratio=ratio).reset_index(drop=True)
     medians = result[["ratio_median", "ratio_median_error"]].set_axis(["ratio", "error"], axis=1)
     return Frame(ratios=ratios, stamp=behind_medians(tables, int(result["planned"].min()), medians))
 

@@ -48,16 +48,12 @@ def prepare(tables: Tables) -> Frame:
         raise NotApplicable(f"needs {LAW.name} with {NORMAL} and one of structure, such as memory(0.9), in the grid")
     tables.require_all_trials("relative_median")
     rows = shared.at_first(tables.summary, besides=("angle", LAW.name, DIRECTIONS.name))
-    medians = pd.DataFrame(
-        {
-            "directions": rows[DIRECTIONS.name].astype(str) if DIRECTIONS.name in rows else str(DIRECTIONS.default),
-            "angle": rows["angle"],
-            "law": rows[LAW.name].astype(str),
-            "estimator": rows["estimator"].astype(str),
-            "median": rows["relative_median"],
-            "share": rows["relative_median_error"] / rows["relative_median"],
-        }
-    )
+    if DIRECTIONS.name not in rows:
+        rows = rows.assign(directions=DIRECTIONS.default)
+    words = ["directions", "law", "estimator"]
+    medians = rows[["angle", *words]].astype(dict.fromkeys(words, str))
+    share = rows["relative_median_error"] / rows["relative_median"]
+    medians = medians.assign(median=rows["relative_median"], share=share)
     keys = ["directions", "angle", "estimator"]
     normal = medians[medians["law"] == NORMAL].set_index(keys)
     unit = normal.loc[pd.MultiIndex.from_frame(medians[keys])]

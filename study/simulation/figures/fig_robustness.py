@@ -18,7 +18,6 @@ next to nothing changes: the error of least squares depends on the covariance al
 import math
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -62,16 +61,9 @@ def prepare(tables: Tables) -> Frame:
     tables.require_all_trials("ratio_median")
     rows = shared.at_first(tables.summary, besides=("angle", law, share))
     unit = tables.efficient(rows["angle"])
-    medians = pd.DataFrame(
-        {
-            "angle": rows["angle"],
-            "estimator": rows["estimator"].astype(str),
-            "law": rows[law].astype(str),
-            "share": rows[share],
-            "ratio": rows["ratio_median"] / unit,
-            "error": rows["ratio_median_error"] / unit,
-        }
-    )
+    medians = rows[["angle", "estimator", law, share]].set_axis(["angle", "estimator", "law", "share"], axis=1)
+    medians = medians.astype({"estimator": str, "law": str})
+    medians = medians.assign(ratio=rows["ratio_median"] / unit, error=rows["ratio_median_error"] / unit)
     if others := [word for word in medians["law"].unique() if not has_equal_covariance(word)]:
         raise NotApplicable(f"compares laws of the same covariance: needs a config without {', '.join(others)}")
     order = sorted(medians["law"].unique(), key=lambda word: (excess_kurtosis(word), -(freedom(word) or 0.0)))
@@ -94,14 +86,9 @@ def draw(frame: Frame) -> Figure:
     figure = Figure(figsize=(style.PAGE, height))
     axes = figure.subplots(len(angles), 2, sharex="col", sharey="col", squeeze=False)
     # a layout engine's solver rounds differently from time to time, and equal figures should be equal files
-    figure.subplots_adjust(
-        left=0.72 / style.PAGE,
-        right=1.0 - 0.05 / style.PAGE,
-        bottom=_BOTTOM / height,
-        top=1.0 - _TOP / height,
-        wspace=0.14,
-        hspace=0.2,
-    )
+    sides = {"left": 0.72 / style.PAGE, "right": 1.0 - 0.05 / style.PAGE}
+    sides |= {"bottom": _BOTTOM / height, "top": 1.0 - _TOP / height}
+    figure.subplots_adjust(**sides, wspace=0.14, hspace=0.2)
     names = list(dict.fromkeys(frame.shares["estimator"]))
     for (left, right), angle in zip(axes, angles, strict=True):
         shares = frame.shares[frame.shares["angle"] == angle]

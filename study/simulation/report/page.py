@@ -410,17 +410,10 @@ def render(
         RunError: if a run did not finish, is given twice, or a table cannot be read.
     """
     material = Material(runs, claims, bench, gallery, readings)
-    sections = [section for make in SECTIONS for section in make(material)]
-    return html.rendered(
-        "template.html",
-        names=", ".join(tables.name for tables in material.runs),
-        sets=count(sum(tables.trials for tables in material.runs)),
-        findings=material.findings,
-        tally=tally(claims) if len(claims) else None,
-        lead=material.lead,
-        sections=sections,
-        digests=Markup(digests()),
-    )
+    names, sets = ", ".join(tables.name for tables in material.runs), sum(tables.trials for tables in material.runs)
+    parts: dict[str, object] = {"findings": material.findings, "tally": tally(claims) if len(claims) else None}
+    parts |= {"lead": material.lead, "sections": [section for make in SECTIONS for section in make(material)]}
+    return html.rendered("template.html", names=names, sets=count(sets), digests=Markup(digests()), **parts)
 
 
 def save(page: str, path: Path) -> Path:

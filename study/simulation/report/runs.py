@@ -304,18 +304,13 @@ def worst_trials(tables: Tables) -> list[Markup]:
         return [html.paragraph("No fit is ok and has a finite bound.")]
     folder = shlex.quote(str(tables.run.folder))
     conditions = named_in(frame)
-    rows = [
-        [
-            html.code(str(row["cell"])),
-            str(row["trial"]),
-            style.label(str(row["estimator"])),
-            *(words.condition(condition, row) for condition in conditions),
-            words.timed(row["ratio"]),
-            explain(int(row["status"])),
-            html.code(f"study replay {folder} {shlex.quote(str(row['cell']))} {row['trial']}"),
-        ]
-        for _, row in frame.iterrows()
-    ]
+    rows: list[list[Content]] = []
+    for row in frame.to_dict("records"):
+        cell, trial = str(row["cell"]), str(row["trial"])
+        values = [words.condition(condition, row) for condition in conditions]
+        again = html.code(f"study replay {folder} {shlex.quote(cell)} {trial}")
+        rows.append([html.code(cell), trial, style.label(str(row["estimator"])), *values])
+        rows[-1] += [words.timed(row["ratio"]), explain(int(row["status"])), again]
     symbols = [c.symbol for c in conditions]
     head = ["Cell", "Trial", "Estimator", *symbols, "Error over bound", "Status", "To see it again"]
     law = f" ({name})" if (name := bound_law(frame)) else ""
@@ -372,16 +367,9 @@ def _chain_kinds(tables: Tables, cells: pd.DataFrame) -> Markup:
         if row["ok"]:
             shift = f"{row['shift']:.2f}" if pd.notna(row["shift"]) else "–"
             numbers = [shift, f"{row['least']:.2f} to {row['most']:.2f}", f"{row['tau']:.0f}"]
-        rows.append(
-            [
-                *(words.condition(condition, row) for condition in conditions),
-                str(row["likelihood"]).replace("_", " "),
-                str(row["noise_is"]),
-                words.number(row["flatness"]),
-                f"{row['ok']} of {row['chains']}",
-                *numbers,
-            ]
-        )
+        kind = [str(row["likelihood"]).replace("_", " "), str(row["noise_is"]), words.number(row["flatness"])]
+        values = [words.condition(condition, row) for condition in conditions]
+        rows.append([*values, *kind, f"{row['ok']} of {row['chains']}", *numbers])
     caption = (
         "Per condition: chains that converged; the largest shift of the posterior mean from the MLE in any component, "
         "in posterior standard deviations; the range of those over the bound's (where σ is "

@@ -110,18 +110,15 @@ def _batches(places: Sequence[list[Batch]], estimators: int) -> Iterator[CellBat
     batch: CellBatch = []
     held = 0
     for pieces in places:
-        per_cell = pieces[-1].last * estimators
-        cells = list(pieces[-1].cells)
-        while cells:
-            space = max((_ROWS - held) // per_cell, 0 if batch else 1)
-            if space:
-                taken = cells[:space]
-                batch.append((pieces, taken))
-                held += per_cell * len(taken)
-                cells = cells[space:]
-            if cells:
+        rows = pieces[-1].last * estimators
+        for cell in pieces[-1].cells:
+            if batch and held + rows > _ROWS:
                 yield batch
                 batch, held = [], 0
+            if not batch or batch[-1][0] is not pieces:
+                batch.append((pieces, []))
+            batch[-1][1].append(cell)
+            held += rows
     if batch:
         yield batch
 
