@@ -133,7 +133,7 @@ class FittedPoints:
             explained = ~structure(Samples(rest), self._ordered).doubted
             result[searched[failing[explained]]] = Status.OUTLIERS
         free = ends.radius[:, 0] < ends.radius[:, 1]  # a known radius needs no point to carry it
-        alone = np.flatnonzero(seen.spread & free & (result == Status.OK))
+        alone = np.flatnonzero(seen.single & free & (result == Status.OK))
         if len(alone):  # does the farthest point alone carry the radius?
             x = self.different.take(alone).x
             away = np.square(x - np.nanmean(x, axis=2, keepdims=True)).sum(axis=1)
