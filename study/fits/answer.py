@@ -1,8 +1,7 @@
-"""The points of fits: those that a fit stands on, and their distances from its centre.
+"""The answer of `study.fit`: spheres, their standard errors and intervals, and how far the points are from them.
 
-The status that a user sees: one rule for every estimator, beside what the estimator says itself.
-
-The answer of `study.fit`: spheres, their standard errors, and the distances of the points from them.
+`FittedPoints` are the points that a fit stands on, with the structure that its residuals show. The status that a user
+sees follows one rule for every estimator, beside what the estimator says itself.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,11 +1,7 @@
-"""Check of one's own estimators: every property on every data set, and a report in words.
+"""Check of one's own estimators: every property on every data set, sound or degenerate, and a report in words.
 
-Data sets on which one's own estimators are checked: sound ones, and degenerate ones.
-
-Properties that an estimator should have, each a function that says in words how a data set violates it.
-
-They are those that `tests/estimators/test_properties.py` asks of the shipped estimators, with wider tolerances: an
-iteration may stop at 1e-8.
+A property is a function that says in words how a data set violates it. They are those that the tests ask of the shipped
+estimators, with wider tolerances: an iteration may stop at 1e-8.
 """
 
 import contextlib

@@ -1,7 +1,4 @@
-"""Fits in words and tables: a line for a terminal, a table for a notebook, a data frame.
-
-Picture of a single fit: the points with the circle or sphere, and the residuals.
-"""
+"""Fits as a reader sees them: a line for a terminal, a table for a notebook, a data frame, and a picture of one fit."""
 
 import html
 from collections.abc import Iterator
