@@ -1,4 +1,4 @@
-"""What every fit begins with and ends in: point sets and their shared moments, estimates, statuses and covariances.
+"""The records of every fit: point sets with their shared moments, estimates, statuses and covariances.
 
 `Samples` is a batch of point sets; what several estimators need of it is computed once. `Estimates` are the arrays that
 an estimator fills in, with a `Status` for each set, and `Estimator` is its line in the registry. Sets with missing

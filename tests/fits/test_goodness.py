@@ -390,7 +390,7 @@ def test_circles_are_named(reach, width, n):
 
 @pytest.mark.parametrize("n", [100, 300])
 def test_strips_of_a_sphere_are_hinges(n):
-    """A strip of 60° by 6° lies as thin across its plane as the arc bends in it; of 400 sets .98 are named all the same.
+    """A strip of 60° by 6° lies as thin across its plane as the arc bends in it; of 400 sets .98 are named.
 
     A point far from a cluster is as long and thin, and no strip.
     """
