@@ -18,7 +18,7 @@ from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Goodness, evenly_thinned, goodness
 from study.fits.intervals import Intervals, intervals
 from study.fits.robust import outliers
-from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, repeated, semi_axes, unless_missing
+from study.fits.samples import Estimates, Samples, Status, plug_in_bound, repeated, semi_axes, unless_missing
 from study.fits.structure import Structure, structure, widened
 
 if TYPE_CHECKING:
@@ -333,7 +333,8 @@ class Fit:
     @property
     def status_text(self) -> str | NDArray[np.str_]:
         """The status in words: a text for a single fit, an array of texts (…) for a batch."""
-        return np.vectorize(explain, otypes=[str])(self.status) if self.shape else explain(int(self.status))
+        texts = np.array([status.text for status in Status])[self.status]
+        return texts if self.shape else str(texts)
 
     def interval(self, of: str, level: float = 0.95) -> Floats:
         """Confidence interval of the radius, the diameter or a coordinate of the centre, or one of each coordinate.

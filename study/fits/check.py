@@ -17,7 +17,7 @@ import numpy as np
 from study.arrays import Floats
 from study.fits.answer import Fit
 from study.fits.registry import LIMIT, OvertimeError, faults_of, fit, in_time, load, one_line, sound_samples
-from study.fits.samples import Status, explain
+from study.fits.samples import Status
 
 NOISE = 0.01
 _SETS = 6
@@ -93,7 +93,7 @@ def answers(fit: FitPoints, case: CheckCase) -> str:
     """Sound points have the status ok, finite numbers, and a noise variance that is one."""
     answer = fit(case.points, NOISE)
     if answer.own_status != Status.OK:
-        return f"no answer on sound points: {explain(int(answer.own_status))}"
+        return f"no answer on sound points: {Status(int(answer.own_status)).text}"
     if not (np.all(np.isfinite(answer.center)) and np.isfinite(answer.radius)):
         return "no answer on sound points: the status is ok, but centre or radius is not finite"
     if not answer.noise_variance >= 0.0:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 
 from study.arrays import Floats, Ints
-from study.fits.samples import Estimates, Samples, Status, explain
+from study.fits.samples import Estimates, Samples, Status
 from study.text import number, with_error
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def frame(fit: ShownFits) -> "pd.DataFrame":
     columns |= {"condition": flat.condition, "iterations": flat.iterations}
     if known:
         columns["samples"] = fit.count.ravel()
-    columns["status"] = [explain(int(status)) for status in fit.status.ravel()]
+    columns["status"] = [Status(int(status)).text for status in fit.status.ravel()]
     table = pd.DataFrame(columns)
     if len(fit.shape) > 1:
         table.index = pd.MultiIndex.from_product([range(length) for length in fit.shape])

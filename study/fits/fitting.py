@@ -20,7 +20,6 @@ from study.fits.given import GivenFit, takes
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
 from study.fits.registry import load
-from study.fits.samples import explain
 from study.text import columns, did_you_mean, inert, json_text, number, with_error
 
 LEVEL = 0.95
@@ -219,7 +218,7 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
         row |= {f"goodness_{name}": float(p) for name, p in result.goodness._asdict().items()}
         row["allowance"] = float(result.allowance.max())
         row["outliers"], row["copies"] = int(result.outliers.sum()), int(result.copies)
-        row["samples"], row["status"] = int(result.count), explain(int(result.status))
+        row["samples"], row["status"] = int(result.count), Status(int(result.status)).text
         rows.append(row)
     return rows
 

@@ -283,11 +283,6 @@ class Status(Worded):
     OUTLIERS = 12, "some points are outliers and the fit uses them: the estimator robust leaves them out"
 
 
-def explain(status: int) -> str:
-    """Text of a status number."""
-    return next(member.text for member in Status if member == status)
-
-
 _LEAST_FOURTH, _MOST_FOURTH = 1e-160, 1e160
 """Range of Σ|x - x̄|⁴ in which nothing that an estimator computes overflows or loses digits to underflow."""
 _ORDINARY = 1e-40, 1e40
