@@ -27,8 +27,8 @@ from matplotlib.lines import Line2D
 from study import style
 from study.arrays import Bools, Floats, Ints
 from study.fits.random import stream
-from study.recordings.joints.calibration import Calibration
 from study.recordings.joints.estimate import USABLE, Estimate
+from study.recordings.joints.find import Calibration
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import across, cap_angle
 

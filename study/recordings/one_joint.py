@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, accuracy_columns
 from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, JointStatus
-from study.recordings.joints.find import find_joints
+from study.recordings.joints.find import Calibration, JointPlace, find_joints
 from study.recordings.joints.poses import SegmentPoses
+from study.recordings.joints.report import accuracy_columns
 from study.recordings.markersets import Joint, MarkerSet, Segment
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, rotation_range

@@ -28,7 +28,6 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape, joint_table, millimetres
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     SHORT_TEXTS,
@@ -37,10 +36,12 @@ from study.recordings.joints.estimate import (
     PlaceDifference,
     largest_error,
 )
-from study.recordings.joints.find import find_joints
-from study.recordings.markersets import MarkerSet
-from study.recordings.recording import Recording, RecordingError
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints
+from study.recordings.joints.report import joint_table, millimetres
+from study.recordings.markersets import MarkerSet, Match, match, place_markerset
+from study.recordings.recording import Recording, RecordingError, one_after_another
 from study.recordings.rigid import across, fit_rigid_motion
+from study.recordings.skeleton.anatomy import Hips, points_of_the_body, with_anatomy
 from study.recordings.skeleton.calibrate import (
     calibrate,
     hull_distances,
@@ -386,6 +387,31 @@ def calibrate_session(
         session = hinges_placed(session, calibrations[fixed], every[fixed])
     checked = (with_checks(one, trial) for one, trial in zip(calibrations, every, strict=True))
     return replace(_checked(session, every), trials=tuple(checked), overruled=tuple(forced))
+
+
+def fit_session(
+    trials: Sequence[Recording], static: bool, markerset: str | None, hips: Hips = "motion", force: bool = False
+) -> tuple[Match, Session]:
+    """Find the joints of several trials of one session.
+
+    Args:
+        trials: of the same subject with the same markers.
+        static: True if the last of them gives the shapes of the segments.
+        markerset: as in `place_markerset`, for all trials together.
+        hips: as in `find_joints`. Points of the body come from the last trial that shows the pelvis' spines.
+        force: True to merge trials that seem to show different subjects.
+    """
+    together = place_markerset(one_after_another(trials, ", ".join(trial.name for trial in trials)), markerset)
+    named = [match(together.whole, trial).recording for trial in trials]
+    still = named[-1] if static else None
+    merged = calibrate_session(together.markerset, named[: len(named) - static], still, force=force)
+    if merged.calibration.has_poses:
+        for trial, source in reversed(list(zip(named, trials, strict=True))):
+            drawn = draw_skeleton(merged.calibration, trial)
+            if {"left asis", "right asis"} <= points_of_the_body(drawn, source).keys():
+                anatomy = with_anatomy(merged.calibration, drawn, source, hips)
+                return together, replace(merged, calibration=anatomy)
+    return together, merged
 
 
 def _checked(session: Session, trials: Sequence[Recording]) -> Session:

@@ -49,15 +49,15 @@ def case_study(
     """
     from study.files import save_frame
     from study.recordings import case_study as precision_study
-    from study.recordings import library
     from study.recordings.formats.read import read_recording
     from study.recordings.joints.find import find_joints
+    from study.recordings.markersets import place_markerset
     from study.recordings.recording import digest_of, with_origin
     from study.style import save
     from study.text import json_text
 
     recording = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
-    match, digest = library.place_markerset(recording, markerset), digest_of(file)
+    match, digest = place_markerset(recording, markerset), digest_of(file)
     folder = results_folder(match.source.name, out)
     if not as_json:
         print_match(match)
@@ -143,12 +143,12 @@ def joints(
     without_pose.
     """
     from study.files import save_frame
-    from study.recordings import library
     from study.recordings.formats.read import read_recording
-    from study.recordings.joints import calibration as report
-    from study.recordings.session import session_lines, session_table
+    from study.recordings.joints import report
+    from study.recordings.joints.find import save_calibration
+    from study.recordings.session import fit_session, session_lines, session_table
     from study.recordings.skeleton.anatomy import regression_hint
-    from study.recordings.skeleton.calibrate import calibrate
+    from study.recordings.skeleton.calibrate import with_joints
     from study.text import json_text
 
     if len(files) == 1 and static is None and force:
@@ -159,20 +159,17 @@ def joints(
     recordings = [read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames) for file in every]
     folder, further = results_folder("-".join(one.name for one in recordings), out), dict[str, object]()
     if len(recordings) > 1:
-        match, session = library.fit_session(
-            recordings, static=static is not None, markerset=markerset, force=force, hips=hips
-        )
+        match, session = fit_session(recordings, static is not None, markerset, hips, force)
         calibration, table, lines = session.calibration, session_table(session), session_lines(session)
     else:
-        match = library.place_markerset(recordings[0], markerset)
-        calibration = calibrate(match.recording, match.markerset, recordings[0], hips)
+        match, calibration = with_joints(recordings[0], None, markerset, hips)
         compared = report.agreement_table(calibration, match.recording)
         lines = chain(report.joint_lines(calibration), report.agreement_lines(compared), calibration.warnings())
         table = report.joint_table(calibration).merge(compared, on="joint")
         table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
         further["without_pose"] = calibration.without_pose
     save_frame(table, folder / "joints.parquet")  # first: what reads the lines may stop reading, as `head` does
-    paths = [folder / "joints.parquet", report.save_calibration(calibration, folder / "calibration.json")]
+    paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
     if not as_json:
         print_match(match)
         echo([*lines, *regression_hint(calibration, match.source)])

@@ -196,15 +196,14 @@ def skeleton(
     in which it is seen, bridged, unknown and outside of the markers' hull, and the distance; bones, each with length,
     spread, error and uneven; notes, angles (what they are), overruled and files.
     """
-    from study.recordings import library
     from study.recordings.export import planned_files, write_file
     from study.recordings.export.tree import ExportedMotion, RestPose, angle_lines
     from study.recordings.formats.read import read_recording
-    from study.recordings.joints.calibration import save_calibration
+    from study.recordings.joints.find import save_calibration
     from study.recordings.recording import printable
     from study.recordings.session import refit_shapes
     from study.recordings.skeleton.anatomy import regression_hint
-    from study.recordings.skeleton.calibrate import require_same_subject
+    from study.recordings.skeleton.calibrate import require_same_subject, with_joints
     from study.recordings.skeleton.draw import draw_skeleton
     from study.recordings.skeleton.scene import skeleton_data, skeleton_lines, skeleton_scene
     from study.recordings.view.figure import encoder
@@ -224,7 +223,7 @@ def skeleton(
     folder = results_folder(name, out)
     further = planned_files(write or "", folder, name, file)
     source = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
-    match, used = library.with_joints(source, calibration, markerset, hips)
+    match, used = with_joints(source, calibration, markerset, hips)
     if not as_json:
         print_match(match, calibration is not None)
         echo([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])

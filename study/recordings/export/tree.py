@@ -33,8 +33,8 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Floats, Ints
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import JointStatus
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.markersets import side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, to_world, zxy_angles

@@ -294,6 +294,11 @@ class Estimate:
         """Largest standard error across the axis, metres."""
         return largest_error(self.covariance, self.axis)
 
+    def noise_model(self, poses: SegmentPoses) -> tuple[PoseNoise, bool, float | None]:
+        """Arguments of `center_only` and `fit_center` that repeat a sphere fit with other poses: noise, hinge and η."""
+        noise = poses.noise if self.noise == "pose" else poses.noise.removed
+        return noise, self.sphere is not None and self.sphere.axis is not None, 0.0 if self.noise == "none" else None
+
     def placed_along_axis(self, x: Floats) -> "Estimate":
         """The estimate moved along its axis to where a point of the world (3, frames), metres, is on average.
 

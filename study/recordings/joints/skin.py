@@ -263,9 +263,7 @@ class SkinErrors:
             LocalMarker(poses.to_local(self.recording.of(name)[:, part]), used[part], poses.sigma**2)
             for name, used in zip(estimate.markers, estimate.used, strict=True)
         ]
-        noise = poses.noise if estimate.noise == "pose" else poses.noise.removed
-        hinge = estimate.sphere is not None and estimate.sphere.axis is not None
-        fit = fit_center(markers, noise, hinge, 0.0 if estimate.noise == "none" else None)
+        fit = fit_center(markers, *estimate.noise_model(poses))
         if fit is None or not (fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT):
             return None
         return fit.center, fit.covariance

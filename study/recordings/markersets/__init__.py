@@ -612,6 +612,23 @@ def with_better(placed: Match) -> Match:
     return replace(placed, remarks=(f"marker set {best.whole.name} fits better: {_share(best)} can be found with it",))
 
 
+def place_markerset(recording: Recording, markerset: str | None = None) -> Match:
+    """Place a marker set on a recording: the named one, or the shipped one that fits best.
+
+    Raises:
+        MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
+    """
+    if markerset is None:
+        return choose(recording)
+    placed = match(load_markerset(markerset), recording)
+    if not placed.joints:
+        reasons = "; ".join(f"{joint}: {reason}" for joint, reason in list(placed.lost.items())[:3])
+        words = f"no joint of marker set {markerset} can be found ({reasons}, ...)"
+        remedy = "leave --markerset out to choose the shipped one that fits best"
+        raise MarkerSetError(f"{recording.name}: {words}; {remedy}")
+    return with_better(placed)
+
+
 def _fits(placed: Match) -> bool:
     """True if a set fits a recording well enough to be chosen without being named."""
     count = len(placed.joints)

@@ -14,16 +14,16 @@ subjects by 11-55 mm, or all by a few hundredths of their size.
 
 from collections import defaultdict
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import USABLE, JointStatus
-from study.recordings.joints.find import find_joints
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints, load_calibration
 from study.recordings.joints.poses import fit_template
-from study.recordings.markersets import MarkerSet, mirrored, side
+from study.recordings.markersets import MarkerSet, Match, match, mirrored, place_markerset, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
 from study.recordings.skeleton.anatomy import Hips, with_anatomy
@@ -225,6 +225,31 @@ def _checked(calibration: Calibration, recording: Recording) -> tuple[Calibratio
     shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, drawn.misfits, strict=True))
     outside, _ = hull_distances(recording.positions, drawn.centers)
     return with_doubts(replace(calibration, shapes=tuple(shapes)), outside), drawn
+
+
+def with_joints(
+    recording: Recording, joints: Calibration | str | Path | None, markerset: str | None, hips: Hips = "motion"
+) -> tuple[Match, Calibration]:
+    """Place the marker set of given joints on a recording, or find joints in the recording itself.
+
+    Args:
+        recording: the whole recording.
+        joints: given ones, or their file or its folder; None to find them here.
+        markerset: name or file of a marker set for joints that are found here.
+        hips: as in `calibrate`.
+
+    Raises:
+        RecordingError: if the joints cannot be read, or ``markerset`` is given, too.
+        MarkerSetError: if no joint can be found with the marker set.
+    """
+    if joints is None:
+        placed = place_markerset(recording, markerset)
+        return placed, calibrate(placed.recording, placed.markerset, recording, hips)
+    if markerset is not None:
+        raise RecordingError(f"markerset = {markerset!r}: joints have their own marker set; leave it out")
+    if not isinstance(joints, Calibration):
+        joints = load_calibration(Path(joints, "calibration.json") if Path(joints).is_dir() else joints)
+    return match(joints.markerset, recording), joints
 
 
 _REPLACED = 0.013

@@ -29,8 +29,8 @@ from scipy.spatial.transform import Rotation
 from study.arrays import Bools, Bytes, Floats, Ints
 from study.fits.jit import compiled
 from study.fits.samples import Worded
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import DOUBTED, USABLE, JointStatus
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.poses import PoseNoise
 from study.recordings.markersets import Segment
 from study.recordings.recording import Recording, RecordingError

@@ -16,8 +16,8 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bytes, Floats
-from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE
+from study.recordings.joints.find import JointPlace
 from study.recordings.markersets import Joint, MarkerSet, mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import quaternions
