@@ -1,6 +1,7 @@
 """Commands that find joints: `study joints` (phase 1), `study joint`, `study live` and `study case-study`."""
 
 import signal
+import sys
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -202,13 +203,15 @@ def live(
     """
     import numpy as np
 
-    from study.recordings.live import FrameError, lines_of_input, lines_of_port, read_frame
+    from study.recordings.live import FrameError, lines_of_port, read_frame
     from study.recordings.recording import UNITS, unit_doubt
 
     if unit not in UNITS:
         raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
     joints = _joints(parent, child, markerset)
-    lines = lines_of_input() if udp is None else lines_of_port(udp, lambda words: typer.echo(words, err=True))
+    lines = (line.decode("utf-8", "replace") for line in sys.stdin.buffer)
+    if udp is not None:
+        lines = lines_of_port(udp, lambda words: typer.echo(words, err=True))
     before, zeros, unchecked = signal.signal(signal.SIGINT, _interrupt_once), "", True
     try:
         for number, line in enumerate(lines, start=1):
