@@ -311,7 +311,8 @@ class LiveJoints:
     @property
     def jumps(self) -> int:
         """Number of samples and of poses that were left out, because a marker jumped."""
-        return sum(part.jumps for part in (*self._segments.values(), *self.joints.values()))
+        segments, joints = self._segments.values(), self.joints.values()
+        return sum(segment.jumps for segment in segments) + sum(joint.jumps for joint in joints)
 
     def answers(self) -> dict[str, LiveAnswer]:
         """Each joint as far as it is known."""
