@@ -7,6 +7,7 @@ the fifth. Distances are across a hinge's axis, for no method knows the place al
 """
 
 from collections.abc import Iterator
+from itertools import combinations_with_replacement
 
 import numpy as np
 import pandas as pd
@@ -36,23 +37,16 @@ def joint_table(joints: Calibration) -> pd.DataFrame:
     """
     rows: list[dict[str, object]] = []
     for place in joints.joints:
-        estimate = place.estimate
-        row: dict[str, object] = {
-            "joint": place.joint.name,
-            "kind": place.joint.kind,
-            "parent": place.joint.parent,
-            "child": place.joint.child,
-            "status": SHORT_TEXTS[place.status],
-            "reason": place.reason,
-            "side": estimate.side if estimate else "",
-            "markers": ", ".join(estimate.markers) if estimate else "",
-        }
-        in_child = place.in_child if joints.shape(place.joint.child).has_pose else np.full(3, np.nan)
+        joint, estimate = place.joint, place.estimate
+        row: dict[str, object] = {"joint": joint.name, "kind": joint.kind, "parent": joint.parent, "child": joint.child}
+        row |= {"status": SHORT_TEXTS[place.status], "reason": place.reason, "side": estimate.side if estimate else ""}
+        row |= {"markers": ", ".join(estimate.markers) if estimate else ""}
+        in_child = place.in_child if joints.shape(joint.child).has_pose else np.full(3, np.nan)
         vectors = {"center_parent": place.in_parent, "center_child": in_child}
         vectors |= {"axis_parent": place.axis_in_parent, "axis_child": place.axis_in_child}
         for name, vector in vectors.items():
             row |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=True)}
-        pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+        pairs = combinations_with_replacement(range(3), 2)
         row |= {f"cov_{'xyz'[i]}{'xyz'[j]}": float(place.covariance[i, j]) for i, j in pairs}
         rows.append(row | accuracy_columns(place))
     return pd.DataFrame(rows)
@@ -61,24 +55,23 @@ def joint_table(joints: Calibration) -> pd.DataFrame:
 def accuracy_columns(place: JointPlace) -> dict[str, float]:
     """Accuracy of a joint and the data behind it, under the column names of `joint_table`; NaN where there is none."""
     names = ("error", "floor", "radius_mean", "sigma", "rho", "moved_least", "moved_most", "frames", "worth", "apart")
-    values = dict.fromkeys(names, float("nan"))
-    estimate = place.estimate
+    values, estimate = dict.fromkeys(names, float("nan")), place.estimate
     if estimate is None:
         return values
+    sphere, pair = estimate.sphere, estimate.pair
+    apart = max((side.distance for side in side_differences(estimate, place.estimates[1:])), default=np.nan)
     values |= {"error": place.standard_error, "floor": estimate.floor, "frames": float(estimate.frames)}
-    values["worth"] = float(estimate.effective_frames)
-    apart = (side.distance for side in side_differences(estimate, place.estimates[1:]))
-    values["apart"] = max(apart, default=float("nan"))
-    angles = np.zeros(0)
-    if estimate.sphere is not None:
-        radii = estimate.sphere.radii[np.isfinite(estimate.sphere.radii)]
-        values |= {"sigma": float(estimate.sphere.noise), "rho": float(estimate.sphere.condition)}
+    values |= {"worth": float(estimate.effective_frames), "apart": apart}
+    if sphere is not None:
+        radii = sphere.radii[np.isfinite(sphere.radii)]
+        values |= {"sigma": float(sphere.noise), "rho": float(sphere.condition)}
         values |= {"radius_mean": float(radii.mean())} if len(radii) else {}
-        angles = np.degrees(estimate.sphere.rms_angles)
-    elif estimate.pair is not None:
-        values["sigma"] = float(estimate.pair.gap) / np.sqrt(3.0)
-        angles = np.degrees(estimate.pair.rms_angles)
-    return values | ({"moved_least": float(angles.min()), "moved_most": float(angles.max())} if len(angles) else {})
+    elif pair is not None:
+        values["sigma"] = float(pair.gap) / np.sqrt(3.0)
+    if (fit := sphere or pair) is not None:
+        angles = np.degrees(fit.rms_angles)
+        values |= {"moved_least": float(angles.min()), "moved_most": float(angles.max())}
+    return values
 
 
 _FAR = 10.0
@@ -100,8 +93,16 @@ def agreement_lines(table: pd.DataFrame) -> Iterator[str]:
 def joint_lines(joints: Calibration) -> Iterator[str]:
     """Lay out the joints, a line each in millimetres and degrees, then the reasons to doubt some of them."""
     titles = ["joint", "status", "from", *(f"{axis} / mm" for axis in "xyz"), "error", "floor", "noise", "range"]
-    titles += ["ρ", "frames", "n_eff", "apart"]
-    yield from columns(map(_joint_row, joints.joints), titles, "<<<>")
+    rows = []
+    for place in joints.joints:
+        n = accuracy_columns(place)
+        moved = "-" if np.isnan(n["moved_least"]) else f"{n['moved_least']:.0f}°-{n['moved_most']:.0f}°"
+        row = [place.joint.name, SHORT_TEXTS[place.status], place.estimate.side if place.estimate else "-"]
+        row += [millimetres(float(x)) for x in place.in_parent]
+        row += [f"> {1000 * _FAR:.0f}" if n["error"] > _FAR else millimetres(n["error"])]
+        row += [millimetres(n["floor"]), millimetres(n["sigma"]), moved, number(n["rho"], ".3f")]
+        rows.append([*row, number(n["frames"], ".0f"), number(n["worth"], ".0f"), millimetres(n["apart"])])
+    yield from columns(rows, [*titles, "ρ", "frames", "n_eff", "apart"], "<<<>")
     yield "x, y, z: centre in its parent; error: largest standard error; noise: of a coordinate; all in mm"
     yield "floor: error from skin that moves all markers of a segment alike, by 5 mm/rad, which no marker shows, mm"
     yield "apart: distance to the farthest other side with an error, mm; n_eff: effective number of independent frames"
@@ -115,22 +116,6 @@ def joint_lines(joints: Calibration) -> Iterator[str]:
     yield from joints.reasons()
     poseless = joints.without_pose.items()  # why a joint without any marker cannot be found is said above
     yield from (f"no pose of its own: {why}" for name, why in poseless if joints.markerset.segment(name).markers)
-
-
-def _joint_row(place: JointPlace) -> list[str]:
-    """A joint's texts, in the order of the titles."""
-    n = accuracy_columns(place)
-    moved = "-" if np.isnan(n["moved_least"]) else f"{n['moved_least']:.0f}°-{n['moved_most']:.0f}°"
-    side = place.estimate.side if place.estimate else "-"
-    return [
-        *(place.joint.name, SHORT_TEXTS[place.status], side),
-        *(millimetres(float(x)) for x in place.in_parent),
-        f"> {1000 * _FAR:.0f}" if n["error"] > _FAR else millimetres(n["error"]),
-        *(millimetres(n[key]) for key in ("floor", "sigma")),
-        *(moved, number(n["rho"], ".3f")),
-        *(number(n[key], ".0f") for key in ("frames", "worth")),
-        millimetres(n["apart"]),
-    ]
 
 
 def millimetres(metres: float) -> str:
@@ -157,38 +142,31 @@ def agreement_table(joints: Calibration, recording: Recording) -> pd.DataFrame:
         both segments; ``from_mgdk, from_gdke, from_ugdk, from_mle, from_two_sided`` (metres): distances of their
         centres from the chosen one. NaN where there is none.
     """
-    return pd.DataFrame([_row(place, joints, recording) for place in joints.joints])
-
-
-def _row(place: JointPlace, joints: Calibration, recording: Recording) -> dict[str, object]:
-    row: dict[str, object] = {"joint": place.joint.name, "radii": [], "cap": np.nan, "turn": np.nan, "gap": np.nan}
-    parent, child = joints.poses.get(place.joint.parent), joints.poses.get(place.joint.child)
-    if parent is not None and child is not None:
-        row["turn"] = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
-        apart = ((parent.to_world(place.in_parent) - child.to_world(place.in_child)) ** 2).sum(axis=0)
-        if not np.isnan(apart).all():
-            row["gap"] = float(np.sqrt(np.nanmean(apart)))
-    row |= {f"from_{name}": np.nan for name in METHODS}
-    if place.estimate is None:
-        return row
-    every = place.estimates
-    pair = next((estimate for estimate in every if estimate.side == "both"), None)
-    if pair is not None:
-        row["from_two_sided"] = _distance(mean_difference(place.estimate, pair.poses.to_world(pair.center)))
-    one = next((estimate for estimate in every if estimate.sphere is not None), None)
-    if one is not None and one.sphere is not None:
-        row["radii"] = one.sphere.radii.tolist()
-        local = [one.poses.to_local(recording.of(name)) for name in one.markers]
-        caps = [cap_angle(y, used, one.center) for y, used in zip(local, one.used, strict=True) if used.any()]
-        row["cap"] = float(np.degrees(max(caps, default=np.nan)))
-        points = [y[:, used].T for y, used in zip(local, one.used, strict=True) if used.sum() >= _FEWEST_SAMPLES]
-        for name, center in _centers(points).items():
-            row[f"from_{name}"] = _distance(mean_difference(place.estimate, one.poses.to_world(center)))
-    return row
-
-
-def _distance(vector: Floats) -> float:
-    return float(np.linalg.norm(vector))
+    rows = []
+    for place in joints.joints:
+        row: dict[str, object] = {"joint": place.joint.name, "radii": [], "cap": np.nan, "turn": np.nan, "gap": np.nan}
+        row |= {f"from_{name}": np.nan for name in METHODS}
+        rows.append(row)
+        parent, child = joints.poses.get(place.joint.parent), joints.poses.get(place.joint.child)
+        if parent is not None and child is not None:
+            row["turn"] = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
+            apart = ((parent.to_world(place.in_parent) - child.to_world(place.in_child)) ** 2).sum(axis=0)
+            row["gap"] = float(np.sqrt(np.nanmean(apart))) if not np.isnan(apart).all() else np.nan
+        worlds = {}  # the centres of other methods
+        for other in place.estimates:
+            if other.pair is not None:
+                worlds["two_sided"] = other.poses.to_world(other.center)
+            elif other.sphere is not None and not row["radii"]:
+                row["radii"] = other.sphere.radii.tolist()
+                local = [other.poses.to_local(recording.of(name)) for name in other.markers]
+                samples = list(zip(local, other.used, strict=True))
+                caps = [cap_angle(y, used, other.center) for y, used in samples if used.any()]
+                row["cap"] = float(np.degrees(max(caps, default=np.nan)))
+                points = [y[:, used].T for y, used in samples if used.sum() >= _FEWEST_SAMPLES]
+                worlds |= {name: other.poses.to_world(center) for name, center in _centers(points).items()}
+        for name, world in worlds.items():
+            row[f"from_{name}"] = float(np.linalg.norm(mean_difference(place.estimates[0], world)))
+    return pd.DataFrame(rows)
 
 
 def _centers(points: list[Floats]) -> dict[str, Floats]:

@@ -20,8 +20,8 @@ from dataclasses import replace
 import numpy as np
 
 from study.arrays import Bools, Floats, Ints
-from study.recordings.joints.center import CONDITION_LIMIT, LocalMarker, fit_center
-from study.recordings.joints.estimate import SIGNIFICANT, Estimate, PlaceDifference, symmetric_fit
+from study.recordings.joints.center import LocalMarker, fit_center
+from study.recordings.joints.estimate import Estimate, PlaceDifference, symmetric_fit
 from study.recordings.joints.poses import SegmentPoses
 from study.recordings.markersets import Joint
 from study.recordings.recording import Recording
@@ -264,9 +264,7 @@ class SkinErrors:
             for name, used in zip(estimate.markers, estimate.used, strict=True)
         ]
         fit = fit_center(markers, *estimate.noise_model(poses))
-        if fit is None or not (fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT):
-            return None
-        return fit.center, fit.covariance
+        return (fit.center, fit.covariance) if fit is not None and fit.significant else None
 
     def _angles(self, estimate: Estimate, joint: Joint) -> Floats:
         """Rotation vectors of the joint (3, frames of the part) in the axes of an estimate, radians."""
