@@ -12,6 +12,9 @@ session differ by skin in another posture and by markers that were put on again,
 subjects by 11-55 mm, or all by a few hundredths of their size.
 """
 
+import contextlib
+import itertools
+import math
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -64,22 +67,17 @@ def hull_distances(markers: Floats, joints: Floats) -> tuple[Floats, Floats]:
     present = seen.any(axis=1)
     whole = np.flatnonzero(seen[present].all(axis=0)) if present.any() else np.zeros(0, dtype=int)
     part = whole[np.unique(np.linspace(0, len(whole) - 1, min(len(whole), _FRAMES)).astype(int))]
-    distances = np.array([_plane_distances(markers[present, :, t], joints[:, :, t]) for t in part])
+    distances = np.full((len(part), len(joints)), np.nan)  # signed, from the farthest facet's plane
+    for row, t in enumerate(part):
+        with contextlib.suppress(QhullError):  # fewer than four markers, or all in one plane
+            planes = ConvexHull(markers[present, :, t]).equations
+            distances[row] = (joints[:, :, t] @ planes[:, :3].T + planes[:, 3]).max(axis=1)
     shares, quantiles = np.full(len(joints), np.nan), np.full(len(joints), np.nan)
-    for joint, row in enumerate(distances.reshape(-1, len(joints)).T):
-        known = row[~np.isnan(row)]
+    for joint, column in enumerate(distances.T):
+        known = column[~np.isnan(column)]
         if len(known) >= _FEWEST:
             shares[joint], quantiles[joint] = (known > 0.0).mean(), np.quantile(known, _QUANTILE)
     return shares, quantiles
-
-
-def _plane_distances(markers: Floats, joints: Floats) -> Floats:
-    """Signed distances of joints (joints, 3) from the farthest facet's plane of the markers' hull; NaN without one."""
-    try:
-        planes = ConvexHull(markers).equations
-    except QhullError:  # fewer than four markers, or all in one plane
-        return np.full(len(joints), np.nan)
-    return np.asarray((joints @ planes[:, :3].T + planes[:, 3]).max(axis=1))
 
 
 _HIPS = 0.65, 1.2
@@ -136,16 +134,13 @@ def hip_doubts(calibration: Calibration) -> dict[str, list[str]]:
     if not {"left", "right"} <= hips.keys() or hips["left"].joint.parent != hips["right"].joint.parent:
         return doubts
     left, right = hips["left"].in_parent, hips["right"].in_parent
-    apart = _distance(left, right)
+    apart = math.dist(left, right)
     shape = calibration.shape(hips["left"].joint.parent)
     pairs = []
-    for i, one in enumerate(shape.places):
-        for j, other in enumerate(shape.places):
-            width = _distance(one, other)
-            if width >= _NARROW and (one - other) @ (left - right) > _ACROSS * width * apart:
-                pairs.append(
-                    (_distance(one, left) + _distance(other, right), width, shape.markers[i], shape.markers[j])
-                )
+    for (one, label), (other, second) in itertools.permutations(zip(shape.places, shape.markers, strict=True), 2):
+        width = math.dist(one, other)
+        if width >= _NARROW and (one - other) @ (left - right) > _ACROSS * width * apart:
+            pairs.append((math.dist(one, left) + math.dist(other, right), width, label, second))
     if pairs:
         _, width, *names = min(pairs)
         low, high = _HIPS
@@ -159,27 +154,19 @@ def hip_doubts(calibration: Calibration) -> dict[str, list[str]]:
 def _uneven_bones(calibration: Calibration) -> dict[str, list[str]]:
     """Warnings of bones that differ between left and right, by joint."""
     warnings: dict[str, list[str]] = defaultdict(list)
-    lengths: dict[tuple[str, str], float] = {}
     above = {place.joint.child: place for place in calibration.joints}
-    for end in calibration.joints:
-        start: JointPlace | None = above.get(end.joint.parent)
-        if start is not None:
-            lengths[start.joint.name, end.joint.name] = _distance(start.in_child, end.in_parent)
-    for (start_name, end_name), length in lengths.items():
-        other = lengths.get((mirrored(start_name), mirrored(end_name)), float("nan"))
-        if (start_name, end_name) == (mirrored(start_name), mirrored(end_name)):
-            continue
+    ends = [(above[end.joint.parent], end) for end in calibration.joints if end.joint.parent in above]
+    lengths = {(a.joint.name, b.joint.name): math.dist(a.in_child, b.in_parent) for a, b in ends}
+    for pair, length in lengths.items():
+        across = mirrored(pair[0]), mirrored(pair[1])
+        other = lengths.get(across, np.nan) if across != pair else np.nan
         if abs(length - other) > UNEVEN * 0.5 * (length + other):
-            bones = {f"{start_name} - {end_name}": length, f"{mirrored(start_name)} - {mirrored(end_name)}": other}
+            bones = {" - ".join(pair): length, " - ".join(across): other}
             one, two = sorted(bones)
             words = f"the bone {one} is {1000 * bones[one]:.0f} mm, {two} {1000 * bones[two]:.0f} mm"
-            for name in (start_name, end_name):
+            for name in pair:
                 warnings[name].append(words)
     return warnings
-
-
-def _distance(one: Floats, two: Floats) -> float:
-    return float(np.linalg.norm(one - two))
 
 
 def calibrate(
