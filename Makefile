@@ -93,9 +93,7 @@ tables: paper
 	$(BIN)/study certify --table results/certify.csv; \
 	$(BIN)/python docs/reference_tables.py; \
 	$(BIN)/python benchmarks/stopping.py; \
-	$(BIN)/python benchmarks/false_alarms.py; \
-	$(BIN)/python benchmarks/coverage_limits.py
-	$(BIN)/python benchmarks/worst_cells.py
+	$(BIN)/python benchmarks/limits.py
 
 # Speed as ratios to the limits of this machine and to other packages; stored in results/bench.csv.
 bench: $(VENV)/.bench

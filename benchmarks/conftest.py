@@ -18,7 +18,6 @@ from study import instruction_set
 instruction_set.fix()
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "bench.csv"
-COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")
 
 
 @pytest.fixture
@@ -44,30 +43,26 @@ def machine():
 
 def rows(benchmarks):
     """A row per benchmark that says what it is, in the order in which they ran."""
-    timed = [b for b in benchmarks if b.stats]
-    cost = {id(b): 1e9 * b.stats.min / b.extra_info.get("items", 1) for b in timed}
-    unit = {b.group: cost[id(b)] for b in timed if b.extra_info.get("unit")}
-    for b in timed:
-        ratio = f"{cost[id(b)] / unit[b.group]:.3g}" if b.group in unit else ""
-        what, aim = b.extra_info.get("what", b.name), b.extra_info.get("aim", "")
-        values = (b.group, what, f"{cost[id(b)]:.4g}", "ns", ratio, aim, machine())
-        yield dict(zip(COLUMNS, values, strict=True))
+    cost = {b.fullname: 1e9 * b.stats.min / b.extra_info["items"] for b in benchmarks}
+    unit = {b.group: cost[b.fullname] for b in benchmarks if b.extra_info["unit"]}
+    for b in benchmarks:
+        own = cost[b.fullname]
+        row = {"group": b.group, "what": b.extra_info["what"], "cost": f"{own:.4g}", "measured": "ns"}
+        row["ratio"] = f"{own / unit[b.group]:.3g}" if b.group in unit else ""
+        yield row | {"aim": b.extra_info["aim"], "machine": machine()}
 
 
 def pytest_terminal_summary(terminalreporter, config):
     """Print the table, and store it if the whole of it was run."""
     session = getattr(config, "_benchmarksession", None)
-    table = list(rows(session.benchmarks)) if session else []
-    if not table:
+    timed = [b for b in session.benchmarks if b.stats] if session else []
+    if not timed:
         return
-    terminalreporter.section(f"ratios · {table[0]['machine']}")
-    for group in dict.fromkeys(row["group"] for row in table):
-        terminalreporter.write_line(group)
-        for row in (row for row in table if row["group"] == group):
-            line = f"    {row['what']:<52}{row['cost']:>12} {row['measured']}{row['ratio']:>10}   {row['aim']}"
-            terminalreporter.write_line(line.rstrip())
-    if len({b.fullname.partition("::")[0] for b in session.benchmarks}) == len(
-        list(Path(__file__).parent.glob("test_*.py"))
-    ):
+    table = pd.DataFrame(rows(timed))
+    terminalreporter.section(f"ratios · {machine()}")
+    for group, part in table.groupby("group", sort=False):
+        shown = part[["what", "cost", "measured", "ratio", "aim"]].to_string(index=False, header=False)
+        terminalreporter.write_line(f"{group}\n{shown}")
+    if len({b.fullname.partition("::")[0] for b in timed}) == len([*Path(__file__).parent.glob("test_*.py")]):
         RESULTS.parent.mkdir(exist_ok=True)
-        pd.DataFrame(table).to_csv(RESULTS, index=False, lineterminator="\n")
+        table.to_csv(RESULTS, index=False, lineterminator="\n")

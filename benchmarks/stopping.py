@@ -26,55 +26,43 @@ def _columns(values):
     return {"error": values, "error_1": values, "bound": one, "radius": one, "status": np.full(len(values), Status.OK)}
 
 
-def stop(precision, values):
-    """The measure where the rule stops, its error, and the number of trials."""
-    for count in precision.checkpoints(len(values)):
-        measure = measured(precision.measure, _columns(values[:count]))
-        if precision.reached(*measure):
-            break
-    return *measure, count
-
-
 def studies(name):
-    """Deviations from the truth, errors, targets, factors and trials (5, n) of studies that reached their target."""
+    """Deviations from the truth and errors (2, 8, n), over the targets, of studies that reached them."""
     law, truth = LAWS[name]
     rng = np.random.default_rng(20)
-    at_first = 0.5 / law.pdf(truth) / np.sqrt(250)  # the median's standard error, asymptotically
+    targets = 0.5 / law.pdf(truth) / np.sqrt(250) / FACTORS  # the median's standard error at first, asymptotically
     rows = []
-    for factor in FACTORS:
-        target = at_first / factor
+    for target in targets:
+        precision = Precision(target=target)
         for values in law.rvs(size=(REPEATS, CAP), random_state=rng):
-            value, error, count = stop(Precision(target=target), values)
+            measures = ((n, measured(precision.measure, _columns(values[:n]))) for n in precision.checkpoints(CAP))
+            count, (value, error) = next(row for row in measures if precision.reached(*row[1]) or row[0] == CAP)
             assert count < CAP
-            rows.append((value - truth, error, target, factor, count))
-    return np.array(rows).T
+            rows.append(((value - truth) / target, error / target))
+    return np.moveaxis(np.reshape(rows, (len(targets), REPEATS, 2)), 2, 0)
 
 
 def fixed(name, count, repeats=4000):
     """Share of studies of a fixed number of trials whose truth lies within two of their errors."""
     law, truth = LAWS[name]
-    rng = np.random.default_rng(21)
-    held = 0
-    for values in law.rvs(size=(repeats, count), random_state=rng):
-        value, error = measured("ratio_median_ok", _columns(values))
-        held += abs(value - truth) <= 2.0 * error
-    return held / repeats
+    sets = law.rvs(size=(repeats, count), random_state=np.random.default_rng(21))
+    value, error = np.transpose([measured("ratio_median_ok", _columns(values)) for values in sets])
+    return float(np.mean(np.abs(value - truth) <= 2.0 * error))
 
 
 def rows():
     """A row per law and quantity: real standard error over target, and shares of studies that hold the truth."""
     for law in LAWS:
-        away, error, target, factor, _ = studies(law)
-        spread = [float(np.sqrt(np.mean((away / target)[factor == each] ** 2))) for each in FACTORS]
+        away, error = studies(law)
+        spread = np.sqrt(np.mean(away**2, axis=1))
         quantities = {
-            "spread": float(np.sqrt(np.mean((away / target) ** 2))),
-            "spread_least": min(spread),
-            "spread_greatest": max(spread),
-            "two_targets": float(np.mean(np.abs(away) <= 2.0 * target)),
-            "two_errors": float(np.mean(np.abs(away) <= 2.0 * error)),
+            "spread": np.sqrt(np.mean(away**2)),
+            "spread_least": spread.min(),
+            "spread_greatest": spread.max(),
         }
+        quantities |= {"two_targets": np.mean(np.abs(away) <= 2.0), "two_errors": np.mean(np.abs(away) <= 2.0 * error)}
         quantities |= {f"fixed_{count}": fixed(law, count) for count in (250, 1000, 4000)}
-        yield from ({"law": law, "quantity": name, "value": value} for name, value in quantities.items())
+        yield from ({"law": law, "quantity": name, "value": float(value)} for name, value in quantities.items())
 
 
 if __name__ == "__main__":

@@ -10,18 +10,14 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SHORT = {
-    "start of Python": ["-c", "pass"],
-    "study --help": ["-m", "study.cli", "--help"],
-    "study run --help": ["-m", "study.cli", "run", "--help"],
-    "study fit --help": ["-m", "study.cli", "fit", "--help"],
-}
+FIRST = 'import numpy, study; study.fit(numpy.loadtxt("points.csv", delimiter=",")).ok'
 LINE = """
 import numpy, numba
 @numba.njit(cache=True)
@@ -32,41 +28,36 @@ def total(x):
     return s
 total(numpy.ones(4))
 """
-POINTS = (
-    "import numpy as np; u = np.random.default_rng(0).normal(size=(40, 3)); u /= np.linalg.norm(u, axis=1)[:, None]"
-)
-FIRST = f"{POINTS}; import study; study.fit(u + 0.01 * u[::-1]).ok"
 PROGRAMS = {
-    "one compiled line": ["line.py"],
-    "a first study.fit, and its status": ["-c", FIRST],
-    "study fit FILE": ["-m", "study.cli", "fit", "points.csv"],
+    "short commands": {
+        "start of Python": ["-c", "pass"],
+        "study --help": ["-m", "study.cli", "--help"],
+        "study run --help": ["-m", "study.cli", "run", "--help"],
+        "study fit --help": ["-m", "study.cli", "fit", "--help"],
+    },
+    "first answer of a program": {
+        "one compiled line": ["line.py"],
+        "a first study.fit, and its status": ["-c", FIRST],
+        "study fit FILE": ["-m", "study.cli", "fit", "points.csv"],
+    },
 }
+"""Arguments of Python; the first program of a group is its unit."""
+AIMS = {"short commands": "0.25 s", "first answer of a program": "≤ 1.3"}
 NORMALS = 10**8
 ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "MAKE"))}
 USED = ("Makefile", "configs", "results/paper", "results/bench.csv")
 
 
-def start(arguments, folder, environment=None):
-    """Run a program to its end."""
-    command = [sys.executable, *arguments]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True, env=environment)
-
-
-@pytest.mark.parametrize("what", SHORT)
-def test_short_commands(timed, what):
-    """A help text takes little more than the start of Python."""
-    unit = what == "start of Python"
-    timed("short commands", what, start, SHORT[what], ROOT, ENVIRONMENT, unit=unit, aim="" if unit else "0.25 s")
-
-
-@pytest.mark.parametrize("what", PROGRAMS)
-def test_first_answer(timed, tmp_path, what):
-    """A first fit takes little more than the first call of anything compiled, from its cache."""
+@pytest.mark.parametrize(("group", "what"), [(group, what) for group, rows in PROGRAMS.items() for what in rows])
+def test_programs(timed, tmp_path, group, what):
+    """A help text takes little more than the start of Python, a first fit little more than anything compiled."""
     (tmp_path / "line.py").write_text(LINE)
-    exec(POINTS, names := {})  # the points of the other programs
-    names["np"].savetxt(tmp_path / "points.csv", names["u"] + 0.01 * names["u"][::-1], delimiter=",")
-    unit, aim = what == "one compiled line", "≤ 1.3" if "study" in what else ""
-    timed("first answer of a program", what, start, PROGRAMS[what], tmp_path, unit=unit, aim=aim, rounds=5)
+    u = np.random.default_rng(0).normal(size=(40, 3))
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    np.savetxt(tmp_path / "points.csv", u + 0.01 * u[::-1], delimiter=",")
+    command, unit = [sys.executable, *PROGRAMS[group][what]], what == next(iter(PROGRAMS[group]))
+    start = partial(subprocess.run, command, cwd=tmp_path, check=True, capture_output=True, env=ENVIRONMENT)
+    timed(group, what, start, unit=unit, aim="" if unit else AIMS[group], rounds=15 if "short" in group else 5)
 
 
 def test_normal_numbers(timed):

@@ -69,7 +69,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     text = LINK.sub(within, markdown)
     if page.file.src_uri == "theory.md":
         text = FORMULA.sub(_typeset, "".join(map(_scripts, re.split(r"(^```.*?^```$)", text, flags=re.M | re.S))))
-    return text + _directives(markdown) if page.file.src_uri == "api.md" else text
+    names = re.findall(r"^\| `(study\.(?!ESTIMATORS)\w+)`", markdown, re.M) if page.file.src_uri == "api.md" else []
+    return text + "".join(f"\n\n::: {name}\n" for name in names)  # the docstring of each name that the page lists
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
@@ -98,11 +99,3 @@ def _scripts(text: str) -> str:
         return code or (f"<sub>{low}</sub>" if low else f"<sup>{high}</sup>")
 
     return text if text.startswith("```") else SCRIPT.sub(shown, text)
-
-
-def _directives(markdown: str) -> str:
-    """The docstring of each name that the page of the library lists."""
-    names = [
-        name for name in re.findall(r"^\| `(study\.\w+)`", markdown, re.MULTILINE) if not name.endswith("ESTIMATORS")
-    ]
-    return "".join(f"\n\n::: {name}\n" for name in names)

@@ -9,15 +9,15 @@ knows them. What only a person can give is left out, and printed.
 import json
 import re
 import sys
-import textwrap
 import tomllib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import bound_numbers
-import number_tables
 import pandas as pd
 import typst
+import yaml
 
 from study.simulation.runs.provenance import swhids
 from study.text import with_error
@@ -28,6 +28,7 @@ DOCUMENTS = ["published", "decades", "regret", "choices", "readings", "readings_
 """Tables that the documents have, too."""
 DEPOSIT = tomllib.loads((ROOT / "article" / "deposit.toml").read_text(encoding="utf-8"))
 """Words of the metadata, files to check, and what only a person can give."""
+as_yaml = partial(yaml.safe_dump, sort_keys=False, allow_unicode=True, width=120)
 
 
 def claims(table: pd.DataFrame) -> Iterator[list[str]]:
@@ -41,45 +42,40 @@ def claims(table: pd.DataFrame) -> Iterator[list[str]]:
 
 def tables(bound: bound_numbers.Bound) -> dict[str, object]:
     """Everything that the text takes from stored tables, by name."""
-    made = {name: getattr(number_tables, name)(bound.table) for name in DOCUMENTS}
-    rows = {name: [row for row in table if not isinstance(row, str)] for name, table in made.items()}
+    rows = {name: [row for row in bound.rows(name) if not isinstance(row, str)] for name in DOCUMENTS}
     run = json.loads((ROOT / "results" / "paper" / "manifest.json").read_text(encoding="utf-8"))["software"]
     source = f"Main study: sphere-fit-study {run['study']}, commit {run['commit'][:10]}, Python {run['python']}."
     return rows | {"claims": list(claims(bound.table("verdicts"))), "source": source}
 
 
-def yaml(entries: dict[str, object]) -> str:
-    """Entries as YAML; lists of mappings a line for each key. JSON's strings are YAML's."""
-    text = ""
-    for key, value in entries.items():
-        if isinstance(value, list):
-            items = [yaml(item) if isinstance(item, dict) else json.dumps(item, ensure_ascii=False) for item in value]
-            text += f"{key}:\n" + "".join(f"  - {textwrap.indent(item, '    ').strip()}\n" for item in items)
-        elif isinstance(value, dict):
-            text += f"{key}:\n{textwrap.indent(yaml(value), '  ')}"
-        else:
-            text += f"{key}: {json.dumps(value, ensure_ascii=False)}\n"
-    return text
+def title(text: str) -> str:
+    """The title of the report."""
+    return re.search(r'#let title = "(.*)"', text)[1]
 
 
 def metadata(text: str) -> str:
     """The fields of ReScience C, from the report's text."""
     words = re.search(r"\*Abstract\.\* (.*?)\n\]", text, re.DOTALL)[1]
     code = [{"swh": identifier} for identifier in swhids().values() if identifier]
-    entries = {"title": _title(text), "authors": DEPOSIT["authors"], "keywords": DEPOSIT["keywords"], "code": code}
+    entries = {
+        "title": title(text),
+        "authors": DEPOSIT["authors"],
+        "keywords": DEPOSIT["keywords"],
+        "code": code,
+    }
     entries |= {"replication": [DEPOSIT["paper"]], "abstract": " ".join(words.split()), "type": "Replication"}
-    return yaml(entries | {"domain": DEPOSIT["domain"], "language": "Python"})
+    return as_yaml(entries | {"domain": DEPOSIT["domain"], "language": "Python"})
 
 
 def codecheck(text: str) -> str:
     """The file by which CODECHECK finds what to compare."""
-    paper = {"title": _title(text), "authors": DEPOSIT["authors"], "reference-other": [DEPOSIT["paper"]["url"]]}
+    paper = {
+        "title": title(text),
+        "authors": DEPOSIT["authors"],
+        "reference-other": [DEPOSIT["paper"]["url"]],
+    }
     manifest = [{"file": file, "comment": comment} for file, comment in DEPOSIT["checked"].items()]
-    return "---\n" + yaml({"version": DEPOSIT["specification"], "paper": paper, "manifest": manifest})
-
-
-def _title(text: str) -> str:
-    return re.search(r'#let title = "(.*)"', text)[1]
+    return "---\n" + as_yaml({"version": DEPOSIT["specification"], "paper": paper, "manifest": manifest})
 
 
 def main() -> None:

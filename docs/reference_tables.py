@@ -24,7 +24,6 @@ MEASURES = ["planned", "ok", "ratio_median", "ratio_median_error", "ratio_median
 MEASURES += ["ratio_median_all", "ratio_median_all_error", "ratio_q95", "ratio_q95_error"]
 MEASURES += ["ratio_q95_all", "ratio_q95_all_error", "median_cramer_rao", "median_attainable"]
 
-
 PAPERS = ["paper", "ellipse", "mgdk", "power-law", "efficiency", "outliers", "starts", "bias", "anisotropic", "markers"]
 """Studies of `make paper` that judge the paper's claims."""
 
@@ -61,19 +60,16 @@ def published() -> pd.DataFrame:
     for name, errors in run_of("published").table("errors").groupby("estimator", observed=True)["radius_error"]:
         squares = 1e4 * errors**2
         row = {"estimator": name, "trials": len(errors), "mse": squares.mean(), "mse_error": squares.sem()}
-        row |= {"bias": 1e2 * errors.mean(), "bias_error": 1e2 * errors.sem(), "published": known.get(name)}
-        rows.append(row)
+        rows.append(row | {"bias": 1e2 * errors.mean(), "bias_error": 1e2 * errors.sem(), "published": known.get(name)})
     return pd.DataFrame(rows)
 
 
 def studies() -> pd.DataFrame:
     """Seconds that the studies of the paper's claims took, on the machine of their runs."""
-    rows = []
-    for name in PAPERS:
-        manifest = run_of(name).manifest()
-        machine = {key: manifest["machine"][key] for key in ("cores", "processor")}
-        rows.append({"study": name, "fits": manifest["fits"], "seconds": manifest["seconds"], **machine})
-    return pd.DataFrame(rows)
+    manifests = {name: run_of(name).manifest() for name in PAPERS}
+    rows = [{"study": name, "fits": one["fits"], "seconds": one["seconds"]} for name, one in manifests.items()]
+    machines = [{key: one["machine"][key] for key in ("cores", "processor")} for one in manifests.values()]
+    return pd.DataFrame(rows).join(pd.DataFrame(machines))
 
 
 TABLES = {
@@ -88,22 +84,18 @@ TABLES = {
 """Functions that make each table."""
 
 
-def paper() -> None:
-    """Store the paper's run, without its rows, and the verdicts on its claims (of `make paper`) as the reference."""
-    run = run_of("paper")
-    run.check("claims")
-    for name in ("config.toml", "manifest.json", "summary.parquet", "claims.parquet"):
-        shutil.copyfile(run.folder / name, RESULTS / "paper" / name)
-
-
 def main() -> None:
-    """Write the tables that are named, or all."""
+    """Write the tables that are named, or all; as `paper` the run, without its rows, and the verdicts on its claims."""
     for name in sys.argv[1:] or ["paper", *TABLES]:
         if name == "paper":
-            paper()
+            run = run_of(name)
+            run.check("claims")
+            for file in ("config.toml", "manifest.json", "summary.parquet", "claims.parquet"):
+                shutil.copyfile(run.folder / file, RESULTS / "paper" / file)
+            print("results/paper")
         else:
             TABLES[name]().to_csv(RESULTS / f"{name}.csv", index=False, lineterminator="\n")
-        print(f"results/{name}" + ".csv" * (name != "paper"))
+            print(f"results/{name}.csv")
 
 
 if __name__ == "__main__":

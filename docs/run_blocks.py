@@ -36,7 +36,7 @@ BLOCK = re.compile(
     r"^(?P<skip><!-- skip: next -->\n+)?```(?P<language>console|python|text|toml)\n(?P<code>.*?)^```$", re.M | re.S
 )
 FILE = re.compile(r"# ([\w-]+\.(?:py|toml|csv))\n")
-MADE = re.compile(r"(<!-- made: ([\w.]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+MADE = re.compile(r"(?<=<!-- made: )(\w+) -->\n(.*?)(?=<!-- end -->)", re.DOTALL)
 LONGEST = 600
 """Seconds after which a command is stopped."""
 
@@ -75,25 +75,26 @@ def run(path: Path, write: bool = False) -> int:
     printed, ended = "", -1
     with tempfile.TemporaryDirectory() as folder:
         for block in blocks:
-            code, language, line = block["code"], block["language"], text.count("\n", 0, block.start("language"))
-            place = f"{path}:{line + 1}"
+            code, language, line = block["code"], block["language"], text.count("\n", 0, block.start("language")) + 1
             if language in ("python", "toml") and (file := FILE.match(code)):
                 (Path(folder) / file[1]).write_text(code, encoding="utf-8")
             elif language == "python":
-                output = io.StringIO()
-                with contextlib.redirect_stdout(output), contextlib.chdir(folder):
-                    exec(compile("\n" * (line + 1) + code, str(path), "exec"), names)
+                with contextlib.redirect_stdout(io.StringIO()) as output, contextlib.chdir(folder):
+                    exec(compile("\n" * line + code, str(path), "exec"), names)
                 printed, ended = output.getvalue(), block.end()
             elif language == "console":
-                edits.append((*block.span("code"), _console(place, code, folder, write)))
+                edits.append((*block.span("code"), _console(f"{path}:{line}", code, folder, write)))
             elif language == "text" and ended >= 0 and not text[ended : block.start()].strip():
-                edits.append((*block.span("code"), _checked(f"{place}: this block of Python", code, printed, write)))
-    new = replaced(text, edits) if write else text
-    made = MADE.sub(lambda part: f"{part[1]}\n{_made(part[2])}\n\n{part[3]}", new)
-    if made != new and not write:
-        raise OutputError(f"{path}: a made table is not up to date; run docs/run_blocks.py --write {path}")
-    if made != text:
-        path.write_text(made, encoding="utf-8")
+                new = _checked(f"{path}:{line}: this block of Python", code, printed, write)
+                edits.append((*block.span("code"), new))
+    for part in MADE.finditer(text):
+        import made_pages  # only pages with made parts need the packages that it loads
+
+        edits.append((*part.span(2), f"\n{markdown(getattr(made_pages, part[1])()).strip()}\n\n"))
+        if edits[-1][2] != part[2] and not write:
+            raise OutputError(f"{path}: a made table is not up to date; run docs/run_blocks.py --write {path}")
+    if write and (new := replaced(text, edits)) != text:
+        path.write_text(new, encoding="utf-8")
     return len(blocks)
 
 
@@ -125,13 +126,6 @@ def _checked(place: str, stored: str, printed: str, write: bool) -> str:
     if not write or "…" in stored.splitlines():
         raise OutputError(f"{place}\nprints\n{printed}\nand the document says\n{stored}")
     return printed.strip("\n") + "\n" if printed.strip() else ""
-
-
-def _made(name: str) -> str:
-    """The text between the marks of a made part."""
-    import made_pages  # only pages with made parts need the packages that it loads
-
-    return markdown(getattr(made_pages, name)()).strip()
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ def text(article):
 def test_what_looks_measured_is_bound(article, bound, text):
     """A further number in the text is found."""
     faults, _ = bound.faults(article.TEXT, text + "\nThe error is 3.5 ± .2, or 12 % more.\n")
-    assert [fault.words.split(" looks")[0] for fault in faults] == ["3.5 ± .2", "12 %"]
+    assert [re.search(r": (.*) looks", fault)[1] for fault in faults] == ["3.5 ± .2", "12 %"]
     assert bound.faults(article.TEXT, text)[0] == []
 
 

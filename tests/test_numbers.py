@@ -1,6 +1,5 @@
 """Numbers of the documents: each is the one of its table, and a table that changes is noticed where it is quoted."""
 
-import importlib.util
 import re
 import sys
 from pathlib import Path
@@ -12,46 +11,24 @@ import pytest
 from study.simulation.runs.run_folder import Run
 
 ROOT = Path(__file__).parents[1]
-spec = importlib.util.spec_from_file_location("bound_numbers", ROOT / "docs" / "bound_numbers.py")
-bound_numbers = importlib.util.module_from_spec(spec)
-sys.modules["bound_numbers"] = bound_numbers
-spec.loader.exec_module(bound_numbers)
+sys.path.insert(0, str(ROOT / "docs"))
+import bound_numbers  # noqa: E402
+import number_tables  # noqa: E402
+
+sys.path.remove(str(ROOT / "docs"))
 
 CHANGED = "verdict != used and verdict != 'not evaluated' and used != 'not evaluated'"
-SKIN = ["covered", "covered_hinges", "undoubted", "undoubted_far", "without_estimate", "median_off_mm"]
 QUOTED = {
-    "claim_commands": ("verdicts", "value > 0", ["value"], True),
-    "criteria": ("verdicts", "", ["number"], True),
-    "published": ("published", "published > 0", ["mse", "mse_error", "bias", "published"], True),
-    "choices": ("readings", CHANGED, [], True),
-    "readings": ("readings", "", [], True),
-    "readings_changed": ("readings", CHANGED, [], True),
-    "certify": ("certify", "", ["center"], False),
-    "cluster": ("cluster", "", ["parent_mib", "finish_mib"], True),
-    "cluster_study": ("cluster_study", "", ["seconds"], True),
-    "skin": ("skin", "", SKIN, False),
-    "coverage_short": ("coverage", "method == 'mle' and ok >= .2 and sigma < .35", ["radius_ok"], False),
-    "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"], False),
-    "coverage_cells": ("coverage", "method != 'corrected'", ["radius"], True),
-    "coverage_few": ("coverage_limits", "kind == 'few'", ["ok", "radius", "radius_ok"], True),
-    "coverage_belts": ("coverage_limits", "kind == 'belt'", ["across"], True),
-    "decades": ("paper", "decade in [-13, -9, -5, -3, -2, -1] ", ["ratio_median"], True),
-    "em_vmf": ("em_vmf", "noise_over_radius == .1 and estimator != 'als' and angle < 180", ["ratio_median"], True),
-    "outliers": ("robustness", "law == 'normal' and estimator in ['mle', 'als', 'gdke']", ["ratio_median"], True),
-    "outliers_robust": ("robust", "law == 'normal' and estimator == 'robust'", ["ratio_median"], True),
-    "laws": ("robustness", "outlier_share == 0 and estimator == 'als'", ["ratio_median"], True),
-    "false_alarms": ("false_alarms", "dimension == 3 and samples <= 1000", ["share"], True),
-    "regret": ("regret", "samples == 0 and estimator in ['als', 'mle', 'gdke']", ["median", "q95", "q95_error"], True),
-    "speed": ("bench", "what.str.contains('in a loop')", ["ratio"], True),
-    "stopping": ("stopping", "", ["value"], True),
-    "forms": (
-        "misfit_errors",
-        "best_seen == best_seen",
-        ["ok", "covers_white", "covers_or_doubted", "best_seen"],
-        True,
-    ),
+    "claim_commands": ("verdicts", "value > 0", ["value"]),
+    "choices": ("readings", CHANGED, []),
+    "readings": ("readings", "", []),
+    "readings_changed": ("readings", CHANGED, []),
+    "coverage_short": ("coverage", "method == 'mle' and ok >= .2 and sigma < .35", ["radius_ok"]),
+    "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"]),
+    "coverage_cells": ("coverage", "method != 'corrected'", ["radius"]),
+    "speed": ("bench", "what.str.contains('in a loop')", ["ratio"]),
 }
-"""Tables of documents: the stored table, rows and columns that are quoted, and if each row is quoted by itself."""
+"""Tables of documents that functions make: the stored table, rows and columns that are quoted."""
 PAGES = {name: path for path in ROOT.glob("**/*.md") for name in re.findall(r"<!-- table: (\w+)", path.read_text())}
 
 
@@ -64,17 +41,15 @@ def faults(bound, path):
     return bound.faults(path, (ROOT / path).read_text(encoding="utf-8"))[0]
 
 
-def changed(bound, table, rows, columns, one):
-    """The same numbers over a table of which one value of these rows, or one column of all of them, is another."""
-    copy = bound_numbers.Bound()
-    frame = bound.table(table).copy()
+def changed(bound, table, rows, column):
+    """The same numbers over a table in which these rows have another value in a column; or the first is left out."""
+    copy, frame = bound_numbers.Bound(), bound.table(table).copy()
     index = (frame.query(rows, engine="python") if rows else frame).index
-    index = [np.random.default_rng(len(table) + len(rows)).choice(index)] if one else index
-    if not columns:
-        frame = frame.drop(index[:1])
-    for column in columns[:1]:
+    if column:
         frame[column] = frame[column].astype(float)
         frame.loc[index, column] = 1.37 * frame.loc[index, column] + 0.37
+    else:
+        frame = frame.drop(index[:1])
     copy.table = lambda name: frame if name == table else bound.table(name)
     return copy
 
@@ -88,22 +63,17 @@ def test_the_reference_run_is_whole():
 
 
 def test_every_number_is_that_of_its_table(bound):
-    """No text and table differ; nothing that looks measured is bound to no table."""
-    assert [str(fault) for path in bound.texts() for fault in faults(bound, path)] == []
+    """No text and table differ; nothing that looks measured is bound to no table; no description is left over."""
+    assert [fault for path in bound.texts() for fault in faults(bound, path)] == []
     assert set(bound.numbers) == bound.used
-
-
-def test_every_table_of_the_pages_is_tried():
-    """The mutants below cover each table that the pages have."""
-    assert set(PAGES) == set(QUOTED)
+    assert set(PAGES) == set(QUOTED) | set(bound.made)
 
 
 def places():
     """Each number in a phrase: the text, its name."""
-    bound = bound_numbers.Bound()
-    for path, phrases in bound.phrases.items():
+    for path, phrases in bound_numbers.Bound().phrases.items():
         for phrase in phrases:
-            for name, _ in bound_numbers.PLACE.findall(phrase):
+            for name, _ in number_tables.PLACE.findall(phrase):
                 yield path, name
 
 
@@ -112,26 +82,41 @@ def test_a_changed_value_is_noticed_where_a_phrase_has_it(bound, path, name):
     """The fault names the text, the line and the number."""
     table, rows, expression = bound.numbers[name]
     columns = [word for word in re.findall(r"\w+", expression) if word in bound.table(table)]
-    mutant, text = changed(bound, table, rows, columns, False), (ROOT / path).read_text(encoding="utf-8")
+    mutant, text = changed(bound, table, rows, (columns or [""])[0]), (ROOT / path).read_text(encoding="utf-8")
     mutant.phrases = {path: [phrase for phrase in bound.phrases[path] if f"{{{name}:" in phrase]}
     named, _ = mutant.faults(path, text.replace("<!-- end", "<!-- last"))  # tables have mutants of their own
-    mine = [fault for fault in named if f"({name})" in fault.words]
-    assert mine
-    line = text.splitlines()[mine[0].line - 1]
-    assert mine[0].words.split(" ")[0] in line
+    mine = [fault for fault in named if f" ({name}, " in fault]
+    _, line, words = mine[0].split(":", 2)
+    assert words.split()[0] in text.splitlines()[int(line) - 1]
 
 
-@pytest.mark.parametrize("name", QUOTED)
+@pytest.mark.parametrize("name", PAGES)
 def test_a_changed_value_is_noticed_in_a_table(bound, name):
-    """The fault names the text, the line and the cell."""
-    table, rows, columns, one = QUOTED[name]
+    """Of a table that is described, every column of numbers that it quotes is changed."""
+    table, rows, columns = QUOTED.get(name, ("", "", []))
+    if name not in QUOTED:
+        table, rows = bound.made[name]["table"], bound.made[name].get("rows", "")
+        cells = str(number_tables.PLACE.findall(str(bound.made[name]["cells"])))
+        columns = [word for word in bound.table(table).select_dtypes("number") if re.search(rf"\b{word}\b", cells)]
     path = PAGES[name].relative_to(ROOT).as_posix()
-    for column in columns:
-        found = faults(changed(bound, table, rows, [column], one), path)
-        mine = [fault for fault in found if fault.words.startswith(f"table {name}: ")]
-        assert mine, column
-        line = (ROOT / path).read_text(encoding="utf-8").splitlines()[mine[0].line - 1]
-        assert line.startswith("|")
+    for column in columns or [""]:
+        named = faults(changed(bound, table, rows, column), path)
+        assert [fault for fault in named if fault.endswith(f"(table {name})")], column
+
+
+def test_a_described_table():
+    """Rows that are alike in the fixed cells are one, a title with a place is a column for each of its values."""
+    frame = pd.DataFrame({"law": ["a", "a", "b"], "n": [10, 20, 10], "p": [0, 1, 2]})
+    frame["x"], frame["e"] = [0.512, np.nan, 2.5], [0.013, 1.0, 0.4]
+    form = {"table": "t", "sort": ["n"], "words": {"a": "law of {n:d}"}, "more": [["-", "c", "", ""]]}
+    form["cells"] = {"": "{law:word}", "law": "`{law}`", "N = {n:d}": "{x:.2f}, {x ± e}{p:(.1s %)}"}
+    assert list(number_tables.described(form, lambda name: frame)) == [
+        ["", "law", "N = 10", "N = 20"],
+        ["law of 10", "`a`", "0.51, .512 ± .013", "-"],
+        ["-", "`b`", "2.50, 2.5 ± .4 (2.0 %)", "-"],
+        ["law of 20", "`a`", "-", "-, - (1.0 %)"],
+        ["-", "c", "", ""],
+    ]
 
 
 @pytest.mark.parametrize(
@@ -145,26 +130,50 @@ def test_a_changed_value_is_noticed_in_a_table(bound, name):
         (10.33, "w", "ten"),
         (26, "d", "26"),
         (244000.0, ",d", "244,000"),
+        (0.0, "(.0s %)", ""),
     ],
 )
 def test_formats(value, spec, text):
     """Numbers are written as the documents write them."""
-    assert bound_numbers.formatted(value, spec) == text
+    assert number_tables.formatted(value, spec) == text
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (["bench", "what == 'd = 4'", "speed"], "name 'speed' is not defined"),
+        (["bench", "ratio > ", "ratio"], "invalid syntax"),
+        (["bench", "group == 'none'", "ratio"], "no such rows in results/bench.csv: group == 'none'"),
+        (
+            ["bench", "group == 'short commands'", "ratio"],
+            "4 such rows in results/bench.csv: group == 'short commands'",
+        ),
+        (["bench", "what == 'd = 4'", "ratio / 0"], "inf in results/bench.csv"),
+        (["banch", "", "ratio"], "there is no table 'banch' in [tables]"),
+        (None, "there is no such number in [numbers]"),
+    ],
+)
+def test_a_wrong_description_is_a_fault_at_its_place(number, words):
+    """The message says which number, and what is wrong with it; other numbers are compared all the same."""
+    bound = bound_numbers.Bound()
+    bound.phrases = {"a.txt": ["is {x:.2f} long", "no {x:d} here"]}
+    bound.numbers = {"x": number} if number else {}
+    first, second = bound.faults("a.txt", "\nIt is\n3.00 long.")[0]
+    assert first.startswith("a.txt:3: docs/numbers.toml: x")
+    assert first.endswith(words)
+    assert second == "a.txt:1: no such phrase (docs/numbers.toml): “no {x:d} here”"
 
 
 def test_the_numbers_of_findings():
     """Findings of claims are split into quantity, value and error; lines without a number are left out."""
     finding = "share, φ = 20°: 0.5 ± 0.01\nneeds: more\nat 3: -2e-06"
-    claims = pd.DataFrame({"name": ["a"], "verdict": ["partly"], "finding": [finding]})
-    table = bound_numbers.findings(claims)
+    table = number_tables.findings(pd.DataFrame({"name": ["a"], "verdict": ["partly"], "finding": [finding]}))
     assert list(table["quantity"]) == ["share, φ = 20°", "at 3"]
-    assert list(table["value"]) == [0.5, -2e-06]
-    assert table["error"].iloc[0] == 0.01
-    assert np.isnan(table["error"].iloc[1])
+    np.testing.assert_array_equal(table[["value", "error"]], [[0.5, 0.01], [-2e-06, np.nan]])
 
 
 def test_what_looks_measured_must_be_bound(bound):
     """A number with an error, a percentage or a factor is found in prose; in blocks and commands it is not."""
     text = "It takes 12 % more, `13 %`.\n\n    14 %\n\n```text\n15 %\n```\n\nor 3.5 ± .2, 7 times.\n"
-    found = [fault.words.split(" looks")[0] for fault in bound.faults("docs/new.md", text)[0]]
-    assert found == ["12 %", "3.5 ± .2", "7 times"]
+    known = [re.search(r": (.*) looks", fault)[1] for fault in bound.faults("docs/new.md", text)[0]]
+    assert known == ["12 %", "3.5 ± .2", "7 times"]
