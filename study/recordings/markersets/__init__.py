@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -271,7 +271,7 @@ def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
     faults: list[Fault] = []
     document: dict[str, object] = dict(raw)
     keys: dict[tuple[str, ...], list[str]] = {(): list(MarkerSetParts.model_fields)}
-    names: dict[str, list[object]] = {}
+    names: dict[str | int, list[str | int]] = {}
     for key, model in _TABLES.items():
         if key not in raw:
             continue
@@ -288,7 +288,7 @@ def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
         parts = MarkerSetParts.model_validate(document)
     except ValidationError as error:
         for fault in report(error, keys):
-            path: list[Any] = list(fault.path)
+            path = list(fault.path)
             if len(path) > 1 and isinstance(path[1], int):  # the name of a segment or joint in place of its number
                 path[1] = names[path[0]][path[1]] if path[0] in names else path[1]
             faults.append(Fault(tuple(path), fault.words, fault.value))

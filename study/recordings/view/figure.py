@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -350,19 +349,19 @@ def _scale(ax: Axes) -> None:
 
 def _draw_legend(figure: Figure, scene: Scene, factor: int) -> None:
     """Draw the legend below the picture."""
-    point = {"marker": "o", "linestyle": "none"}
-    doubted = point | {"markerfacecolor": "white", "markeredgecolor": FLAGGED, "markersize": 4.5}
-    line = {"linewidth": 3.0, "solid_capstyle": "round"}
+    doubted = {"markerfacecolor": "white", "markeredgecolor": FLAGGED, "markersize": 4.5, "linestyle": "none"}
     words = f"{100 * LEVEL:.0f} % error ellipsoid of a joint, {_enlarged(factor)}"
-    looks: list[dict[str, Any]] = [{"color": SIDES[side], "label": side} | line for side in ("left", "right")]
-    looks.append(point | {"color": MARKER, "markersize": 3.5, "label": "marker"})
-    handles: list[Line2D | Patch] = [Line2D([], [], **look) for look in looks]
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color=SIDES[side], linewidth=3.0, solid_capstyle="round", label=side)
+        for side in ("left", "right")
+    ]
+    handles.append(Line2D([], [], color=MARKER, marker="o", markersize=3.5, linestyle="none", label="marker"))
     if not np.isnan(scene.errors).all():
         handles.append(Patch(facecolor=to_rgba(ELLIPSOID, 0.3), edgecolor=ELLIPSOID, label=words))
     if hinges(scene).any():
         handles.append(Line2D([], [], color=ELLIPSOID, linewidth=1.0, label="axis of a hinge"))
     if any(scene.doubts):
-        handles.append(Line2D([], [], label="* not reliable", **doubted))  # type: ignore[arg-type]
+        handles.append(Line2D([], [], marker="o", label="* not reliable", **doubted))  # type: ignore[arg-type]
     place = {"bbox_to_anchor": (0.5, 0.055), "ncols": len(handles), "columnspacing": 1.4, "handlelength": 1.4}
     figure.legend(handles=handles, loc="lower center", **place)
     words = "Numbers: largest standard error of the joint in its segment; for a hinge across its axis."
