@@ -14,7 +14,7 @@ import pandas as pd
 from study.arrays import Floats
 from study.fits import Fit, Samples
 from study.fits.registry import as_fit
-from study.fits.samples import blank, explain
+from study.fits.samples import Status, blank
 from study.simulation.experiment.compute import Draws, attempt, draw
 from study.simulation.experiment.conditions import CONDITIONS, bound_law
 from study.simulation.experiment.config import Study
@@ -178,7 +178,7 @@ def fit_table(study: Study, trial: Trial) -> pd.DataFrame:
         error = float(np.linalg.norm(vector))
         noise = np.sqrt(fit.noise_variance[0]) * scale
         numbers = error, error / bound, vector[0], (fit.radius[0] - level.radius) * scale, noise, fit.condition[0]
-        status = raised.get(0, explain(int(fit.status[0])))
+        status = raised.get(0, Status(int(fit.status[0])).text)
         rows.append((name, *map(float, numbers), int(fit.iterations[0]), status))
     names = ["error", "over_bound", "axis", "radius_error", "noise", "condition", "iterations"]
     return pd.DataFrame(rows, columns=["estimator", *names, "status"])

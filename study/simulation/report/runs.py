@@ -14,7 +14,6 @@ from markupsafe import Markup
 
 from study import style
 from study.fits import Status
-from study.fits.samples import explain
 from study.simulation.analysis.summary_text import has_bounds, medians_at_bounds
 from study.simulation.experiment.conditions import LABELS, SAMPLES, RowValues, bound_law, named_in
 from study.simulation.figures import Tables
@@ -310,7 +309,7 @@ def worst_trials(tables: Tables) -> list[Markup]:
         values = [words.condition(condition, row) for condition in conditions]
         again = html.code(f"study replay {folder} {shlex.quote(cell)} {trial}")
         rows.append([html.code(cell), trial, style.label(str(row["estimator"])), *values])
-        rows[-1] += [words.timed(row["ratio"]), explain(int(row["status"])), again]
+        rows[-1] += [words.timed(row["ratio"]), Status(int(row["status"])).text, again]
     symbols = [c.symbol for c in conditions]
     head = ["Cell", "Trial", "Estimator", *symbols, "Error over bound", "Status", "To see it again"]
     law = f" ({name})" if (name := bound_law(frame)) else ""
