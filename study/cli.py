@@ -14,8 +14,7 @@ import typer
 
 from study import __version__, instruction_set
 from study.options import ExitCode, GroupedHelp, echo, shown, unchanged
-from study.recordings.commands.joints import case_study, joint, joints, live
-from study.recordings.commands.skeleton import fetch, markersets, recording, skeleton, synthetic
+from study.recordings.commands import case_study, fetch, joint, joints, live, markersets, recording, skeleton, synthetic
 from study.simulation import commands
 from study.simulation.commands import CONFIG_HELP, RUNS, Folder, Jobs, opened, run_folder, with_plugins
 from study.text import did_you_mean, json_text

@@ -164,7 +164,7 @@ def test_spreads_of_figures_3_and_4_are_of_all_trials(pair):
 def test_claims_compare_the_same_trials(pair):
     """No number behind a verdict depends on a status, but those that count it, and UGDK's mean, which is paired."""
     pairs = [pair(shipped(name)) for name in SMALL]
-    one, other = (evaluate(CLAIMS, Evidence.of(runs)) for runs in zip(*pairs, strict=True))
+    one, other = (evaluate(CLAIMS, Evidence(runs)) for runs in zip(*pairs, strict=True))
     judged = [finding.claim.name for finding in one if finding.numbers]
     assert len(judged) >= 10
     for before, after in zip(one, other, strict=True):
@@ -177,7 +177,7 @@ def test_claims_compare_the_same_trials(pair):
 def test_means_of_biases_are_paired(pair):
     """UGDK's bias has no mean over all trials: GDKE's, beside it, is of the trials in which UGDK is ok as well."""
     _, other = pair(shipped("bias"))
-    (finding,) = evaluate([claim for claim in CLAIMS if claim.name == "ugdk-bias"], Evidence.of([other]))
+    (finding,) = evaluate([claim for claim in CLAIMS if claim.name == "ugdk-bias"], Evidence([other]))
     wide = other.table("errors").astype({"estimator": str, "cell": str})
     wide = wide.pivot(index=["samples", "trial"], columns="estimator", values=["error_1", "status"])
     both = wide[(wide["status"] == Status.OK).all(axis=1)]
@@ -240,7 +240,7 @@ def test_a_summary_alone_of_an_earlier_version_is_read(make_run, tmp_path):
     text = GRID.replace("seed = 1", 'seed = 1\nkeep = "summary"')
     whole = make_run(text, tmp_path / "whole")
     other = older(whole, make_run(text, tmp_path / "run").folder)
-    found = stored_summary(other, False, False)
+    found = stored_summary(other)
     ok = (found["ok"] == found["planned"]).to_numpy()
     assert 0 < ok.sum() < len(ok)
     expected = whole.table("summary")

@@ -15,6 +15,7 @@ about the truth: N_eff is at most T/τ, for any N. The error over this axis is t
 standard error of the whole recording's centre together.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,8 +28,8 @@ from matplotlib.lines import Line2D
 from study import style
 from study.arrays import Bools, Floats, Ints
 from study.fits.random import stream
-from study.recordings.joints.calibration import Calibration
 from study.recordings.joints.estimate import USABLE, Estimate
+from study.recordings.joints.find import Calibration
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import across, cap_angle
 
@@ -85,21 +86,16 @@ def with_outliers(joints: pd.DataFrame, scatter: pd.DataFrame) -> pd.DataFrame:
     largest = scatter["samples"].max()
     rows = scatter[(scatter["way"] == "random") & ~scatter["dropped"] & (scatter["samples"] == largest)]
     medians = rows.set_index("joint")["median"].reindex(joints["joint"]).to_numpy()
-    causes = joints[["hinge", "along", "cap", "condition"]]
-    reasons = [_reason(*row) for row in causes.itertuples(index=False)]
-    return joints.assign(median=medians, outlier=medians > _WIDE * np.nanmedian(medians), reason=reasons)
-
-
-def _reason(hinge: bool, along: float, cap: float, condition: float) -> str:
-    """The reasons for a joint's scatter, as far as there are any; the arguments are columns of `CaseStudy.joints`."""
     reasons = []
-    if hinge and along > _ALONG:
-        reasons.append(f"a hinge: {along:.0%} of the scatter is along its axis")
-    if cap < _SMALL_CAP:
-        reasons.append(f"its range of motion is small: {cap:.0f}°")
-    if condition > _HIDDEN:
-        reasons.append(f"ρ = {condition:.2f}: noise hides the motion in one direction")
-    return "; ".join(reasons)
+    for row in joints.to_dict("records"):
+        along, cap, condition = row["along"], row["cap"], row["condition"]
+        causes = {
+            f"a hinge: {along:.0%} of the scatter is along its axis": row["hinge"] and along > _ALONG,
+            f"its range of motion is small: {cap:.0f}°": cap < _SMALL_CAP,
+            f"ρ = {condition:.2f}: noise hides the motion in one direction": condition > _HIDDEN,
+        }
+        reasons.append("; ".join(words for words, holds in causes.items() if holds))
+    return joints.assign(median=medians, outlier=medians > _WIDE * np.nanmedian(medians), reason=reasons)
 
 
 SETS = 4
@@ -164,22 +160,15 @@ class JointSamples:
         Args:
             centers: from random subsets, with every axis kept (B, 3).
         """
-        caps = [
-            cap_angle(y, used, self.estimate.center) for y, used in zip(self.y, self.used, strict=True) if used.any()
-        ]
+        pairs, estimate = zip(self.y, self.used, strict=True), self.estimate
+        caps = [cap_angle(y, used, estimate.center) for y, used in pairs if used.any()]
         medians = [np.median(part[np.isfinite(part[:, 0])], axis=0) for part in np.split(centers, SETS)]
-        apart = [np.linalg.norm(a - b) for a in medians for b in medians]
+        apart = float(max(np.linalg.norm(a - b) for a in medians for b in medians))
         spread = np.nanvar(centers, axis=0).sum()
         along = np.nanvar(centers @ self.least) / spread if spread > 0 else np.nan
-        return {
-            "cap": float(np.degrees(max(caps))),
-            "condition": self.condition,
-            "hinge": self.hinge,
-            "memory": self.autocorrelation_time,
-            "worth": self.effective_frames,
-            "sets": float(max(apart)),
-            "along": float(along),
-        }
+        row: dict[str, object] = {"cap": float(np.degrees(max(caps))), "condition": self.condition, "hinge": self.hinge}
+        row |= {"memory": self.autocorrelation_time, "worth": self.effective_frames}
+        return row | {"sets": apart, "along": float(along)}
 
     def centers(self, index: Ints, axis: Floats | None) -> Floats:
         """Centres by MGDK (B, 3) from the frames of each subset (B, N); NaN where not positive definite.
@@ -348,43 +337,34 @@ def _scatter_of(
     rows: list[dict[str, object]] = []
     centers: dict[tuple[str, bool, int], Floats] = {}
     seen = np.flatnonzero(samples.used.any(axis=0))
-    for way in ("random", "window"):
-        for number in sizes:
-            index = subset_frames(way, seen, number, subsets, stream(seed, "case study", name, way, number))
-            for dropped in (False, True) if samples.hinge else (False,):
-                axis = samples.least if dropped else None
-                pieces = np.array_split(index, _PIECES)
-                places = np.concatenate([samples.centers(piece, axis) for piece in pieces])
-                centers[way, dropped, number] = places
-                away = places - samples.centers(seen[None], axis)[0]
-                if axis is not None:
-                    away = away - np.outer(away @ axis, axis)
-                rows.append({"joint": name, "way": way, "dropped": dropped, "samples": number})
-                rows[-1] |= _moments(places) | _distances(samples, np.linalg.norm(away, axis=1), number, way)
+    for way, number in itertools.product(("random", "window"), sizes):
+        index = subset_frames(way, seen, number, subsets, stream(seed, "case study", name, way, number))
+        for dropped in (False, True) if samples.hinge else (False,):
+            axis = samples.least if dropped else None
+            places = np.concatenate([samples.centers(piece, axis) for piece in np.array_split(index, _PIECES)])
+            centers[way, dropped, number] = places
+            away = places - samples.centers(seen[None], axis)[0]
+            if axis is not None:
+                away = away - np.outer(away @ axis, axis)
+            row: dict[str, object] = {"joint": name, "way": way, "dropped": dropped, "samples": number}
+            ok = places[np.isfinite(places).all(axis=1)]
+            mean, sd = (ok.mean(axis=0), ok.std(axis=0)) if len(ok) else (np.full(3, np.nan),) * 2
+            row |= {f"mean_{a}": float(v) for a, v in zip("xyz", mean, strict=True)}
+            row |= {f"sd_{a}": float(v) for a, v in zip("xyz", sd, strict=True)} | {"sd": float(np.sqrt((sd**2).sum()))}
+            rows.append(row | _distances(samples, np.linalg.norm(away, axis=1), number, way))
     return rows, centers
-
-
-def _moments(centers: Floats) -> dict[str, object]:
-    """Mean and standard deviation of those centres (B, 3) whose fit is ok."""
-    ok = centers[np.isfinite(centers).all(axis=1)]
-    mean, sd = (ok.mean(axis=0), ok.std(axis=0)) if len(ok) else (np.full(3, np.nan),) * 2
-    return {
-        **{f"mean_{a}": float(v) for a, v in zip("xyz", mean, strict=True)},
-        **{f"sd_{a}": float(v) for a, v in zip("xyz", sd, strict=True)},
-        "sd": float(np.sqrt((sd**2).sum())),
-    }
 
 
 def _distances(samples: JointSamples, distance: Floats, number: int, way: str) -> dict[str, object]:
     """Summary of the distances (B,) from the whole recording's centre; NaN for a fit that is not ok."""
-    ok = np.isfinite(distance)
-    ranked = np.where(ok, distance, np.inf)
+    ranked = np.where(np.isfinite(distance), distance, np.inf)
     # N random frames of T scatter about the whole recording's centre by √(1 - N/T) less than independent ones
     share = np.sqrt(max(1.0 - number / samples.frames, 1e-12)) if way == "random" else 1.0
-    median = float(np.sort(ranked)[len(ranked) // 2]) / share
-    error = float(np.hypot(median * share, _MEDIAN_TO_RMS * samples.error)) if way == "random" else median
-    effective = samples.effective(number) if way == "random" else max(number / samples.autocorrelation_time, 1.0)
-    near, failed = float((ranked <= NEAR).mean()), float((~ok).mean())
+    median = error = float(np.sort(ranked)[len(ranked) // 2]) / share
+    effective = max(number / samples.autocorrelation_time, 1.0)
+    if way == "random":
+        error, effective = float(np.hypot(median * share, _MEDIAN_TO_RMS * samples.error)), samples.effective(number)
+    near, failed = float((ranked <= NEAR).mean()), float(np.isinf(ranked).mean())
     return {"median": median, "near": near, "failed": failed, "effective": effective, "error": error}
 
 

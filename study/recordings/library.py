@@ -1,18 +1,16 @@
 """Recordings in Python, as the commands treat them: from a file to joints, and to a skeleton in every frame."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from study.recordings.formats.read import read_recording
-from study.recordings.joints.calibration import Calibration, load_calibration
-from study.recordings.markersets import MarkerSetError, Match, choose, load_markerset, match, with_better
+from study.recordings.joints.find import Calibration
 from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint
-from study.recordings.recording import Recording, RecordingError, one_after_another
-from study.recordings.session import Session, calibrate_session
+from study.recordings.recording import Recording, RecordingError
+from study.recordings.session import fit_session
 from study.recordings.skeleton import draw
-from study.recordings.skeleton.anatomy import Hips, points_of_the_body, with_anatomy
-from study.recordings.skeleton.calibrate import calibrate, require_same_subject
+from study.recordings.skeleton.anatomy import Hips
+from study.recordings.skeleton.calibrate import require_same_subject, with_joints
 
 Source = str | Path | Recording
 """A recording, or its file."""
@@ -64,7 +62,7 @@ def find_joints(
         raise RecordingError("no recording is given; give one, or several of one session")
     if len(every) == 1:
         return with_joints(every[0], None, markerset, hips)[1]
-    return fit_session(every, static=static is not None, markerset=markerset, hips=hips)[1].calibration
+    return fit_session(every, static is not None, markerset, hips)[1].calibration
 
 
 def find_joint(
@@ -148,77 +146,6 @@ def draw_skeleton(
     placed, calibration = with_joints(_read(recording), joints, markerset)
     require_same_subject(calibration, placed.recording, force=force)
     return draw.draw_skeleton(calibration, placed.recording)
-
-
-def place_markerset(recording: Recording, markerset: str | None = None) -> Match:
-    """Place a marker set on a recording: the named one, or the shipped one that fits best.
-
-    Raises:
-        MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
-    """
-    if markerset is None:
-        return choose(recording)
-    placed = match(load_markerset(markerset), recording)
-    if not placed.joints:
-        reasons = "; ".join(f"{joint}: {reason}" for joint, reason in list(placed.lost.items())[:3])
-        raise MarkerSetError(
-            f"{recording.name}: no joint of marker set {markerset} can be found ({reasons}, ...); "
-            "leave --markerset out to choose the shipped one that fits best"
-        )
-    return with_better(placed)
-
-
-def with_joints(
-    recording: Recording,
-    joints: Calibration | str | Path | None,
-    markerset: str | None = None,
-    hips: Hips = "motion",
-) -> tuple[Match, Calibration]:
-    """Place the marker set of given joints on a recording, or find joints in the recording itself.
-
-    Raises:
-        RecordingError: if the joints cannot be read, or ``markerset`` is given, too.
-        MarkerSetError: if no joint can be found with the marker set.
-    """
-    if joints is None:
-        placed = place_markerset(recording, markerset)
-        return placed, calibrate(placed.recording, placed.markerset, recording, hips)
-    if markerset is not None:
-        raise RecordingError(f"markerset = {markerset!r}: joints have their own marker set; leave it out")
-    if not isinstance(joints, Calibration):
-        joints = load_calibration(Path(joints, "calibration.json") if Path(joints).is_dir() else joints)
-    return match(joints.markerset, recording), joints
-
-
-def fit_session(
-    trials: Sequence[Recording],
-    *,
-    static: bool = False,
-    markerset: str | None = None,
-    force: bool = False,
-    hips: Hips = "motion",
-) -> tuple[Match, Session]:
-    """Find the joints of several trials of one session.
-
-    Args:
-        trials: of the same subject with the same markers.
-        static: True if the last of them gives the shapes of the segments.
-        markerset: as in `place_markerset`, for all trials together.
-        force: True to merge trials that seem to show different subjects.
-        hips: as in `find_joints`. Points of the body come from the last trial that shows the pelvis' spines.
-    """
-    together = place_markerset(one_after_another(trials, ", ".join(trial.name for trial in trials)), markerset)
-    named = [match(together.whole, trial).recording for trial in trials]
-    still = named[-1] if static else None
-    parts = named[: len(named) - static]
-    merged = calibrate_session(together.markerset, parts, still, force=force)
-    if merged.calibration.has_poses:
-        for trial, source in reversed(list(zip(named, trials, strict=True))):
-            drawn = draw.draw_skeleton(merged.calibration, trial)
-            if {"left asis", "right asis"} <= points_of_the_body(drawn, source).keys():
-                anatomy = with_anatomy(merged.calibration, drawn, source, hips)
-                return together, replace(merged, calibration=anatomy)
-    return together, merged
 
 
 def _read(recording: Source) -> Recording:

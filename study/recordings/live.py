@@ -14,8 +14,7 @@ Source: paper §4 (IGDK), eqs 22-25.
 
 import json
 import socket
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -24,7 +23,7 @@ import numpy as np
 from study.arrays import Floats
 from study.fits.markers import Incremental, JointFit, mgdk_so_far
 from study.fits.samples import Status
-from study.recordings.joints.estimate import CENTIMETRE
+from study.recordings.joints.estimate import CENTIMETRE, largest_error
 from study.recordings.recording import RecordingError
 from study.recordings.rigid import fit_rigid_motion, to_local
 
@@ -55,20 +54,11 @@ def read_frame(line: str, unit: float) -> dict[str, Floats]:
         raise FrameError("no JSON") from None
     if not isinstance(values, dict):
         raise FrameError('not an object of labels and positions, such as {"LASI": [412, 680, 966]}')
-    return {label: _place(label, value) * unit for label, value in values.items() if value is not None}
-
-
-def _place(label: str, value: object) -> Floats:
-    numbers = value if isinstance(value, list) and len(value) == 3 else []
-    if len(numbers) != 3 or not all(type(x) in (int, float) and abs(x) < 1e12 for x in numbers):
-        raise FrameError(f"the position of {label!r} is not three finite numbers")
-    return np.array(numbers, dtype=np.float64)
-
-
-def lines_of_input() -> Iterator[str]:
-    """Lines of the standard input, until its end."""
-    for line in sys.stdin.buffer:
-        yield line.decode("utf-8", "replace")
+    frame = {label: place for label, place in values.items() if place is not None}
+    for label, x in frame.items():
+        if not (isinstance(x, list) and len(x) == 3 and all(type(v) in (int, float) and abs(v) < 1e12 for v in x)):
+            raise FrameError(f"the position of {label!r} is not three finite numbers")
+    return {label: np.array(place, dtype=np.float64) * unit for label, place in frame.items()}
 
 
 def lines_of_port(port: int, announce: Callable[[str], None]) -> Iterator[str]:
@@ -107,10 +97,10 @@ _MOVED = np.radians(2.0)
 
 
 class GrowingSegment:
-    """A parent segment: its markers, and their shape once a few frames have shown them all.
+    """A parent segment: its shape once a few frames have shown all its markers.
 
     Args:
-        markers: their labels, three or more.
+        rows: numbers of its markers, three or more, among those of all joints.
 
     Attributes:
         template: the shape (m, 3), metres; None as long as it is not known.
@@ -119,24 +109,27 @@ class GrowingSegment:
         whole: the first few shapes of frames that show all markers.
     """
 
-    def __init__(self, markers: Sequence[str]) -> None:
-        self.markers = tuple(markers)
+    def __init__(self, rows: Sequence[int]) -> None:
+        self.rows = list(rows)
         self.template: Floats | None = None
         self.size, self.jumps = 0.0, 0
         self.whole: list[Floats] = []
         self._recent = np.empty(0)
 
-    def poses(self, frames: Sequence[Mapping[str, Floats]]) -> tuple[Floats, Floats]:
-        """Rotations R (3, 3, n) and origins o (3, n) in n frames, x = R a + o.
+    def poses(self, x: Floats) -> tuple[Floats, Floats]:
+        """Rotations R (3, 3, n) and origins o (3, n) in n frames, x = R a + o, by its markers (m, 3, n), metres.
 
         They are NaN where a frame does not show the markers, or not in their shape.
         """
-        x = places(self.markers, frames)
         if self.template is None:
             self.whole += [shape for shape in x.transpose(2, 0, 1) if not np.isnan(shape).any()]
             if len(self.whole) < _SHAPES:
-                return np.full((3, 3, len(frames)), np.nan), np.full((3, len(frames)), np.nan)
-            typical = most_typical(np.array(self.whole))
+                return np.full((3, 3, x.shape[2]), np.nan), np.full((3, x.shape[2]), np.nan)
+            # the one whose distances between markers are nearest to those of most others
+            shapes = np.array(self.whole)
+            distances = np.linalg.norm(shapes[:, :, None] - shapes[:, None], axis=3).reshape(len(shapes), -1)
+            apart = np.abs(distances[:, None] - distances[None]).max(axis=2)
+            typical = shapes[np.argmin(np.median(apart, axis=1))]
             self.template = typical - typical.mean(axis=0)
             self.size = float(np.sqrt(np.mean(np.sum(self.template**2, axis=1))))
         rotations, origins, known = fit_rigid_motion(self.template, x)
@@ -157,39 +150,24 @@ class GrowingJoint:
     them repeats the fit without each (Quenouille 1949). When there are too many blocks, each two become one.
 
     Args:
-        name: of the joint.
         parent: the segment that holds it.
-        markers: of the child.
+        rows: numbers of the child's markers among those of all joints.
 
     Attributes:
         jumps: number of samples left out because they are far from those before and after.
     """
 
-    def __init__(self, name: str, parent: GrowingSegment, markers: Sequence[str]) -> None:
-        self.name, self.parent, self.markers = name, parent, tuple(markers)
+    def __init__(self, parent: GrowingSegment, rows: Sequence[int]) -> None:
+        self.parent, self.rows = parent, list(rows)
         self.blocks: list[list[Incremental]] = []
-        self.batches = 0
-        self.length = 1
-        self.jumps = 0
-        self._recent = np.full((len(markers), 3, 0), np.nan)
+        self.batches, self.length, self.jumps = 0, 1, 0
+        self._recent = np.full((len(rows), 3, 0), np.nan)
 
     def add(self, y: Floats) -> None:
-        """Add a batch of frames: the child's markers in the parent's axes (m, 3, n), metres; NaN where missing."""
-        y = self._without_jumps(y)
-        if self.batches == self.length * len(self.blocks):
-            if len(self.blocks) == _BLOCKS:
-                self.blocks = [merged(pair) for pair in zip(self.blocks[::2], self.blocks[1::2], strict=True)]
-                self.length *= 2
-            self.blocks.append([Incremental(3) for _ in self.markers])
-        for part, points in zip(self.blocks[-1], y, strict=True):
-            part.update(points.T)
-        self.batches += 1
+        """Add a batch of frames: the child's markers in the parent's axes (m, 3, n), metres; NaN where missing.
 
-    def _without_jumps(self, y: Floats) -> Floats:
-        """The batch (m, 3, n), NaN where a marker is much farther from its middle than in most recent frames.
-
-        It must also be farther than the size of the joint, which a marker does not move in so few frames. Before there
-        are some frames to compare, all is NaN.
+        A sample much farther from its marker's middle than in most recent frames, and than the size of the joint, which
+        a marker does not move in so few frames, is left out; before there are some frames to compare, all are.
         """
         recent = np.concatenate([self._recent, y], axis=2)
         self._recent = recent[:, :, -_BATCH:]
@@ -199,28 +177,32 @@ class GrowingJoint:
         jumps = np.linalg.norm(y - center, axis=1) > np.maximum(_JUMP * usual, size)[:, None]
         self.jumps += int(jumps.sum())
         few = np.sum(~np.isnan(recent[:, 0]), axis=1) < _SHAPES
-        return np.where((jumps | few[:, None])[:, None], np.nan, y)
+        if self.batches == self.length * len(self.blocks):
+            if len(self.blocks) == _BLOCKS:
+                self.blocks = [merged(pair) for pair in zip(self.blocks[::2], self.blocks[1::2], strict=True)]
+                self.length *= 2
+            self.blocks.append([Incremental(3) for _ in self.rows])
+        for part, points in zip(self.blocks[-1], np.where((jumps | few[:, None])[:, None], np.nan, y), strict=True):
+            part.update(points.T)
+        self.batches += 1
 
     def answer(self) -> "LiveAnswer":
         """The joint as far as it is known."""
         whole = merged(self.blocks) if self.blocks else [Incremental(3)]
-        fit = mgdk_so_far(whole)
-        covariance = np.full((3, 3), np.inf)
+        fit, lack, covariance = mgdk_so_far(whole), "", np.full((3, 3), np.inf)
         if len(self.blocks) >= _BLOCKS // 2 and np.isfinite(fit.center).all():
             others = (merged([*self.blocks[:k], *self.blocks[k + 1 :]]) for k in range(len(self.blocks)))
             centers = np.array([mgdk_so_far(other).center for other in others])
             off = centers - centers.mean(axis=0)
             covariance = (1.0 - 1.0 / len(self.blocks)) * (off.T @ off)
-        return LiveAnswer(replace(fit, covariance=covariance), rms_angles(whole, fit), self._lack(fit))
-
-    def _lack(self, found: JointFit) -> str:
-        """Reason why there are too few points for a fit; empty if there are enough."""
         if self.parent.template is None:
             count = f"fewer than {_SHAPES} frames have" if self.parent.whole else "no frame has"
-            return f"{count} all markers of its parent"
-        if not found.count.any():
-            return "no frame has a marker of its child and enough of its parent's"
-        return "too few frames" if found.status == Status.TOO_FEW_POINTS else ""
+            lack = f"{count} all markers of its parent"
+        elif not fit.count.any():
+            lack = "no frame has a marker of its child and enough of its parent's"
+        elif fit.status == Status.TOO_FEW_POINTS:
+            lack = "too few frames"
+        return LiveAnswer(replace(fit, covariance=covariance), rms_angles(whole, fit), lack)
 
 
 class LiveAnswer(NamedTuple):
@@ -234,14 +216,13 @@ class LiveAnswer(NamedTuple):
 
     fit: JointFit
     angles: Floats
-    lack: str = ""
+    lack: str
 
     @property
     def error(self) -> float:
         """Largest standard error of the centre, metres; infinite if it is not known."""
-        if not np.isfinite(self.fit.covariance).all():
-            return float("inf")
-        return float(np.sqrt(max(np.linalg.eigvalsh(self.fit.covariance)[-1], 0.0)))
+        covariance = self.fit.covariance
+        return largest_error(covariance, None) if np.isfinite(covariance).all() else np.inf
 
     @property
     def ok(self) -> bool:
@@ -254,10 +235,9 @@ class LiveAnswer(NamedTuple):
         if self.lack or not self.fit.ok:
             return self.lack or self.fit.status.text
         reasons = []
-        if not np.isfinite(self.error):
-            reasons.append("too few frames to know its error")
-        elif not self.error < CENTIMETRE:
-            reasons.append("its error is above 1 cm")
+        if not self.error < CENTIMETRE:
+            few = not np.isfinite(self.error)
+            reasons.append("too few frames to know its error" if few else "its error is above 1 cm")
         if not self.angles[0] > _MOVED:
             reasons.append("it moved by less than 2° about some direction")
         return " and ".join(reasons)
@@ -283,43 +263,34 @@ class LiveJoints:
 
     Attributes:
         frames: number of frames so far.
-        joints: in the given order.
+        joints: by name, in the given order.
         labels: those that came, the first few hundred of them.
         lacking: those of the joints that have not come.
         zeros: those of the joints that came at exactly (0, 0, 0), which is a gap.
     """
 
-    def __init__(self, joints: Iterable[tuple[str, Sequence[str], Sequence[str]]]) -> None:
-        segments: dict[tuple[str, ...], GrowingSegment] = {}
+    def __init__(self, joints: Sequence[tuple[str, Sequence[str], Sequence[str]]]) -> None:
+        markers = dict.fromkeys(label for _, parent, child in joints for label in (*parent, *child))
+        self._rows = {marker: row for row, marker in enumerate(markers)}
+        self._markers = {marker.casefold(): marker for marker in markers} | {m: m for m in markers}
+        self._segments = {tuple(parent): GrowingSegment([self._rows[m] for m in parent]) for _, parent, _ in joints}
+        self.joints = {
+            name: GrowingJoint(self._segments[tuple(parent)], [self._rows[m] for m in child])
+            for name, parent, child in joints
+        }
         self.frames = 0
-        self.joints: list[GrowingJoint] = []
         self.labels: dict[str, None] = {}
-        self.lacking: dict[str, None] = {}
+        self.lacking: dict[str, None] = markers
         self.zeros: dict[str, None] = {}
-        for name, parent, child in joints:
-            segment = segments.setdefault(tuple(parent), GrowingSegment(parent))
-            self.joints.append(GrowingJoint(name, segment, child))
-            self.lacking |= dict.fromkeys((*parent, *child))
-        self._markers = {marker.casefold(): marker for marker in self.lacking} | {m: m for m in self.lacking}
         self._spelt: dict[str, str] = {}
-        self._segments = list(segments.values())
-        self._waiting: list[Mapping[str, Floats]] = []
+        self._waiting: list[Floats] = []
 
     def add(self, frame: Mapping[str, Floats]) -> None:
         """Add a frame: the place of each marker seen (3,), metres."""
         self.frames += 1
         if len(self.labels) < _LABELS:
             self.labels |= dict.fromkeys(frame)
-        named = self._named(frame)
-        for marker in self.lacking.keys() & named.keys():
-            del self.lacking[marker]
-        self._waiting.append(named)
-        if len(self._waiting) == _BATCH:
-            self._settle()
-
-    def _named(self, frame: Mapping[str, Floats]) -> dict[str, Floats]:
-        """The frame under the names of the joints' markers."""
-        seen: dict[str, Floats] = {}
+        x = np.full((len(self._rows), 3), np.nan)
         for label, place in frame.items():
             marker = self._markers.get(label) or self._markers.get(label.casefold())
             if marker is None:
@@ -329,40 +300,34 @@ class LiveJoints:
             if self._spelt.setdefault(marker, label) != label:  # a stream may have labels that differ in case alone
                 continue
             if place.any():
-                seen[marker] = place
+                x[self._rows[marker]] = place
+                self.lacking.pop(marker, None)
             else:
                 self.zeros[marker] = None
-        return seen
+        self._waiting.append(x)
+        if len(self._waiting) == _BATCH:
+            self._settle()
 
     @property
     def jumps(self) -> int:
         """Number of samples and of poses that were left out, because a marker jumped."""
-        return sum(segment.jumps for segment in self._segments) + sum(joint.jumps for joint in self.joints)
+        segments, joints = self._segments.values(), self.joints.values()
+        return sum(segment.jumps for segment in segments) + sum(joint.jumps for joint in joints)
 
     def answers(self) -> dict[str, LiveAnswer]:
         """Each joint as far as it is known."""
         self._settle()
-        return {joint.name: joint.answer() for joint in self.joints}
+        return {name: joint.answer() for name, joint in self.joints.items()}
 
     def _settle(self) -> None:
         """Add the frames that wait."""
-        frames, self._waiting = self._waiting, []
-        if not frames:
+        if not self._waiting:
             return
-        poses = {id(segment): segment.poses(frames) for segment in self._segments}
-        for joint in self.joints:
-            joint.add(to_local(*poses[id(joint.parent)], places(joint.markers, frames)))
-
-
-def most_typical(shapes: Floats) -> Floats:
-    """The shape (m, 3), of n, whose distances between markers are nearest to those of most others.
-
-    Args:
-        shapes: places of markers (n, m, 3), none missing.
-    """
-    distances = np.linalg.norm(shapes[:, :, None] - shapes[:, None], axis=3).reshape(len(shapes), -1)
-    apart = np.abs(distances[:, None] - distances[None]).max(axis=2)
-    return np.asarray(shapes[np.argmin(np.median(apart, axis=1))])
+        x = np.stack(self._waiting, axis=2)
+        self._waiting = []
+        poses = {segment: segment.poses(x[segment.rows]) for segment in self._segments.values()}
+        for joint in self.joints.values():
+            joint.add(to_local(*poses[joint.parent], x[joint.rows]))
 
 
 def median(x: Floats) -> Floats:
@@ -370,13 +335,6 @@ def median(x: Floats) -> Floats:
     count = np.sum(~np.isnan(x), axis=-1, keepdims=True)
     place = np.minimum(count // 2, x.shape[-1] - 1)
     return np.take_along_axis(np.sort(x, axis=-1), place, axis=-1)[..., 0]
-
-
-def places(markers: Sequence[str], frames: Sequence[Mapping[str, Floats]]) -> Floats:
-    """Places of markers (m, 3, n), metres, in n frames; NaN where missing."""
-    missing = np.full(3, np.nan)
-    rows = [[frame.get(marker, missing) for frame in frames] for marker in markers]
-    return np.ascontiguousarray(np.array(rows).transpose(0, 2, 1))
 
 
 def merged(blocks: Sequence[Sequence[Incremental]]) -> list[Incremental]:

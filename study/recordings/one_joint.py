@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, accuracy_columns
 from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, JointStatus
-from study.recordings.joints.find import find_joints
+from study.recordings.joints.find import Calibration, JointPlace, find_joints
 from study.recordings.joints.poses import SegmentPoses
+from study.recordings.joints.report import accuracy_columns
 from study.recordings.markersets import Joint, MarkerSet, Segment
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, rotation_range
@@ -52,7 +52,9 @@ def misplaced_across(
         return ()
     reasons = []
     for label in (label for label in across if label not in own):
-        moves = min((_scatter(each.to_local(recording.of(label))) for each in poses.values()), default=0.0)
+        local = [segment.to_local(recording.of(label)) for segment in poses.values()]
+        seen = [y[:, ~np.isnan(y[0])] for y in local]
+        moves = min((np.sqrt(y.var(axis=1).sum()) if y.shape[1] else 0.0 for y in seen), default=0.0)
         if moves > _LOOSE:
             reasons.append(f"{label} is on neither segment: it moves by {1000 * moves:.0f} mm in their axes")
     middle = estimate.poses.mean_place(0.5 * (recording.of(across[0]) + recording.of(across[1])))
@@ -62,22 +64,15 @@ def misplaced_across(
     away = float(np.linalg.norm(off - (off @ estimate.axis) * estimate.axis))
     if away > _OFF:
         reasons.append(f"{name} is {1000 * away:.0f} mm from its axis")
-    shown = None  # where the markers put the joint along its axis, too
-    if estimate.sphere is not None:
-        shown = estimate.sphere.center if estimate.sphere.axis is None else None
-    elif estimate.pair is not None and not estimate.pair.hinge:
-        shown = estimate.pair.in_parent
-    along = 0.0 if shown is None else abs(float((middle - shown) @ estimate.axis))
+    # where the markers put the joint along its axis, too, the middle is not elsewhere
+    sphere, pair = estimate.sphere, estimate.pair
+    free = sphere.axis is None if sphere is not None else pair is not None and not pair.hinge
+    shown = sphere.center if sphere is not None else pair.in_parent if pair is not None else middle
+    along = abs(float((middle - shown) @ estimate.axis)) if free else 0.0
     if along > _ALONG:
         centre = f"its centre is {1000 * along:.0f} mm from {name}"
         reasons.append(f"it is no hinge: it rotated about every direction, and {centre}")
     return tuple(reasons)
-
-
-def _scatter(y: Floats) -> float:
-    """Root mean square distance of places (3, frames) from their mean; 0 if there are none."""
-    y = y[:, ~np.isnan(y[0])]
-    return float(np.sqrt(y.var(axis=1).sum())) if y.shape[1] else 0.0
 
 
 PARENT, CHILD, JOINT = "parent", "child", "joint"
@@ -104,15 +99,18 @@ def find_clusters(recording: Recording, parent: str, child: str, across: str = "
             marker that is named twice; fewer than three markers of the parent, none of the child, or one or more than
             two for the axis.
     """
-    known = {label.casefold(): label for label in reversed(recording.markers)}
+    known = {label.casefold(): label for label in reversed(recording.markers)} | {m: m for m in recording.markers}
     clusters: list[tuple[str, ...]] = []
     unknown: dict[str, list[str]] = {}
     for option, names in ((f"--{PARENT}", parent), (f"--{CHILD}", child), ("--across", across)):
-        given = [name for part in names.split(",") if (name := part.strip())]
-        labels = [_label(name, recording.markers, known) for name in given]
-        if wrong := [name for name, label in zip(given, labels, strict=True) if label is None]:
-            unknown[option] = wrong
-        clusters.append(tuple(label for label in labels if label is not None))
+        labels = []
+        for name in filter(None, (part.strip() for part in names.split(","))):
+            forms = [form for word in (name, name.rpartition(":")[2].strip()) for form in (word, word.casefold())]
+            if label := next((known[form] for form in forms if form in known), None):
+                labels.append(label)
+            else:
+                unknown.setdefault(option, []).append(name)
+        clusters.append(tuple(labels))
     if unknown:
         listed = "; ".join(f"{option} {', '.join(map(repr, names))}" for option, names in unknown.items())
         remedy = did_you_mean([name for names in unknown.values() for name in names], recording.markers)
@@ -122,13 +120,6 @@ def find_clusters(recording: Recording, parent: str, child: str, across: str = "
     segments = Segment(name=PARENT, markers=clusters[0]), Segment(name=CHILD, markers=clusters[1], parent=PARENT)
     joint = Joint(name=JOINT, parent=PARENT, child=CHILD, kind="hinge" if hinge else "ball", across=clusters[2])
     return MarkerSet(name="one joint", segments=segments, joints=(joint,))
-
-
-def _label(name: str, markers: Sequence[str], small: dict[str, str]) -> str | None:
-    """The recording's label for a name as a user gives it; None if there is none."""
-    short = name.rpartition(":")[2].strip()
-    labels = (form if form in markers else small.get(form.casefold()) for form in (name, short))
-    return next(filter(None, labels), None)
 
 
 def _faults(recording: Recording, parent: Sequence[str], child: Sequence[str], across: Sequence[str]) -> Iterator[str]:
@@ -256,42 +247,27 @@ def fit_one_joint(recording: Recording, markerset: MarkerSet) -> OneJoint:
     places = np.full((len(markerset.segment(PARENT).markers), 3), np.nan)
     if parent is not None:
         world, places = parent.to_world(found.in_parent), parent.template
-        trace = np.nan_to_num(np.einsum("iit->t", parent.rotation), nan=-1.0)
-        frame = int(trace.argmax()) + 1
-        if found.axis is not None:
-            axis = np.einsum("ijt,j->it", parent.rotation, found.axis)
+        frame = int(np.nan_to_num(np.einsum("iit->t", parent.rotation), nan=-1.0).argmax()) + 1
+        axis = None if found.axis is None else np.einsum("ijt,j->it", parent.rotation, found.axis)
         if child is not None:
             turn = float(np.degrees(rotation_range(relative_rotation(parent.rotation, child.rotation))))
     known = ~np.isnan(world[0])
+    mean = world[:, known].mean(axis=1) if known.any() else np.full(3, np.nan)
     compared = other_centres(recording, world, axis)
     misplaced = misplaced_across(found, joints.poses, markerset.markers(), recording)
-    doubts = [*misplaced, *_doubts(joints, recording, world)]
+    doubts = [*misplaced, *_doubts(joints, n, recording, world)]
     # the nearest of other programs' centres may be of this joint, but contradict its error
     if compared and max(CENTIMETRE, _ERRORS * n["error"]) < compared[0][1] < NEAR:
         label, distance, _ = compared[0]
-        words = f"{label} of another program is {1000 * distance:.0f} mm away, beyond what the error explains"
-        doubts.append(words)
-    return OneJoint(
-        recording=recording.name,
-        markerset=markerset,
-        found=found,
-        in_recording=world[:, known].mean(axis=1) if known.any() else np.full(3, np.nan),
-        frame=frame,
-        places=places,
-        error=n["error"],
-        moved=(n["moved_least"], n["moved_most"]),
-        turn=turn,
-        frames=0 if found.estimate is None else found.estimate.frames,
-        effective_frames=n["worth"],
-        compared=compared,
-        misplaced=misplaced,
-        doubts=tuple(doubts),
-    )
+        doubts.append(f"{label} of another program is {1000 * distance:.0f} mm away, beyond what the error explains")
+    moved, frames = (n["moved_least"], n["moved_most"]), 0 if found.estimate is None else found.estimate.frames
+    fitted = recording.name, markerset, found, mean, frame, places, n["error"], moved, turn, frames, n["worth"]
+    return OneJoint(*fitted, compared, misplaced, tuple(doubts))
 
 
-def _doubts(joints: Calibration, recording: Recording, world: Floats) -> list[str]:
+def _doubts(joints: Calibration, n: Mapping[str, float], recording: Recording, world: Floats) -> list[str]:
     """Reasons not to rely on a joint: its status, a pose that is missing, a place outside the body."""
-    found, n = joints[JOINT], accuracy_columns(joints[JOINT])
+    found = joints[JOINT]
     # a ball that moved as a hinge has no centre
     wanted = JointStatus.HINGE if found.joint.kind == "hinge" else JointStatus.OK
     doubts = [] if found.status == wanted else [found.reason]
@@ -312,9 +288,10 @@ def joint_line(joint: OneJoint) -> str:
     """A joint in one line: status, centre, error, range of motion, comparison and doubts; millimetres and degrees."""
     found = joint.found
     parts = [f"{joint.recording}: {SHORT_TEXTS[found.status]}"]
+    center, mean = (", ".join(f"{1000 * x:.1f}" for x in place) for place in (found.in_parent, joint.in_recording))
     if not np.isnan(found.in_parent).any():
-        parts.append(f"centre ({_millimetres(found.in_parent)}) ± {1000 * joint.error:.1f} mm in the parent's axes")
-        parts.append(f"mean ({_millimetres(joint.in_recording)}) mm in the recording's")
+        parts.append(f"centre ({center}) ± {1000 * joint.error:.1f} mm in the parent's axes")
+        parts.append(f"mean ({mean}) mm in the recording's")
     if found.axis is not None:
         between = " and ".join(found.joint.across)
         place = f"midway between {between}" if between else "not known"
@@ -325,9 +302,8 @@ def joint_line(joint: OneJoint) -> str:
     if joint.frames:
         parts.append(f"{joint.frames} frames, effectively {number(joint.effective_frames, '.0f')}")
     across = "" if found.axis is None else " across the axis"
-    for i, (label, distance, _) in enumerate(joint.compared):
-        if i == 0 or distance < NEAR:
-            parts.append(f"{label} of another program is {1000 * distance:.1f} mm away{across}")
+    near = [*joint.compared[:1], *(centre for centre in joint.compared[1:] if centre[1] < NEAR)]
+    parts += [f"{label} of another program is {1000 * distance:.1f} mm away{across}" for label, distance, _ in near]
     parts.append(f"doubts: {'; '.join(joint.doubts)}" if joint.doubts else "no doubts")
     return "; ".join(parts)
 
@@ -343,31 +319,26 @@ def joint_json(joint: OneJoint) -> str:
     ``compared``, a list of objects with ``label``, ``distance`` and ``frames``.
     """
     found, estimate = joint.found, joint.found.estimate
-    segments = joint.markerset.segments
+    parent, child = joint.markerset.segments
     values = {
         "recording": joint.recording,
-        "parent_markers": dict(zip(segments[0].markers, joint.places, strict=True)),
-        "child_markers": list(segments[1].markers),
+        "parent_markers": dict(zip(parent.markers, joint.places, strict=True)),
+        "child_markers": child.markers,
         "kind": found.joint.kind,
         "ok": joint.ok,
         "status": SHORT_TEXTS[found.status],
-        "doubts": list(joint.doubts),
+        "doubts": joint.doubts,
         "center": found.in_parent,
         "covariance": found.covariance,
         "error": joint.error,
         "axis": found.axis,
         "center_in_recording": joint.in_recording,
         "axes_frame": joint.frame,
-        "moved_least": joint.moved[0],
-        "moved_most": joint.moved[1],
+        **dict(zip(("moved_least", "moved_most"), joint.moved, strict=True)),
         "turn": joint.turn,
         "side": None if estimate is None else estimate.side,
         "frames": joint.frames,
         "effective_frames": joint.effective_frames,
-        "compared": [dict(zip(("label", "distance", "frames"), each, strict=True)) for each in joint.compared],
+        "compared": [dict(zip(("label", "distance", "frames"), centre, strict=True)) for centre in joint.compared],
     }
     return json_text(values)
-
-
-def _millimetres(place: Floats) -> str:
-    return ", ".join(f"{1000 * x:.1f}" for x in place)

@@ -197,14 +197,20 @@ def name_points(
     Raises:
         RecordingError: if there are several subjects and none is chosen, or the chosen one is missing.
     """
-    parts = [_split(printable(label.strip()), [printable(prefix.strip()) for prefix in prefixes]) for label in labels]
-    rows = _of_subject([owner for owner, _ in parts], subject)
+    heads = [printable(prefix.strip()) for prefix in prefixes]
+    parts = [_split(printable(label.strip()), heads) for label in labels]
+    counts = Counter(owner for owner, _ in parts if owner)
+    listed = ", ".join(f"{owner} ({count} markers)" for owner, count in counts.items())
+    if subject is None and len(counts) > 1:
+        raise RecordingError(f"it holds {len(counts)} subjects: {listed}; choose one with --subject")
+    if subject is not None and subject not in counts:
+        raise RecordingError(f"no subject {subject!r} in it; there are {listed or 'none, the labels have no prefix'}")
+    # of one subject alone, points without a prefix are taken, too, such as a prop or an unlabelled reflection
+    rows = [row for row, (owner, _) in enumerate(parts) if subject in (None, owner)]
     names = [parts[row][1] or f"point {row + 1}" for row in rows]
-    notes = []
-    if len(rows) < len(labels):
-        notes.append(f"{len(labels) - len(rows)} points of other subjects are left out")
-    doubles = [name for name, count in Counter(names).items() if count > 1]
-    for name in doubles:
+    left_out = len(labels) - len(rows)
+    notes = [f"{left_out} points of other subjects are left out"] * (left_out > 0)
+    for name in [name for name, count in Counter(names).items() if count > 1]:
         places = [i for i, other in enumerate(names) if other == name]
         points = ", ".join(str(rows[i] + 1) for i in places)
         words = "nothing tells which is the marker, so none of them is used"
@@ -230,22 +236,6 @@ def _split(label: str, prefixes: Sequence[str]) -> tuple[str, str]:
             return prefix.rstrip(":"), label[len(prefix) :].strip()
     owner, colon, name = label.rpartition(":")
     return (owner.strip(), name.strip()) if colon and name.strip() else ("", label)
-
-
-def _of_subject(owners: Sequence[str], subject: str | None) -> list[int]:
-    """Rows of the points of the subject, or of all points if there is only one subject.
-
-    These include points without a prefix, such as a prop or an unlabelled reflection.
-    """
-    counts = Counter(owner for owner in owners if owner)
-    listed = ", ".join(f"{owner} ({count} markers)" for owner, count in counts.items())
-    if subject is None:
-        if len(counts) > 1:
-            raise RecordingError(f"it holds {len(counts)} subjects: {listed}; choose one with --subject")
-        return list(range(len(owners)))
-    if subject not in counts:
-        raise RecordingError(f"no subject {subject!r} in it; there are {listed or 'none, the labels have no prefix'}")
-    return [row for row, owner in enumerate(owners) if owner == subject]
 
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
@@ -323,7 +313,12 @@ def assemble(
         raise RecordingError(f"none of its {len(rows)} markers has a sample in any of its {frames} frames")
     positions *= UNITS[used]
     positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
-    notes += filter(None, [unit_doubt(_extent(positions, ~missing), used)])
+    # the median over some frames of the diagonal of the bounding box
+    some = np.unique(np.linspace(0, frames - 1, 200).astype(int))
+    some = some[(~missing[:, some]).sum(axis=0) > 1]
+    if len(some):
+        box = np.nanmax(positions[:, :, some], axis=0) - np.nanmin(positions[:, :, some], axis=0)
+        notes += filter(None, [unit_doubt(float(np.median(np.linalg.norm(box, axis=0))), used)])
     return Recording(name, tuple(markers), positions, float(rate), tuple(notes))
 
 
@@ -347,17 +342,6 @@ def known_unit(text: str) -> str | None:
     word = text.strip().lower()
     word = word if word in UNITS else _SPELLINGS.get(word.rstrip("s."), word.rstrip("s."))
     return word if word in UNITS else None
-
-
-def _extent(positions: Floats, seen: Bools) -> float:
-    """Median over some frames of the diagonal of the markers' bounding box, metres; `_BODY[0]` for one marker."""
-    frames = np.unique(np.linspace(0, positions.shape[2] - 1, 200).astype(int))
-    frames = frames[seen[:, frames].sum(axis=0) > 1]
-    if not len(frames):
-        return _BODY[0]
-    chosen = positions[:, :, frames]
-    box = np.nanmax(chosen, axis=0) - np.nanmin(chosen, axis=0)
-    return float(np.median(np.linalg.norm(box, axis=0)))
 
 
 STILL = 0.001
@@ -405,14 +389,22 @@ def describe(recording: Recording) -> list[str]:
     """
     seen, moved = recording.seen(), extents(recording)
     count, frames = seen.shape
-    lines = [
-        f"{recording.name}: {count} markers, {frames:,} frames at {recording.rate:g} Hz, {recording.duration:.2f} s, "
-        f"{1 - seen.mean():.1%} of the samples missing"
-    ]
+    size = f"{count} markers, {frames:,} frames at {recording.rate:g} Hz, {recording.duration:.2f} s"
+    lines = [f"{recording.name}: {size}, {1 - seen.mean():.1%} of the samples missing"]
     lines += [f"note: {note}" for note in recording.notes]
     if never := [recording.markers[row] for row in np.flatnonzero(~seen.any(axis=1))]:
         lines.append(f"without any sample: {', '.join(never)}")
-    lines += _whole_line(seen)
+    stretches = whole_frames(seen)
+    longest = sorted(stretches, key=lambda ends: ends[0] - ends[1])[:3]
+    if not stretches:
+        lines.append("in every frame a marker is missing")
+    elif stretches != [(1, frames)]:
+        listed = ", ".join(f"{first}-{last}" for first, last in sorted(longest))
+        whole = sum(last - first + 1 for first, last in stretches)
+        more = f" and {len(stretches) - 3} shorter stretches" if len(stretches) > 3 else ""
+        first, last = longest[0]
+        option = f"; --frames {first}-{last} reads the longest" if last > first else ""
+        lines.append(f"no marker is missing in {whole:,} frames: {listed}{more}{option}")
     still = [marker for marker, far in zip(recording.markers, moved, strict=True) if far < STILL]
     if len(still) == count - len(never):
         lines.append(f"no marker moves by more than {1000 * np.nanmax(moved):.2g} mm; joints cannot be found")
@@ -420,26 +412,11 @@ def describe(recording: Recording) -> list[str]:
         lines.append(f"move by less than {1000 * STILL:g} mm: {', '.join(still)}")
     rows = []
     for marker, row, far in zip(recording.markers, seen, moved, strict=True):
-        missing, runs, longest = gaps(row)
-        seconds = f"{longest / recording.rate:.2f} s" if longest else "-"
+        missing, runs, longest_gap = gaps(row)
+        seconds = f"{longest_gap / recording.rate:.2f} s" if longest_gap else "-"
         extent = f"{far:.2f} m" if np.isfinite(far) else "-"
         rows.append([marker, f"{missing / frames:.1%}", str(runs), seconds, extent])
     return [*lines, *columns(rows, ["marker", "missing", "gaps", "longest", "extent"], "<>")]
-
-
-def _whole_line(seen: Bools) -> list[str]:
-    """The line that says in which frames no marker is missing; none if none is in any frame."""
-    stretches, frames = whole_frames(seen), seen.shape[1]
-    if stretches == [(1, frames)]:
-        return []
-    if not stretches:
-        return ["in every frame a marker is missing"]
-    longest = sorted(stretches, key=lambda ends: ends[0] - ends[1])[:3]
-    listed = ", ".join(f"{first}-{last}" for first, last in sorted(longest))
-    count = sum(last - first + 1 for first, last in stretches)
-    more = f" and {len(stretches) - 3} shorter stretches" if len(stretches) > 3 else ""
-    option = f"; --frames {longest[0][0]}-{longest[0][1]} reads the longest" if longest[0][1] > longest[0][0] else ""
-    return [f"no marker is missing in {count:,} frames: {listed}{more}{option}"]
 
 
 def recording_data(recording: Recording) -> dict[str, object]:
@@ -456,16 +433,10 @@ def recording_data(recording: Recording) -> dict[str, object]:
         {"marker": marker, **dict(zip(("missing", "gaps", "longest"), gaps(row), strict=True)), "extent": float(far)}
         for marker, row, far in zip(recording.markers, seen, extents(recording), strict=True)
     ]
-    return {
-        "recording": recording.name,
-        "rate": recording.rate,
-        "frames": recording.frames,
-        "duration": recording.duration,
-        "missing": float(1.0 - np.mean(seen)),
-        "notes": list(recording.notes),
-        "markers": markers,
-        "whole": whole_frames(seen),
-    }
+    names = "rate", "frames", "duration"
+    data = {"recording": recording.name} | {name: getattr(recording, name) for name in names}
+    data |= {"missing": float(1.0 - np.mean(seen)), "notes": recording.notes, "markers": markers}
+    return data | {"whole": whole_frames(seen)}
 
 
 ORIGIN = ("recording", "digest")

@@ -28,7 +28,6 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape, joint_table, millimetres
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     SHORT_TEXTS,
@@ -37,10 +36,12 @@ from study.recordings.joints.estimate import (
     PlaceDifference,
     largest_error,
 )
-from study.recordings.joints.find import find_joints
-from study.recordings.markersets import MarkerSet
-from study.recordings.recording import Recording, RecordingError
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints
+from study.recordings.joints.report import joint_table, millimetres
+from study.recordings.markersets import MarkerSet, Match, match, place_markerset
+from study.recordings.recording import Recording, RecordingError, one_after_another
 from study.recordings.rigid import across, fit_rigid_motion
+from study.recordings.skeleton.anatomy import Hips, points_of_the_body, with_anatomy
 from study.recordings.skeleton.calibrate import (
     calibrate,
     hull_distances,
@@ -109,14 +110,14 @@ def axes_changes(
     for segment, shape in zip(calibration.markerset.segments, calibration.shapes, strict=True):
         other = calibrations[references[segment.name]]
         onto = other.shape(segment.name)
+        change = UNKNOWN
         if other is calibration:
-            changes[segment.name] = SAME
+            change = SAME
         elif shape.has_pose and onto.has_pose:
-            changes[segment.name] = change_between(shape_points(calibration, shape), shape_points(other, onto))
-        elif shape.has_pose or onto.has_pose or segment.parent is None:
-            changes[segment.name] = UNKNOWN
-        else:
-            changes[segment.name] = changes[segment.parent]
+            change = change_between(shape_points(calibration, shape), shape_points(other, onto))
+        elif not (shape.has_pose or onto.has_pose or segment.parent is None):
+            change = changes[segment.parent]
+        changes[segment.name] = change
     return changes
 
 
@@ -141,19 +142,19 @@ def allowance(place: JointPlace) -> Floats:
 
     The rotation is that of both segments' poses, or else that of the markers of one about the joint.
     """
-    estimate = next((e for e in place.estimates if e.pair is not None), place.estimate)
+    pair = next((e.pair for e in place.estimates if e.pair is not None), None)
+    estimate = place.estimate
     if estimate is None:
         return np.zeros((3, 3))
-    normal = np.zeros((3, 3))
-    if estimate.pair is not None:
-        normal = estimate.pair.normal
-    elif estimate.sphere is not None and len(place.estimates) == 1:  # two would have a pair, if the joint moved at all
+    normal = np.zeros((3, 3)) if pair is None else pair.normal
+    # two estimates would have a pair, if the joint moved at all
+    if pair is None and estimate.sphere is not None and len(place.estimates) == 1:
         normal = estimate.sphere.normal / estimate.used[estimate.sphere.weights > 0.0].sum()
         if estimate.side == "child" and not np.isnan(place.in_parent).any():
             normal = place.mean_rotation @ normal @ place.mean_rotation.T
     basis = across(place.axis)
     values, vectors = np.linalg.eigh(basis.T @ normal @ basis)
-    if estimate.pair is None:  # along the arm of markers that move on a sphere only its curvature shows, not rotation
+    if pair is None:  # along the arm of markers that move on a sphere only its curvature shows, not rotation
         values[0] = values[1]
     along = basis @ vectors
     return np.asarray((along * (_SLIDES**2 / np.maximum(values, _NO_MOTION**2))) @ along.T)
@@ -174,16 +175,16 @@ def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
     if not used:
         return _unmoved(ranked[0])
     best = used[0]
-    if len(used) < 2:
-        return best
-    against = [(part, off) for part in used[1:] if (off := difference(best, part)).contradicts]
-    if against:
-        part, worst = max(against, key=lambda pair: pair[1].distance)
+    apart = [(off.distance, part, off) for part in used[1:] if (off := difference(best, part)).contradicts]
+    if apart:
+        distance, part, worst = max(apart, key=lambda three: three[0])
         turn = f", its axis turned by {np.degrees(worst.angle):.0f}°" if worst.angle > 0.0 else ""
-        apart = f"{part.trials[0]} puts it {1000 * worst.distance:.0f} mm from where {best.trials[0]} does{turn}"
+        words = f"{part.trials[0]} puts it {1000 * distance:.0f} mm from where {best.trials[0]} does{turn}"
         covariance = best.covariance + np.outer(worst.vector, worst.vector)
-        reason = f"{apart}: beyond what the errors explain"
+        reason = f"{words}: beyond what the errors explain"
         return replace(best, status=JointStatus.DISAGREE, reason=reason, covariance=covariance)
+    if len(used) == 1:
+        return best
     information = []
     for part in used:  # across the best trial's axis or, if that has none, across the part's own
         basis = across(part.axis if best.axis is None else best.axis)
@@ -210,16 +211,9 @@ def _unmoved(best: JointPlace) -> JointPlace:
     total = best.covariance + best.allowance
     error = largest_error(total, best.axis)
     if error > _NOWHERE and not _moved(best):
-        nowhere = np.full(3, np.nan)
-        return replace(
-            best,
-            status=JointStatus.STILL,
-            reason="no trial moved it",
-            in_parent=nowhere,
-            in_child=nowhere,
-            covariance=np.full((3, 3), np.nan),
-            floor=float("nan"),
-        )
+        without = JointPlace(best.joint, JointStatus.STILL, "no trial moved it")  # neither place nor covariance
+        kept = {name: getattr(best, name) for name in ("axis_in_parent", "axis_in_child", "mean_rotation")}
+        return replace(without, trials=best.trials, allowance=best.allowance, estimates=best.estimates, **kept)
     if not best.usable:
         return best
     reason = f"no trial moved it enough to show it: ± {1000 * error:.0f} mm, if skin slides by {1000 * _SLIDES:.0f} mm"
@@ -270,21 +264,14 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
         calibrations: one for each trial, in the same marker set.
         static: number of the trial whose shapes are taken, where it has them; the mean of all trials' if None.
     """
-    numbers = range(len(calibrations))
+    numbers, segments = range(len(calibrations)), [segment.name for segment in markerset.segments]
     # the first trial in which a segment has a pose, if there is one
-    references = {
-        segment.name: min(numbers, key=lambda k: not calibrations[k].shape(segment.name).has_pose)
-        for segment in markerset.segments
-    }
+    references = {s: min(numbers, key=lambda k: not calibrations[k].shape(s).has_pose) for s in segments}
     changes = [axes_changes(calibrations, index, references) for index in numbers]
-    shapes = tuple(
-        _merged_shape(name, calibrations[first], calibrations, changes, static) for name, first in references.items()
-    )
+    shapes = tuple(_merged_shape(name, references[name], calibrations, changes, static) for name in segments)
+    trials = list(zip(calibrations, changes, strict=True))
     parts = {
-        joint.name: [
-            replace(moved(calibration[joint.name], change), trials=(calibration.source,))
-            for calibration, change in zip(calibrations, changes, strict=True)
-        ]
+        joint.name: [replace(moved(c[joint.name], change), trials=(c.source,)) for c, change in trials]
         for joint in markerset.joints
     }
     source, frames = ", ".join(one.source for one in calibrations), sum(one.frames for one in calibrations)
@@ -294,34 +281,30 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
 
 def _merged_shape(
     name: str,
-    reference: Calibration,
+    reference: int,
     calibrations: Sequence[Calibration],
     changes: Sequence[Mapping[str, AxesChange]],
     static: int | None,
 ) -> SegmentShape:
     """Mean shape of a segment over the trials, weighted by their frames; a static trial's for the markers it has."""
-    first = reference.shape(name)
-    own = first.has_own_pose
-    # place, scatter and frames of each marker in each trial that shows it
-    seen: dict[str, list[tuple[Floats, float, int]]] = defaultdict(list)
-    fixed: dict[str, Floats] = {}
+    first, own = calibrations[reference].shape(name), False
+    # place, scatter and frames of each marker in each trial that shows it, and if that is the static one
+    seen: dict[str, list[tuple[Floats, float, int, bool]]] = defaultdict(list)
     for index, (calibration, change) in enumerate(zip(calibrations, changes, strict=True)):
         shape = calibration.shape(name)
-        if shape.has_pose != first.has_pose or np.isnan(change[name].shift).any():
-            continue
-        own = own or shape.has_own_pose
-        moved_places = change[name].place(shape.places)
-        for marker, place, scatter in zip(shape.markers, moved_places, shape.scatter, strict=True):
-            seen[marker].append((place, scatter, calibration.frames))
-        fixed |= zip(shape.markers, moved_places, strict=True) if index == static else ()
-    markers = tuple(marker for marker in reference.markerset.segment(name).markers if marker in seen)
+        if shape.has_pose == first.has_pose and not np.isnan(change[name].shift).any():
+            own |= shape.has_own_pose
+            places = change[name].place(shape.places)
+            for marker, place, scatter in zip(shape.markers, places, shape.scatter, strict=True):
+                seen[marker].append((place, scatter, calibration.frames, index == static))
+    markers = tuple(m for m in calibrations[reference].markerset.segment(name).markers if m in seen)
     merged, scatters = np.zeros((len(markers), 3)), np.zeros(len(markers))
     for k, marker in enumerate(markers):
-        places, own_scatters, frames = (np.array(part) for part in zip(*seen[marker], strict=True))
-        merged[k] = fixed.get(marker, np.average(places, axis=0, weights=frames))
+        places, own_scatters, frames, fixed = map(np.array, zip(*seen[marker], strict=True))
+        merged[k] = places[fixed][0] if fixed.any() else np.average(places, axis=0, weights=frames)
         square = np.nan_to_num(own_scatters) ** 2 + ((places - merged[k]) ** 2).sum(axis=1)
         scatters[k] = np.sqrt(np.average(square, weights=frames))
-    return SegmentShape(name, markers, merged, scatters, own, first.reason)
+    return SegmentShape(name, markers, merged, scatters, own or first.has_own_pose, first.reason)
 
 
 def hinges_placed(session: Session, static: Calibration, recording: Recording) -> Session:
@@ -376,16 +359,38 @@ def calibrate_session(
     calibrations = [find_joints(markerset, trial) for trial in every]
     forced: list[str] = []
     for index in range(1, len(every)):
-        before = merge_calibrations(markerset, calibrations[:index])
-        if not before.calibration.has_poses:
-            continue
-        forced += require_same_subject(before.calibration, every[index], force=force)
-    fixed = None if static is None else len(trials)
-    session = merge_calibrations(markerset, calibrations, fixed)
-    if fixed is not None:
-        session = hinges_placed(session, calibrations[fixed], every[fixed])
+        before = merge_calibrations(markerset, calibrations[:index]).calibration
+        forced += require_same_subject(before, every[index], force=force) if before.has_poses else []
+    session = merge_calibrations(markerset, calibrations, None if static is None else len(trials))
+    if static is not None:
+        session = hinges_placed(session, calibrations[-1], static)
     checked = (with_checks(one, trial) for one, trial in zip(calibrations, every, strict=True))
     return replace(_checked(session, every), trials=tuple(checked), overruled=tuple(forced))
+
+
+def fit_session(
+    trials: Sequence[Recording], static: bool, markerset: str | None, hips: Hips = "motion", force: bool = False
+) -> tuple[Match, Session]:
+    """Find the joints of several trials of one session.
+
+    Args:
+        trials: of the same subject with the same markers.
+        static: True if the last of them gives the shapes of the segments.
+        markerset: as in `place_markerset`, for all trials together.
+        hips: as in `find_joints`. Points of the body come from the last trial that shows the pelvis' spines.
+        force: True to merge trials that seem to show different subjects.
+    """
+    together = place_markerset(one_after_another(trials, ", ".join(trial.name for trial in trials)), markerset)
+    named = [match(together.whole, trial).recording for trial in trials]
+    still = named[-1] if static else None
+    merged = calibrate_session(together.markerset, named[: len(named) - static], still, force=force)
+    if merged.calibration.has_poses:
+        for trial, source in reversed(list(zip(named, trials, strict=True))):
+            drawn = draw_skeleton(merged.calibration, trial)
+            if {"left asis", "right asis"} <= points_of_the_body(drawn, source).keys():
+                anatomy = with_anatomy(merged.calibration, drawn, source, hips)
+                return together, replace(merged, calibration=anatomy)
+    return together, merged
 
 
 def _checked(session: Session, trials: Sequence[Recording]) -> Session:
@@ -428,18 +433,21 @@ def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:
 def session_lines(session: Session) -> Iterator[str]:
     """Lay out the merged joints, a line each in millimetres, with the trials that each comes from."""
     yield from session.overruled
+    rows, left_out = [], defaultdict(list)
+    for place in session.calibration.joints:
+        parts = sorted(session.parts[place.joint.name], key=lambda part: part.rank)
+        apart = [difference(place, part).distance for part in parts if part.usable]
+        rows.append([place.joint.name, SHORT_TEXTS[place.status], *(millimetres(float(x)) for x in place.in_parent)])
+        rows[-1] += [millimetres(place.standard_error), millimetres(max(apart)) if len(apart) > 1 else "-"]
+        rows[-1] += [", ".join(place.trials) if not np.isnan(place.in_parent).all() else "-"]
+        left = ", ".join(_left_out(part) for part in parts if not set(part.trials) <= set(place.trials))
+        if left and place.status in USABLE:
+            left_out[left].append(place.joint.name)
     titles = ["joint", "status", *(f"{axis} / mm" for axis in "xyz"), "error", "apart", "from"]
-    joints = session.calibration.joints
-    yield from columns((_row(place, session.parts[place.joint.name]) for place in joints), titles, "<<>>>>><")
+    yield from columns(rows, titles, "<<>>>>><")
     yield "x, y, z: centre in its parent; error: largest standard error; apart: farthest reliable trial; all in mm"
     yield from session.calibration.reasons()
     yield from session.calibration.warnings()
-    left_out: dict[str, list[str]] = {}
-    for place in joints:
-        parts = sorted(session.parts[place.joint.name], key=lambda part: part.rank)
-        left = ", ".join(_left_out(part) for part in parts if not set(part.trials) <= set(place.trials))
-        if left and place.status in USABLE:
-            left_out.setdefault(left, []).append(place.joint.name)
     yield from (f"{', '.join(names)}: not from {left}" for left, names in left_out.items())
 
 
@@ -454,26 +462,12 @@ def session_table(session: Session) -> pd.DataFrame:
     for trial in session.trials:
         table = joint_table(trial)
         table.insert(0, "recording", trial.source)
-        table["merged"] = [trial.source in place.trials for place in session.calibration.joints]
-        tables.append(table)
+        tables.append(table.assign(merged=[trial.source in place.trials for place in session.calibration.joints]))
     return pd.concat(tables, ignore_index=True)
 
 
-def _row(place: JointPlace, parts: Sequence[JointPlace]) -> list[str]:
-    apart = [difference(place, part).distance for part in parts if part.usable]
-    return [
-        place.joint.name,
-        SHORT_TEXTS[place.status],
-        *(millimetres(float(x)) for x in place.in_parent),
-        millimetres(place.standard_error),
-        millimetres(max(apart)) if len(apart) > 1 else "-",
-        ", ".join(place.trials) if not np.isnan(place.in_parent).all() else "-",
-    ]
-
-
 def _left_out(part: JointPlace) -> str:
-    if not _moved(part):
-        return f"{', '.join(part.trials)} (hardly moved it)"
     error = part.standard_error
     size = "" if np.isnan(error) else f", ± {1000 * error:.1f} mm"
-    return f"{', '.join(part.trials)} ({SHORT_TEXTS[part.status]}{size})"
+    words = f"{SHORT_TEXTS[part.status]}{size}" if _moved(part) else "hardly moved it"
+    return f"{', '.join(part.trials)} ({words})"

@@ -67,13 +67,15 @@ def test_plan(well, config, tmp_path):
 def test_plan_of_more_than_a_week(well, call_here, config, tmp_path, monkeypatch, seconds, words, as_json):
     """A study that takes years is planned, with a warning of one line and an exit code; one of a week has neither."""
     (tmp_path / "tiny.toml").write_text(config)
-    pace = SimpleNamespace(of=lambda work: seconds if len(work) else 0.0, summary=0.0)
+    study = parse(config)
+    trials = sum(map(study.trials_of, study.groups()))
+    pace = SimpleNamespace(of=lambda samples, levels: seconds / trials, summary=0.0)
     monkeypatch.setattr("study.simulation.runs.plan.measure", lambda *_: pace)
     code, said, complained = call_here(tmp_path, "plan", "tiny.toml", "--jobs", "1", *as_json)
     assert (code, complained.count("\n")) == (ExitCode.TOO_LONG, 1)
     assert as_json or f"time     {words} predicted" in said
     assert f"would take {words} with --jobs 1, which is more than a week; give fewer" in complained
-    pace.of = lambda work: 7 * 86_400.0 - 1.0
+    pace.of = lambda samples, levels: (7 * 86_400.0 - 1.0) / trials
     well(tmp_path, "plan", "tiny.toml", "--jobs", "1")
 
 

@@ -136,8 +136,8 @@ def test_interrupt(hold, long, tmp_path, jobs, everyone):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.toml", "parts"]
     there, run = Parts(tmp_path, "chains"), Run.open(tmp_path)
     there.load()
-    tasks = chain_tasks(run.study, run.study.posterior)
-    whole = [task for task in tasks if there.outputs(task.part(run.study, run.study.posterior))]
+    tasks = chain_tasks(run.study)
+    whole = [task for task in tasks if there.outputs(task.part)]
     assert 0 < len(whole) < 16
     assert not there.damaged
     assert not list(parts.glob(".*"))

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from study.recordings.formats.read import read_recording
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import JointStatus
-from study.recordings.joints.find import find_joints
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints
 from study.recordings.markersets import choose, load_markerset
 from study.recordings.recording import Recording
 from study.recordings.skeleton.calibrate import calibrate, with_checks

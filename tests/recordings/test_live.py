@@ -72,7 +72,7 @@ def hip(stream=(), parent=tuple(PELVIS)):
 def grown(joints):
     """The answer for the joint, and its distance from its true place in the axes of the fit."""
     answer = joints.answers()["hip"]
-    shape, true = joints.joints[0].parent.template, np.array(list(PELVIS.values()))
+    shape, true = joints.joints["hip"].parent.template, np.array(list(PELVIS.values()))
     rotation, _ = Rotation.align_vectors(shape, true - true.mean(axis=0))
     return answer, answer.fit.center - rotation.apply(CENTRE - true.mean(axis=0))
 
@@ -130,7 +130,7 @@ def test_a_joint_improves_in_constant_memory():
         joints.add(frame)
         if number in (100, 3000):
             errors.append(joints.answers()["hip"].error)
-        assert len(joints.joints[0].blocks) <= 16
+        assert len(joints.joints["hip"].blocks) <= 16
     assert errors[1] < errors[0]
     answer = joints.answers()["hip"]
     assert answer.ok

@@ -78,14 +78,25 @@ def write_c3d(motion: ExportedMotion, path: Path) -> None:
         RecordingError: if the file cannot be written.
         OSError: likewise.
     """
-    whole = motion.with_joints()
-    first = len(motion.recording.markers)
-    file = _own_file(motion)
+    whole, first, file = motion.with_joints(), len(motion.recording.markers), _own_file(motion)
     if file is None:
         write_recording(whole, path)
-    else:
-        _append(file, whole.markers[first:], whole.positions[first:])
-        file.write(str(path))
+        return
+    labels, centers, parameters = list(whole.markers[first:]), whole.positions[first:], file["parameters"]["POINT"]
+    unknown, data, meta = np.isnan(centers).any(axis=1), file["data"], file["data"]["meta_points"]
+    points = np.ones((4, len(centers), centers.shape[2]))
+    points[:3] = centers.transpose(1, 0, 2) / UNITS[str(parameters["UNITS"]["value"][0]).strip()]
+    points[:3, unknown] = np.nan
+    residuals = np.where(unknown, -1.0, 0.0)[None]
+    masks = np.zeros((meta["camera_masks"].shape[0], *residuals.shape[1:]), dtype=bool)
+    meta["residuals"] = np.concatenate([meta["residuals"], residuals], axis=1)
+    meta["camera_masks"] = np.concatenate([meta["camera_masks"], masks], axis=1)
+    data["points"] = np.concatenate([data["points"], points], axis=1)
+    own, descriptions = parameters["LABELS"]["value"], parameters.get("DESCRIPTIONS")
+    if descriptions is not None and len(descriptions["value"]) == len(own):
+        descriptions["value"] = [*descriptions["value"], *["joint centre"] * len(labels)]
+    parameters["LABELS"]["value"] = [*own, *labels]
+    file.write(str(path))
 
 
 def _own_file(motion: ExportedMotion) -> "ezc3d.c3d | None":
@@ -112,26 +123,6 @@ def _own_file(motion: ExportedMotion) -> "ezc3d.c3d | None":
     sizes = [float(np.nanmedian(np.abs(x))) for x in (unit * points[:3], motion.recording.positions)]
     # its numbers, in its unit, must have the size of the recording's, so that no option changed them
     return file if min(sizes) > 0.0 and 0.2 < sizes[0] / sizes[1] < 5.0 else None
-
-
-def _append(file: "ezc3d.c3d", labels: tuple[str, ...], centers: Floats) -> None:
-    """Append points to a file of ezc3d: places (points, 3, frames) in metres."""
-    parameters = file["parameters"]["POINT"]
-    unit = UNITS[str(parameters["UNITS"]["value"][0]).strip()]
-    unknown = np.isnan(centers).any(axis=1)
-    points = np.ones((4, len(centers), centers.shape[2]))
-    points[:3] = centers.transpose(1, 0, 2) / unit
-    points[:3, unknown] = np.nan
-    meta = file["data"]["meta_points"]
-    residuals = np.where(unknown, -1.0, 0.0)[None]
-    masks = np.zeros((meta["camera_masks"].shape[0], len(centers), centers.shape[2]), dtype=bool)
-    meta["residuals"] = np.concatenate([meta["residuals"], residuals], axis=1)
-    meta["camera_masks"] = np.concatenate([meta["camera_masks"], masks], axis=1)
-    file["data"]["points"] = np.concatenate([file["data"]["points"], points], axis=1)
-    parameters["LABELS"]["value"] = [*parameters["LABELS"]["value"], *labels]
-    descriptions = parameters.get("DESCRIPTIONS")
-    if descriptions is not None and len(descriptions["value"]) == len(parameters["LABELS"]["value"]) - len(labels):
-        descriptions["value"] = [*descriptions["value"], *["joint centre"] * len(labels)]
 
 
 def write_mot(motion: ExportedMotion, path: Path) -> None:

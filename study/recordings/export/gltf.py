@@ -42,20 +42,14 @@ def bone_mesh(root: JointNode) -> tuple[Floats, Ints, Ints]:
         Vertices (v, 3) in the rest pose, metres, z up; triangles as numbers of vertices (f, 3), counterclockwise as
         seen from outside; and the number of the node that each vertex moves with (v,).
     """
-    vertices: list[Floats] = []
-    faces: list[Ints] = []
-    owners: list[Ints] = []
+    vertices, owners = np.zeros((0, 3)), []
     for number, (node, start) in enumerate(zip(root.walk(), rest_places(root), strict=True)):
         bones = [child.offset for child in node.children if child.course is None] if node.children else [node.end]
-        for bone in bones:
-            if not np.linalg.norm(bone) > 0.0:
-                continue
-            faces.append(_FACES + 6 * len(vertices))
-            vertices.append(start + _octahedron(bone))
-            owners.append(np.full(6, number))
-    if not vertices:
-        return np.zeros((0, 3)), np.zeros((0, 3), dtype=int), np.zeros(0, dtype=int)
-    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(owners)
+        for bone in (bone for bone in bones if np.linalg.norm(bone) > 0.0):
+            vertices = np.concatenate([vertices, start + _octahedron(bone)])
+            owners.append(number)
+    faces = (_FACES + 6 * np.arange(len(owners))[:, None, None]).reshape(-1, 3)
+    return vertices, faces, np.repeat(np.array(owners, dtype=int), 6)
 
 
 def _octahedron(bone: Floats) -> Floats:
@@ -102,14 +96,12 @@ class _Document:
 
     def add_nodes(self, nodes: list[JointNode], scene: Scene) -> None:
         """Add the joints in their rest pose."""
-        known = dict(zip(scene.joints, zip(scene.errors, scene.doubts, strict=True), strict=True))
+        worst = dict(zip(scene.joints, np.fmax.reduce(scene.errors, axis=1), strict=True))
+        doubts = dict(zip(scene.joints, scene.doubts, strict=True))
         for node in nodes:
-            extras: dict[str, object] = {}
-            errors, doubt = known.get(node.name, (np.array([np.nan]), ""))
-            if not np.isnan(errors).all():
-                extras["error"] = round(float(np.nanmax(errors)), 6)
-            if doubt:
-                extras["doubt"] = doubt
+            known = not np.isnan(worst.get(node.name, np.nan))
+            extras: dict[str, object] = {"error": round(float(worst[node.name]), 6)} if known else {}
+            extras |= {"doubt": doubt} if (doubt := doubts.get(node.name)) else {}
             place, below = [float(x) for x in Y_UP @ node.offset], [nodes.index(child) for child in node.children]
             rest = {"translation": place, "rotation": [0.0, 0.0, 0.0, 1.0]}
             self.gltf.nodes.append(gltf.Node(name=node.name, children=below, extras=extras, **rest))

@@ -32,12 +32,12 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from study.arrays import Floats, Ints
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
+from study.arrays import Floats
 from study.recordings.joints.estimate import JointStatus
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.markersets import side
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import relative_rotation, to_world, zxy_angles
+from study.recordings.rigid import relative_rotation, skew, to_world, zxy_angles
 from study.recordings.skeleton.anatomy import legs
 from study.recordings.skeleton.draw import Skeleton, pivot_joint
 from study.recordings.skeleton.scene import Scene, upright_rotation
@@ -80,12 +80,12 @@ def rest_rotations(calibration: Calibration, upright: Floats, rest: RestPose) ->
     """
     above = {place.joint.child: place for place in calibration.joints}
     rotations: dict[str, Floats] = {}
-    for segment in calibration.markerset.segments:
-        place = above.get(segment.name)
-        start = upright
-        if rest != RestPose.RECORDED and place is not None:
-            start = rotations[place.joint.parent] @ place.mean_rotation
-        rotations[segment.name] = start if rest == RestPose.RECORDED else _posed(segment.name, start, calibration, rest)
+    for name in (segment.name for segment in calibration.markerset.segments):
+        rotations[name] = upright
+        if rest != RestPose.RECORDED:
+            place = above.get(name)
+            start = upright if place is None else rotations[place.joint.parent] @ place.mean_rotation
+            rotations[name] = _posed(name, start, calibration, rest)
     return rotations
 
 
@@ -97,15 +97,20 @@ def _posed(name: str, start: Floats, calibration: Calibration, rest: RestPose) -
     bone = _bone(name, below, calibration)
     if part == "trunk" and {"left", "right"} <= {one for one, _ in below}:
         left, right = (np.mean([point for one, point in below if one == which], axis=0) for which in ("left", "right"))
-        if np.linalg.norm(left - right) > 0.0:
-            return _level(start, left - right, bone)
+        if np.linalg.norm(left - right) > 0.0:  # left to the left, and the bone up as far as that leaves it free
+            up = start.T @ _UP if bone is None else bone
+            x = (left - right) / np.linalg.norm(left - right)
+            z = up - (up @ x) * x
+            if np.linalg.norm(z) < 1e-3 * np.linalg.norm(up):
+                return start
+            z = z / np.linalg.norm(z)
+            return np.stack([x, np.cross(z, x), z])
     if bone is None or not part:
         return start
     if part == "foot":  # keeps its pitch
         return _shortest(*(vector * [1.0, 1.0, 0.0] for vector in (start @ bone, _FORWARD))) @ start
     sideways = {"left": _LEFT, "right": -_LEFT}.get(side(name))
-    directions = {"trunk": _UP, "leg": -_UP, "arm": sideways if rest == RestPose.T_POSE else -_UP}
-    target = directions[part]
+    target = {"trunk": _UP, "leg": -_UP, "arm": sideways if rest == RestPose.T_POSE else -_UP}[part]
     return start if target is None else _shortest(start @ bone, target) @ start
 
 
@@ -134,17 +139,6 @@ def limb_end(shape: SegmentShape, joint: Floats) -> Floats | None:
     return np.asarray(shape.places[away >= _TIP * away.max()].mean(axis=0)) if len(away) else None
 
 
-def _level(start: Floats, across: Floats, bone: Floats | None) -> Floats:
-    """Rotation (3, 3) that puts left to the left, and the bone up as far as that leaves it free."""
-    up = start.T @ _UP if bone is None else bone
-    x = across / np.linalg.norm(across)
-    z = up - (up @ x) * x
-    if np.linalg.norm(z) < 1e-3 * np.linalg.norm(up):
-        return start
-    z = z / np.linalg.norm(z)
-    return np.stack([x, np.cross(z, x), z])
-
-
 def _shortest(vector: Floats, target: Floats) -> Floats:
     """The shortest rotation (3, 3) of a direction onto another; the identity if one of them has no length."""
     lengths = np.linalg.norm(vector), np.linalg.norm(target)
@@ -155,7 +149,7 @@ def _shortest(vector: Floats, target: Floats) -> Floats:
     if cosine < -1.0 + 1e-9:  # half a turn, about any axis across
         axis = np.cross(a, np.eye(3)[np.abs(a).argmin()])
         return np.asarray(Rotation.from_rotvec(np.pi * axis / np.linalg.norm(axis)).as_matrix())
-    k = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    k = skew(axis)
     return np.asarray(np.eye(3) + k + k @ k / (1.0 + cosine))
 
 
@@ -334,41 +328,34 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
     Raises:
         RecordingError: if the first segment is known in no frame.
     """
-    calibration = motion.skeleton.calibration
+    skeleton, calibration = motion.skeleton, motion.skeleton.calibration
     above = {place.joint.child: place for place in calibration.joints}
     nodes: dict[str, JointNode] = {}
-    poses: dict[str, tuple[Floats, Floats, Floats]] = {}
+    poses: dict[str, tuple[Floats, Floats, Floats]] = {}  # see `_pose`
     root = calibration.markerset.segments[0].name
-    for segment in calibration.markerset.segments:
+    for segment, shape in zip(calibration.markerset.segments, calibration.shapes, strict=True):
         parent = segment.parent or (None if segment.name == root else root)
-        known = not np.isnan(motion.skeleton.rotation(segment.name)[0, 0]).all()
+        known = not np.isnan(skeleton.rotation(segment.name)[0, 0]).all()
         if not known or (parent is not None and parent not in nodes):
             continue
-        shape, rest = calibration.shape(segment.name), motion.rest_rotations[segment.name]
         place = pivot_joint(above.get(segment.name), shape)
-        rotation, start, pivot = poses[segment.name] = _pose(motion, segment.name, place)
-        tip = limb_end(shape, pivot)
-        if parent is None:
-            offset, course = np.zeros(3), start
-        else:
+        rotation, course, pivot = poses[segment.name] = _pose(motion, segment.name, place)
+        offset, tip = np.zeros(3), limb_end(shape, pivot)
+        if parent is not None:
             base_rotation, base_start, base_pivot = poses[parent]
             rotation = relative_rotation(base_rotation, rotation)
-            course = np.einsum("jit,jt->it", base_rotation, start - base_start)
+            course = np.einsum("jit,jt->it", base_rotation, course - base_start)
             offset = np.median(course, axis=1)
             if place is not None:
                 offset = motion.rest_rotations[parent] @ (place.in_parent - base_pivot)
-        nodes[segment.name] = JointNode(
-            name=segment.name if place is None else place.joint.name,
-            offset=offset,
-            rotation=rotation,
-            course=course if place is None else None,
-            end=np.zeros(3) if tip is None else rest @ (tip - pivot),
-        )
+        name, free = (segment.name, course) if place is None else (place.joint.name, None)
+        end = np.zeros(3) if tip is None else motion.rest_rotations[segment.name] @ (tip - pivot)
+        nodes[segment.name] = JointNode(name, offset, rotation, free, end)
         if parent is not None:
             nodes[parent].children.append(nodes[segment.name])
     if root not in nodes:
         words = f"its {root} is known in no frame, and a hierarchy of joints starts from it"
-        raise RecordingError(f"{motion.skeleton.name}: {words}")
+        raise RecordingError(f"{skeleton.name}: {words}")
     return nodes[root]
 
 
@@ -380,16 +367,12 @@ def _pose(motion: ExportedMotion, name: str, place: JointPlace | None) -> tuple[
         joint in its axes (3,), metres.
     """
     number = motion.skeleton.segments.index(name)
-    frames = _last_known(motion.skeleton.rotations[number][0, 0])
+    # for each frame the last known one up to it, or the first known one
+    known = ~np.isnan(motion.skeleton.rotations[number][0, 0])
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    frames = np.where(last < 0, known.argmax(), last)
     rotation = np.einsum("ij,jkt->ikt", motion.upright, motion.skeleton.rotations[number][:, :, frames])
     origin = motion.upright @ motion.skeleton.origins[number][:, frames]
     pivot = np.zeros(3) if place is None else place.in_child
     from_rest = np.einsum("ijt,kj->ikt", rotation, motion.rest_rotations[name])
     return from_rest, to_world(rotation, origin, pivot), pivot
-
-
-def _last_known(row: Floats) -> Ints:
-    """For each frame the number of the last known one up to it, or of the first known one."""
-    known = ~np.isnan(row)
-    last = np.maximum.accumulate(np.where(known, np.arange(len(row)), -1))
-    return np.where(last < 0, known.argmax(), last)

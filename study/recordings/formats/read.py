@@ -48,7 +48,7 @@ def read_motive(lines: list[str]) -> FileContents:
     Measured markers are taken; where there are none, those of the solved rigid bodies and skeletons, with a note, for
     they keep their distances whatever the skin does. Markers without a label are left out. A marker that has no name
     of its own, as in ``Thigh:Marker 001``, keeps that of its asset: ``Thigh Marker 001``. Rigid bodies are segments of
-    one subject (see `_labels`).
+    one subject: the name of one is dropped where the marker's own is unique, and belongs to it where it is not.
 
     Raises:
         RecordingError: one line, without the file's name: no markers, no line of axes.
@@ -65,6 +65,12 @@ def read_motive(lines: list[str]) -> FileContents:
         kinds = ", ".join(sorted({kind for _, kind, _ in columns})) or "no positions"
         raise RecordingError(f"no labelled markers in it, but {kinds}; export it from Motive with Markers")
     bodies = {name.partition(":")[0].strip() for _, kind, name in columns if kind.startswith("rigid body")}
+    labels = [f"{number[1]} {number[2]}" if (number := _NUMBERED.match(name)) else name for _, _, name in chosen]
+    pairs = [(owner.strip(), own.strip()) for owner, _, own in (label.rpartition(":") for label in labels)]
+    count = Counter(own for owner, own in pairs if owner in bodies)
+    for i, (owner, own) in enumerate(pairs):
+        if owner in bodies:  # a segment, not a subject: it belongs to a name that is not unique
+            labels[i] = own if count[own] == 1 else f"{owner} {own}"
     numbers = read_rows(lines[axes + 1 :], axes + 2, ",", len(table[axes]))
     numbers, lacking = with_all_frames(numbers[:, 0], numbers, axes + 2)
     places = [place + axis for place, _, _ in chosen for axis in range(3)]
@@ -72,7 +78,7 @@ def read_motive(lines: list[str]) -> FileContents:
     given = dict(zip(keys[::2], table[0][1::2], strict=False))
     rates = (given.get(f"{of} frame rate", "") for of in ("export", "capture"))
     return FileContents(
-        labels=_labels([name for _, _, name in chosen], bodies),
+        labels=labels,
         points=as_points(numbers[:, places]),
         rate=next((rate for rate in map(number_or_none, rates) if rate is not None), None),
         unit=given.get("length units") or None,
@@ -98,25 +104,6 @@ def _columns(table: list[list[str]], axes: int) -> list[tuple[int, str, str]]:
         (i, kinds[i].lower(), names[i])
         for i in range(2, width - 2)
         if axis[i : i + 3] == ["x", "y", "z"] and holds[i].lower() == "position"
-    ]
-
-
-def _labels(names: list[str], bodies: set[str]) -> list[str]:
-    """The markers' labels.
-
-    Where a name is only a number within its asset, the asset's name belongs to it. An asset that is a rigid body is a
-    segment, not a subject: its name is dropped where the marker's own is unique, and belongs to it where it is not.
-
-    Args:
-        names: as in the file.
-        bodies: names of the rigid bodies.
-    """
-    labels = [f"{numbered[1]} {numbered[2]}" if (numbered := _NUMBERED.match(name)) else name for name in names]
-    pairs = [(owner.strip(), own.strip()) for owner, _, own in (label.rpartition(":") for label in labels)]
-    count = Counter(own for owner, own in pairs if owner in bodies)
-    return [
-        label if owner not in bodies else own if count[own] == 1 else f"{owner} {own}"
-        for label, (owner, own) in zip(labels, pairs, strict=True)
     ]
 
 

@@ -72,12 +72,11 @@ def read_rows(lines: list[str], first: int, delimiter: str, columns: int, furthe
     for column in range(table.shape[1]):
         values = table[column]
         numbers[:, column] = parsed = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64)
-        wrong = np.isnan(parsed) & values.notna().to_numpy()
+        wrong, words = np.isnan(parsed) & values.notna().to_numpy(), "is not a number"
         if column >= columns:  # a line may end in delimiters
-            wrong = values.notna().to_numpy() & (not further)
+            wrong, words = values.notna().to_numpy() & (not further), "has no header"
         if wrong.any():
             row = int(wrong.argmax())
-            words = "is not a number" if column < columns else "has no header"
             place = f"line {first + row}, column {column + 1}"
             raise RecordingError(f"{place}: {str(values.iloc[row])[:40]!r} {words}")
     return numbers[:, :columns]
@@ -434,19 +433,14 @@ def _keys(lines: list[str], delimiter: str) -> dict[str, str]:
     given: dict[str, str] = {}
     table = [cells_of(line.lstrip("# "), delimiter) for line in lines]
     for cells, below in zip(table, [*table[1:], *[[]] * bool(table)], strict=True):
+        pairs = list(zip(cells, below, strict=False))
         if len(cells) > 1 and number_or_none(cells[0]) is None and (len(cells) == 2 or not any(cells[2:])):
-            given.setdefault(_plain(cells[0]), cells[1])
+            pairs = [(cells[0], cells[1])]
         elif len(cells) == 1 and ":" in cells[0]:
-            key, _, value = cells[0].partition(":")
-            given.setdefault(_plain(key), value.strip())
-        else:
-            for key, value in zip(cells, below, strict=False):
-                given.setdefault(_plain(key), value)
+            pairs = [(cells[0].partition(":")[0], cells[0].partition(":")[2].strip())]
+        for key, value in pairs:
+            given.setdefault(re.sub(r"[^a-z]", "", re.sub(r"[(\[].*", "", key.lower())), value)
     return given
-
-
-def _plain(key: str) -> str:
-    return re.sub(r"[^a-z]", "", re.sub(r"[(\[].*", "", key.lower()))
 
 
 def number_or_none(text: str) -> float | None:

@@ -278,16 +278,6 @@ class PooledMoments:
         vectors = np.linalg.eigh(self.matrix(size, np.eye(3)))[1]
         return vectors[:, 0], vectors[:, 1:]
 
-    def exactly_planar(self) -> bool:
-        """True if the smallest extent, and that alone, is rounding."""
-        values = self.extents()
-        return bool(values[0] <= TINY * values[2] < values[1])
-
-    def rms_angles(self, size: float) -> Floats:
-        """Root mean square angles of motion about the centre, along the principal directions (3,), ascending."""
-        values = np.linalg.eigvalsh(self.matrix(size, np.eye(3))) / self.n.sum()
-        return np.asarray(np.sqrt(np.maximum(values, 0.0)))
-
     def jacobian(self, size: float, center: Floats, basis: Floats) -> Floats:
         """Jacobian of the estimating functions of (c, η), see `scores`, in the basis (d + 1, d + 1)."""
         o = self._offsets(center, basis)
@@ -358,6 +348,8 @@ _WORSE = 1.5
 """Growth of the noise's size, from what it was or should be, above which no direction may be dropped."""
 _LINE = 2.0 / math.sqrt(5.0)
 """Relative standard deviation of the variance along a random direction, for soft tissue that slides along one line."""
+SIGNIFICANT = 2.0
+"""Standard errors by which the smallest extent must exceed the noise, as for `als`."""
 CONDITION_LIMIT = 0.999
 """A condition ρ above this counts as 1: at the limit of `PooledMoments.solve`."""
 
@@ -404,6 +396,11 @@ class CenterFit:
     weights: Floats
 
     @property
+    def significant(self) -> bool:
+        """True if a centre exists, and the least extent exceeds the noise, as that has the expected shape."""
+        return self.condition < CONDITION_LIMIT and self.significance > SIGNIFICANT
+
+    @property
     def exceeds_noise(self) -> bool:
         """True if any radius is several times the noise, so that the sphere is not just a cloud of noise."""
         return bool(np.nanmax(self.radii, initial=0.0) > _RADIUS * self.noise)
@@ -439,7 +436,8 @@ def fit_center(
     tissue = _LINE * pooled.slow_share(center) / math.sqrt(len(pooled.n))
     significance = pooled.significance(size, effective, everything, tissue)
     clear = pooled.significance(size, effective, everything, SHAPE_ERROR) > _SIGNIFICANT
-    if hinge is None and pooled.exactly_planar():
+    values = pooled.extents()
+    if hinge is None and values[0] <= TINY * values[2] < values[1]:  # exactly planar
         hinge = True
     least, across = pooled.least_direction(size)
     if hinge or (not clear and hinge is None):
@@ -448,13 +446,13 @@ def fit_center(
         along = least @ planar_scores[:3]
         # sizes, not residuals: moving the centre to where the pose itself rotates least makes any residual smaller
         before = size if size < CONDITION_LIMIT * pooled.largest_size(everything) else 0.0
+        planar_significance = pooled.significance(planar_size, effective, across, max(SHAPE_ERROR, tissue))
         if hinge or (
             planar_size < _WORSE * max(before, 1.0)
-            and pooled.significance(planar_size, effective, across, max(SHAPE_ERROR, tissue)) > _SIGNIFICANT
+            and planar_significance > _SIGNIFICANT
             and along.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(along[None])[0][0, 0]
         ):
-            size, center, basis, axis = planar_size, planar_center, across, least
-            significance = pooled.significance(size, effective, basis, max(SHAPE_ERROR, tissue))
+            size, center, basis, axis, significance = planar_size, planar_center, across, least, planar_significance
             covariance, share = _covariance(planar_scores, pooled, size, center, basis)
         else:
             pooled.reweight(center, everything)
@@ -463,24 +461,11 @@ def fit_center(
     weights[pooled.present] = pooled.w
     squares = pooled.square_radii(center, size, basis)
     radii[pooled.present] = np.sqrt(np.where(squares > 0.0, squares, np.nan))
-    return CenterFit(
-        center=center,
-        radii=radii,
-        noise=pooled.radial_noise(size, center, basis),
-        size=size,
-        condition=size / max(pooled.largest_size(basis), 1e-300),
-        covariance=covariance,
-        shape=shape,
-        frames=frames,
-        effective_frames=share * frames,
-        axis=axis,
-        least=least,
-        significance=significance,
-        clear=clear,
-        rms_angles=pooled.rms_angles(size),
-        normal=pooled.matrix(size, everything),
-        weights=weights,
-    )
+    noise, condition = pooled.radial_noise(size, center, basis), size / max(pooled.largest_size(basis), 1e-300)
+    normal = pooled.matrix(size, everything)
+    motion = np.sqrt(np.maximum(np.linalg.eigvalsh(normal) / pooled.n.sum(), 0.0))
+    accuracy = noise, size, condition, covariance, shape, frames, share * frames
+    return CenterFit(center, radii, *accuracy, axis, least, significance, clear, motion, normal, weights)
 
 
 def center_only(
@@ -495,23 +480,23 @@ def center_only(
 
 
 def _pooled_moments(markers: Sequence[LocalMarker], pose: PoseNoise, given: float | None) -> PooledMoments | None:
-    """Moments corrected for the mean effects of noise of the given size, or of a size found in some of the frames."""
+    """Moments corrected for the mean effects of noise of the given size, or of a size found in some of the frames.
+
+    They are of the markers with two samples or more; None if these are too few, or lie on a line.
+    """
     size = 1.0 if given is None else given
-    if given is None:  # the mean effects depend on the size; a first value of it will do
-        spread = slice(None, None, max(len(pose.pattern) // _FRAMES, 1))
-        pooled = _moments_of_size([marker.in_frames(spread) for marker in markers], pose.in_frames(spread), size)
-        size = pooled.solve(np.eye(3))[0] if pooled is not None else size
-    return _moments_of_size(markers, pose, size)
-
-
-def _moments_of_size(markers: Sequence[LocalMarker], pose: PoseNoise, size: float) -> PooledMoments | None:
-    """Moments of the markers with two samples or more; None if these are too few, or lie on a line."""
-    counts = [int((marker.used & (pose.pattern >= 0)).sum()) for marker in markers]
-    present = [k for k, count in enumerate(counts) if count >= 2]
-    if sum(counts[k] for k in present) < 3 + len(present):
-        return None
-    pooled = PooledMoments(markers, present, pose, size)
-    return pooled if pooled.extents()[1] > TINY * pooled.extents()[2] else None
+    step = max(len(pose.pattern) // _FRAMES, 1)
+    for part in (slice(None, None, step), slice(None)) if given is None else (slice(None),):
+        chosen, noise = [marker.in_frames(part) for marker in markers], pose.in_frames(part)
+        counts = [int((marker.used & (noise.pattern >= 0)).sum()) for marker in chosen]
+        present, pooled = [k for k, count in enumerate(counts) if count >= 2], None
+        if sum(counts[k] for k in present) >= 3 + len(present):
+            moments = PooledMoments(chosen, present, noise, size)
+            values = moments.extents()
+            pooled = moments if values[1] > TINY * values[2] else None
+        if given is None and pooled is not None and part.step is not None:
+            size = pooled.solve(np.eye(3))[0]  # the mean effects depend on the size; a first value of it will do
+    return pooled
 
 
 def _covariance(

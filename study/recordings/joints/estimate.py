@@ -40,8 +40,8 @@ from scipy import special
 from study.arrays import Bools, Floats
 from study.fits.samples import Worded
 from study.recordings.joints.center import (
-    CONDITION_LIMIT,
     SHAPE_ERROR,
+    SIGNIFICANT,
     CenterFit,
     LocalMarker,
     center_only,
@@ -56,8 +56,7 @@ CENTIMETRE = 0.01
 """Metres: the accuracy that the paper asks for. A larger standard error in some direction makes a centre unsure."""
 FEWEST_FRAMES = 10
 """Fewest frames that show how they scatter, and so give a standard error."""
-SIGNIFICANT = 2.0
-"""Standard errors by which the smallest extent must exceed the noise, as for `als`."""
+
 _STILL = 0.005
 """Standard deviation of a marker's place, over its distance from the template's middle, below which it did not move."""
 
@@ -169,19 +168,14 @@ def symmetric_fit(parent: SegmentPoses, child: SegmentPoses, known_hinge: bool |
     share = float(np.trace(independent[:3, :3]) / max(np.trace(inflated[:3, :3]), 1e-300))
     doubt = inverse @ _Agreement(parent, child, 1.0 + SHAPE_ERROR).residual(c)
     apart = parent.to_world(c[:3]) - child.to_world(c[3:])
-    return SymmetricFit(
-        child=child,
-        in_parent=c[:3],
-        in_child=c[3:],
-        covariance=inflated[:3, :3] + np.outer(doubt[:3], doubt[:3]),
-        gap=float(np.sqrt(np.nansum(apart**2) / n)),
-        axes=np.stack([u, v]),
-        rms_angles=angles,
-        hinge=hinge,
-        normal=np.eye(3) - system.mean @ system.mean.T,
-        frames=n,
-        effective_frames=n * min(share, 1.0),
+    covariance = inflated[:3, :3] + np.outer(doubt[:3], doubt[:3])
+    gap, axes, normal = (
+        float(np.sqrt(np.nansum(apart**2) / n)),
+        np.stack([u, v]),
+        np.eye(3) - system.mean @ system.mean.T,
     )
+    found = c[:3], c[3:], covariance, gap, axes, angles, hinge, normal
+    return SymmetricFit(child, *found, n, n * min(share, 1.0))
 
 
 class _Agreement:
@@ -271,8 +265,8 @@ class Estimate:
     axis: Floats | None
     noise: NoiseModel
     used: Bools
-    sphere: CenterFit | None
-    pair: SymmetricFit | None
+    sphere: CenterFit | None = None
+    pair: SymmetricFit | None = None
     status: JointStatus = JointStatus.OK
     skin: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     floor: float = float("nan")
@@ -294,12 +288,17 @@ class Estimate:
         """Largest standard error across the axis, metres."""
         return largest_error(self.covariance, self.axis)
 
+    def noise_model(self, poses: SegmentPoses) -> tuple[PoseNoise, bool, float | None]:
+        """Arguments of `center_only` and `fit_center` that repeat a sphere fit with other poses: noise, hinge and η."""
+        noise = poses.noise if self.noise == "pose" else poses.noise.removed
+        return noise, self.sphere is not None and self.sphere.axis is not None, 0.0 if self.noise == "none" else None
+
     def placed_along_axis(self, x: Floats) -> "Estimate":
         """The estimate moved along its axis to where a point of the world (3, frames), metres, is on average.
 
         It stays where it is if it has no axis, or the point is never seen together with the pose.
         """
-        place = np.full(3, np.nan) if self.axis is None else self.poses.mean_place(x)
+        place = self.poses.mean_place(x)
         if self.axis is None or np.isnan(place).any():
             return self
         return replace(self, center=self.center + ((place - self.center) @ self.axis) * self.axis)
@@ -336,34 +335,19 @@ def estimate_from_spheres(
     if fitted is None:
         return None
     noise, fit, accepted = fitted
-    return Estimate(
-        side=side,
-        poses=poses,
-        markers=tuple(names),
-        center=fit.center,
-        covariance=fit.covariance + fit.shape + _doubt_of_noise(noise, fit, accepted, poses),
-        axis=fit.least if hinge and fit.axis is None else fit.axis,
-        noise=noise,
-        used=np.stack([marker.used for marker in accepted]),
-        sphere=fit,
-        pair=None,
-    )
+    covariance = fit.covariance + fit.shape + _doubt_of_noise(noise, fit, accepted, poses)
+    axis, used = fit.least if hinge and fit.axis is None else fit.axis, np.stack([marker.used for marker in accepted])
+    return Estimate(side, poses, tuple(names), fit.center, covariance, axis, noise, used, fit)
 
 
 def estimate_from_poses(parent: SegmentPoses, pair: SymmetricFit, hinge: bool) -> Estimate:
     """Estimate a joint from the point in which its two segments agree; the status is not set yet."""
-    return Estimate(
-        side="both",
-        poses=parent,
-        markers=pair.child.points,
-        center=pair.in_parent,
-        covariance=pair.covariance,
-        axis=pair.axes[0] if hinge or pair.hinge else None,
-        noise="pose",
-        used=pair.child.good & parent.known,
-        sphere=None,
-        pair=pair,
+    axis, used, markers = (
+        pair.axes[0] if hinge or pair.hinge else None,
+        pair.child.good & parent.known,
+        pair.child.points,
     )
+    return Estimate("both", parent, markers, pair.in_parent, pair.covariance, axis, "pose", used, None, pair)
 
 
 def local_marker(poses: SegmentPoses, x: Floats, accepted: Bools) -> LocalMarker:
@@ -382,21 +366,20 @@ def _fit_with_noise(
     clean, exact = reject_outliers(markers), poses.noise.removed
     if all(_is_still(marker, poses) for marker in clean):
         return None
-    models: tuple[tuple[NoiseModel, PoseNoise, float | None], ...]
-    models = (("pose", poses.noise, None), ("isotropic", exact, None), ("none", exact, 0.0))
-    for name, pose_noise, size in models:
-        fit = fit_center(clean, pose_noise, size=size)
+    models: dict[NoiseModel, tuple[PoseNoise, float | None]]
+    models = {"pose": (poses.noise, None), "isotropic": (exact, None), "none": (exact, 0.0)}
+    for name, (noise, size) in models.items():
+        fit = fit_center(clean, noise, size=size)
         if fit is not None and hinge and fit.axis is None and not fit.clear and size is None:
-            planar = fit_center(clean, pose_noise, True)
+            planar = fit_center(clean, noise, True)
             fit = planar if planar is not None and planar.significance > SIGNIFICANT else fit
         if fit is None:
             return None
         accepted = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
         if any(a.used.sum() < b.used.sum() for a, b in zip(accepted, clean, strict=True)):
-            fit = fit_center(accepted, pose_noise, (hinge and fit.axis is not None) or None, size) or fit
+            fit = fit_center(accepted, noise, (hinge and fit.axis is not None) or None, size) or fit
         determined = fit.clear or fit.axis is not None or not hinge
-        significant = fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT and fit.exceeds_noise
-        if name == "none" or (significant and determined):
+        if name == "none" or (fit.significant and fit.exceeds_noise and determined):
             return name, fit, accepted
     return None
 
@@ -491,10 +474,31 @@ class PlaceDifference:
 
 
 def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[PlaceDifference]:
-    """Differences of the other estimates from the chosen one; those that cannot be compared are left out."""
-    comparable = [e for e in others if e.status in COMPARABLE and e.frames >= FEWEST_FRAMES]
-    differences = [_difference(chosen, other) for other in comparable]
-    return [difference for difference in differences if difference is not None]
+    """Differences of the other estimates from the chosen one; those that cannot be compared are left out.
+
+    No frame has both of these, or they are too far apart along an axis, or their covariances are not valid.
+    """
+    differences, one = [], chosen.poses
+    for other in others:
+        two, axis, angle = other.poses, chosen.axis, 0.0
+        both = one.known & two.known
+        if other.status not in COMPARABLE or other.frames < FEWEST_FRAMES or not both.any():
+            continue
+        rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
+        place = other.center if one is two else one.to_local(two.to_world(other.center))[:, both].mean(axis=1)
+        off, errors = place - chosen.center, chosen.covariance + mean_rotated_covariance(rotation, other.covariance)
+        if other.axis is not None:
+            turned = rotation.mean(axis=2) @ other.axis
+            turned /= np.linalg.norm(turned)
+            axis = turned if axis is None else axis
+            angle = 0.0 if chosen.axis is None else float(np.arccos(min(abs(axis @ turned), 1.0)))
+        if axis is not None:
+            along = float(off @ axis)
+            if abs(along) > _ALONG:
+                continue
+            errors = errors + (_AXIS_ERROR * along) ** 2 * np.eye(3)
+        differences.append(PlaceDifference.of(off, errors, axis, other.side, angle))
+    return differences
 
 
 def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[Estimate, str]:
@@ -507,10 +511,8 @@ def check_against_sides(chosen: Estimate, others: Sequence[Estimate]) -> tuple[E
     Returns:
         The estimate, and the reason to doubt it, or "". An estimate that is not usable anyway is returned unchanged.
     """
-    if chosen.status not in USABLE:
-        return chosen, ""
     against = [difference for difference in side_differences(chosen, others) if difference.contradicts]
-    if not against:
+    if chosen.status not in USABLE or not against:
         return chosen, ""
     worst = max(against, key=lambda difference: difference.distance)
     covariance = chosen.covariance + np.outer(worst.vector, worst.vector)
@@ -533,9 +535,8 @@ def check_both_ways(chosen: Estimate, ways: Sequence[PlaceDifference]) -> tuple[
     worst = max(against, key=lambda way: way.distance)
     squares = sum(np.outer(way.vector, way.vector) for way in against)
     status = JointStatus.REVERSES if chosen.status in USABLE else chosen.status
-    return replace(
-        chosen, covariance=chosen.covariance + squares, skin=chosen.skin + squares, status=status
-    ), worst.text
+    covariance, skin = chosen.covariance + squares, chosen.skin + squares
+    return replace(chosen, covariance=covariance, skin=skin, status=status), worst.text
 
 
 def mean_difference(chosen: Estimate, x: Floats) -> Floats:
@@ -549,27 +550,3 @@ def mean_difference(chosen: Estimate, x: Floats) -> Floats:
         return np.full(3, np.nan)
     off: Floats = y.mean(axis=1) - chosen.center
     return off if chosen.axis is None else np.asarray(off - (off @ chosen.axis) * chosen.axis)
-
-
-def _difference(chosen: Estimate, other: Estimate) -> PlaceDifference | None:
-    """Difference of two estimates; None if no frame has both, or they are too far apart along an axis."""
-    one, two = chosen.poses, other.poses
-    both = one.known & two.known
-    if not both.any():
-        return None
-    rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
-    mean = rotation.mean(axis=2)
-    off = other.center if one is two else one.to_local(two.to_world(other.center))[:, both].mean(axis=1)
-    off = off - chosen.center
-    angle = 0.0
-    errors = chosen.covariance + mean_rotated_covariance(rotation, other.covariance)
-    other_axis = None if other.axis is None else mean @ other.axis / np.linalg.norm(mean @ other.axis)
-    if chosen.axis is not None and other_axis is not None:
-        angle = float(np.arccos(min(abs(chosen.axis @ other_axis), 1.0)))
-    axis = other_axis if chosen.axis is None else chosen.axis
-    if axis is not None:
-        along = float(off @ axis)
-        if abs(along) > _ALONG:
-            return None
-        errors = errors + (_AXIS_ERROR * along) ** 2 * np.eye(3)
-    return PlaceDifference.of(off, errors, axis, other.side, angle)

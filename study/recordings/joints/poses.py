@@ -187,26 +187,17 @@ def fit_template(x: Floats) -> tuple[Floats, Bools, Bools]:
     if m < 3:  # along the first axis, about their middle
         points = np.zeros((m, 3))
         points[:, 0] = [-0.5 * middle[0, 1], 0.5 * middle[0, 1]] if m == 2 else 0.0
-    elif len(whole := _jointly_visible(np.isfinite(middle))) >= 3:
-        points[whole] = _refine(_classical_scaling(middle[np.ix_(whole, whole)]), x[whole], good[whole])
+        return points, good, outliers
+    # markers of which each two share a frame; those that lack the most partners are left out first
+    pairs, whole = np.isfinite(middle), list(range(m))
+    while not pairs[np.ix_(whole, whole)].all():
+        del whole[int(pairs[np.ix_(whole, whole)].sum(axis=1).argmin())]
+    if len(whole) >= 3:  # classical scaling: a shape with nearly these distances, or its mirror image
+        centring = np.eye(len(whole)) - 1.0 / len(whole)
+        values, vectors = np.linalg.eigh(-0.5 * centring @ middle[np.ix_(whole, whole)] ** 2 @ centring)
+        start = vectors[:, -3:] * np.sqrt(np.maximum(values[-3:], 0.0))
+        points[whole] = _refine(start, x[whole], good[whole])
     return points, good, outliers
-
-
-def _jointly_visible(pairs: Bools) -> Ints:
-    """Markers of which each two share a frame; those that lack the most partners are left out first."""
-    chosen = list(range(len(pairs)))
-    while not pairs[np.ix_(chosen, chosen)].all():
-        del chosen[int(pairs[np.ix_(chosen, chosen)].sum(axis=1).argmin())]
-    return np.array(chosen)
-
-
-def _classical_scaling(distances: Floats) -> Floats:
-    """Points (m, 3) with nearly these distances (m, m), or their mirror image."""
-    m = len(distances)
-    centring = np.eye(m) - 1.0 / m
-    values, vectors = np.linalg.eigh(-0.5 * centring @ distances**2 @ centring)
-    leading = np.sqrt(np.maximum(values[-3:], 0.0))
-    return np.asarray(vectors[:, -3:] * leading)
 
 
 def _refine(points: Floats, x: Floats, good: Bools) -> Floats:
@@ -216,34 +207,30 @@ def _refine(points: Floats, x: Floats, good: Bools) -> Floats:
         return np.full_like(points, np.nan)
     chosen = enough[np.linspace(0, len(enough) - 1, min(len(enough), _ENOUGH)).astype(int)]
     part, used = np.ascontiguousarray(x[:, :, chosen]), np.ascontiguousarray(good[:, chosen])
-    mirrored = points * np.array([1.0, 1.0, -1.0])
-    points = min(points, mirrored, key=lambda shape: _mean_square_distance(shape, part, used))
+
+    def fitted(shape: Floats) -> tuple[Floats, Bools]:
+        """The markers in the axes of a shape fitted to each frame, and the samples of those that it fits."""
+        rotations, origins, known = fit_rigid_motion(shape, part, used)
+        return to_local(rotations, origins, part), used & known
+
+    def misfit(shape: Floats) -> float:
+        """Mean square distance of the markers from a shape fitted to each frame, m²; infinite if it fits none."""
+        y, counted = fitted(shape)
+        square = ((y - shape[:, :, None]) ** 2).sum(axis=1)
+        return float(square[counted].mean()) if counted.any() else np.inf
+
+    points = min(points, points * np.array([1.0, 1.0, -1.0]), key=misfit)
     size = np.sqrt((points**2).sum())
     for _ in range(_ROUNDS):
-        following = _mean_shape(points, part, used)
+        y, counted = fitted(points)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.where(counted[:, None], y, 0.0).sum(axis=2) / counted.sum(axis=1)[:, None]
+        following = mean - mean.mean(axis=0)
         change = np.abs(following - points).max()
         points = following if np.isfinite(change) else points  # points on a line fit no frame: keep the shape
         if not change > _CONVERGED * size:
             break
     return points
-
-
-def _mean_shape(points: Floats, x: Floats, used: Bools) -> Floats:
-    """Mean of the markers (m, 3) in the axes of a shape fitted to each frame, about its centroid."""
-    rotations, origins, known = fit_rigid_motion(points, x, used)
-    y = to_local(rotations, origins, x)
-    count = (used & known).sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where((used & known)[:, None], y, 0.0).sum(axis=2) / count[:, None]
-    return np.asarray(mean - mean.mean(axis=0))
-
-
-def _mean_square_distance(points: Floats, x: Floats, used: Bools) -> float:
-    """Mean square distance of the markers from a shape fitted to each frame, m²; infinite if it fits none."""
-    rotations, origins, known = fit_rigid_motion(points, x, used)
-    y = to_local(rotations, origins, x) - points[:, :, None]
-    counted = used & known
-    return float((y**2).sum(axis=1)[counted].mean()) if counted.any() else np.inf
 
 
 _WINDOW = 5.0
@@ -340,13 +327,10 @@ class PoseNoise:
         distinct, where = np.unique(bits[known], return_inverse=True)
         pattern = np.full(used.shape[1], -1)
         pattern[known] = where
-        masks = (distinct[:, None] >> np.arange(len(template))) & 1
-        parts = [_first_order(template[mask == 1], noise[mask == 1]) for mask in masks]
-        centroid, shift, tilt, cross = (
-            np.array([part[i] for part in parts]).reshape(-1, *shape)
-            for i, shape in enumerate([(3,), (3, 3), (3, 3), (3, 3)])
-        )
-        return cls(pattern, centroid, shift, tilt, cross)
+        masks = (distinct[:, None] >> np.arange(len(template))) & 1 == 1
+        parts = zip(*(_first_order(template[mask], noise[mask]) for mask in masks), strict=True)
+        none = np.empty((0, 3)), *[np.empty((0, 3, 3))] * 3
+        return cls(pattern, *(map(np.array, parts) if len(masks) else none))
 
     def covariance_at(self, point: Floats) -> Floats:
         """Mean over frames of the covariance (3, 3), m², that the pose gives to a point fixed in the segment (3,)."""
@@ -406,10 +390,6 @@ class PoseNoise:
     def in_frames(self, frames: Ints | slice) -> "PoseNoise":
         """The same noise in some of the frames."""
         return replace(self, pattern=self.pattern[frames])
-
-    def without(self, frames: Bools) -> "PoseNoise":
-        """The same noise with the pose unknown in these frames (frames,)."""
-        return replace(self, pattern=np.where(frames, -1, self.pattern))
 
     @property
     def removed(self) -> "PoseNoise":
@@ -509,15 +489,8 @@ class SegmentPoses:
 
     def in_frames(self, frames: Ints) -> "SegmentPoses":
         """The same segment in some of the frames."""
-        return replace(
-            self,
-            rotation=self.rotation[:, :, frames],
-            origin=self.origin[:, frames],
-            known=self.known[frames],
-            good=self.good[:, frames],
-            outliers=self.outliers[:, frames],
-            noise=self.noise.in_frames(frames),
-        )
+        cut = {name: getattr(self, name)[..., frames] for name in ("rotation", "origin", "known", "good", "outliers")}
+        return replace(self, noise=self.noise.in_frames(frames), **cut)
 
     def world_covariance(self, point: Floats, own: Floats | float = 0.0) -> Floats:
         """Covariance in the world of a point fixed in the segment.
@@ -568,7 +541,11 @@ def fit_poses(
     square = np.where(counted, (residual**2).sum(axis=1), 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         scatter = np.sqrt(square.sum(axis=1) / counted.sum(axis=1))
-    given = None if joint is None else _mean_local(rotation, joint, known)
+    given = None
+    if joint is not None:  # in the segment's axes, the mean over the frames
+        both = known & ~np.isnan(joint[0, 0])
+        r, w = rotation[:, :, both], joint[:, :, both]
+        given = np.einsum("jit,jkt,klt->il", r, w, r, optimize=True) / max(both.sum(), 1)
     sigma = _marker_sigma(points, square, counted, given)
     covariance = np.repeat(sigma**2 * np.eye(3)[None], len(points), axis=0)
     if given is not None:
@@ -580,19 +557,10 @@ def fit_poses(
         words = f"its points ({listed}) lie nearly on a line: the rotation about it is known to {angle:.0f}° only"
         return f"{segment}: {words}"
     known = known & ~np.where(known, loose[noise.pattern], False)
-    return SegmentPoses(
-        segment=segment,
-        points=tuple(names),
-        template=points,
-        rotation=np.where(known, rotation, np.nan),
-        origin=np.where(known, origin, np.nan),
-        known=known,
-        good=good & known,
-        outliers=outliers,
-        scatter=scatter,
-        sigma=sigma,
-        noise=noise.without(~known),
-    )
+    rotation, origin = (np.where(known, part, np.nan) for part in (rotation, origin))
+    noise = replace(noise, pattern=np.where(known, noise.pattern, -1))  # unknown in the frames of loose poses
+    poses = rotation, origin, known, good & known, outliers
+    return SegmentPoses(segment, tuple(names), points, *poses, scatter, sigma, noise)
 
 
 def poses_from_markers(markerset: MarkerSet, recording: Recording, reference: int = 0) -> dict[str, SegmentPoses | str]:
@@ -606,15 +574,6 @@ def poses_from_markers(markerset: MarkerSet, recording: Recording, reference: in
 def reference_frame(recording: Recording) -> int:
     """Number of the first frame with the most markers: the segments' axes are the world's there."""
     return int(recording.seen().sum(axis=0).argmax())
-
-
-def _mean_local(rotation: Floats, noise: Floats, known: Bools) -> Floats:
-    """Mean (3, 3), in the segment's axes, of covariances in the world's axes (3, 3, frames)."""
-    both = known & ~np.isnan(noise[0, 0])
-    if not both.any():
-        return np.zeros((3, 3))
-    r, w = rotation[:, :, both], noise[:, :, both]
-    return np.asarray(np.einsum("jit,jkt,klt->il", r, w, r, optimize=True) / both.sum())
 
 
 def _marker_sigma(points: Floats, square: Floats, counted: Bools, joint: Floats | None) -> float:

@@ -20,8 +20,8 @@ from dataclasses import replace
 import numpy as np
 
 from study.arrays import Bools, Floats, Ints
-from study.recordings.joints.center import CONDITION_LIMIT, LocalMarker, fit_center
-from study.recordings.joints.estimate import SIGNIFICANT, Estimate, PlaceDifference, symmetric_fit
+from study.recordings.joints.center import LocalMarker, fit_center
+from study.recordings.joints.estimate import Estimate, PlaceDifference, symmetric_fit
 from study.recordings.joints.poses import SegmentPoses
 from study.recordings.markersets import Joint
 from study.recordings.recording import Recording
@@ -219,21 +219,19 @@ class SkinErrors:
             estimate: of the joint.
             joint: that it is of.
         """
-        angles = self._angles(estimate, joint)
-        frame = estimate.poses.segment
+        angles, frame = self._angles(estimate, joint), estimate.poses.segment
         other = joint.parent if frame == joint.child else joint.child
         if estimate.sphere is not None and estimate.axis is None:  # a hinge's radii change with its axis' own error
-            self.by_radius[joint.name, other] = self._radius_slope(estimate, angles)
+            y = self._local(estimate)
+            radii = np.linalg.norm(y - estimate.center[:, None], axis=1)
+            slope = radius_slope(np.where(estimate.used[:, self.part], radii, np.nan), angles)
+            self.by_radius[joint.name, other] = 0.0 if np.isnan(slope) else slope
         slopes = [
             max(self._slope(name, angles), self.by_radius.get((joint.name, name), 0.0)) for name in (frame, other)
         ]
         skin, floor = self._covariances(estimate, angles, (slopes, ((0.5 * _FLOOR) ** 2, _FLOOR**2)))
-        return replace(
-            estimate,
-            covariance=estimate.covariance + skin,
-            skin=estimate.skin + skin,
-            floor=float(np.sqrt(max(np.linalg.eigvalsh(floor)[-1], 0.0))),
-        )
+        size = float(np.sqrt(max(np.linalg.eigvalsh(floor)[-1], 0.0)))
+        return replace(estimate, covariance=estimate.covariance + skin, skin=estimate.skin + skin, floor=size)
 
     def ways(self, estimate: Estimate, joint: Joint) -> list[PlaceDifference]:
         """Compare an estimate's centres from the frames in which the joint rotates one way and the other.
@@ -263,22 +261,23 @@ class SkinErrors:
             LocalMarker(poses.to_local(self.recording.of(name)[:, part]), used[part], poses.sigma**2)
             for name, used in zip(estimate.markers, estimate.used, strict=True)
         ]
-        noise = poses.noise if estimate.noise == "pose" else poses.noise.removed
-        hinge = estimate.sphere is not None and estimate.sphere.axis is not None
-        fit = fit_center(markers, noise, hinge, 0.0 if estimate.noise == "none" else None)
-        if fit is None or not (fit.condition < CONDITION_LIMIT and fit.significance > SIGNIFICANT):
-            return None
-        return fit.center, fit.covariance
+        fit = fit_center(markers, *estimate.noise_model(poses))
+        return (fit.center, fit.covariance) if fit is not None and fit.significant else None
 
     def _angles(self, estimate: Estimate, joint: Joint) -> Floats:
         """Rotation vectors of the joint (3, frames of the part) in the axes of an estimate, radians."""
-        one = estimate.poses.in_frames(self.part)
-        two = self.own.get(joint.parent if one.segment == joint.child else joint.child)
+        frame = estimate.poses.segment
+        two = self.own.get(joint.parent if frame == joint.child else joint.child)
         two = two if estimate.pair is None else estimate.pair.child
         if two is not None:
-            return rotation_vectors(relative_rotation(one.rotation, two.in_frames(self.part).rotation))
-        y = one.to_local(np.stack([self.recording.of(name)[:, self.part] for name in estimate.markers]))
-        return angles_about_center(y, estimate.used[:, self.part], estimate.center)
+            rotation = estimate.poses.rotation[:, :, self.part]
+            return rotation_vectors(relative_rotation(rotation, two.rotation[:, :, self.part]))
+        return angles_about_center(self._local(estimate), estimate.used[:, self.part], estimate.center)
+
+    def _local(self, estimate: Estimate) -> Floats:
+        """The markers of an estimate in its axes (M, 3, frames of the part), metres."""
+        x = np.stack([self.recording.of(name)[:, self.part] for name in estimate.markers])
+        return estimate.poses.in_frames(self.part).to_local(x)
 
     def _slope(self, segment: str, angles: Floats) -> float:
         """β² of a segment's skin with a joint, (m/rad)²; 0 if no segment showed any so far."""
@@ -292,14 +291,6 @@ class SkinErrors:
             return _UNSEEN * mean
         shown = 3 * len(self.departures[segment]) - 6
         return (shown * own + _PRIOR * mean) / (shown + _PRIOR - _LOST)
-
-    def _radius_slope(self, estimate: Estimate, angles: Floats) -> float:
-        """β² of the skin below the markers of a sphere fit, by the change of their radii, (m/rad)²; 0 if unknown."""
-        poses = estimate.poses.in_frames(self.part)
-        y = poses.to_local(np.stack([self.recording.of(name)[:, self.part] for name in estimate.markers]))
-        radii = np.linalg.norm(y - estimate.center[:, None], axis=1)
-        slope = radius_slope(np.where(estimate.used[:, self.part], radii, np.nan), angles)
-        return 0.0 if np.isnan(slope) else slope
 
     def _departures(self, poses: SegmentPoses) -> Floats:
         """Distances of a segment's markers from its template (m, 3, frames of the part); NaN unless all are good."""
@@ -328,14 +319,13 @@ class SkinErrors:
 
     def _response(self, estimate: Estimate, angles: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Inverse, slopes and arms of a sphere fit for `sphere_skin`, and the markers' mean places (M, 3), metres."""
-        fit, poses = estimate.sphere, estimate.poses.in_frames(self.part)
+        fit = estimate.sphere
         assert fit is not None
         basis = across(fit.axis)
         within = basis @ basis.T
         inverse = basis @ np.linalg.pinv(basis.T @ fit.normal @ basis, hermitian=True) @ basis.T
         slopes, arms, places = [], [], []
-        for name, seen, weight in zip(estimate.markers, estimate.used, fit.weights, strict=True):
-            y = poses.to_local(self.recording.of(name)[:, self.part])
+        for y, seen, weight in zip(self._local(estimate), estimate.used, fit.weights, strict=True):
             used = seen[self.part] & ~np.isnan(angles[0]) & ~np.isnan(y[0])
             if weight > 0.0 and used.sum() > 1:
                 places.append(y[:, used].mean(axis=1))

@@ -180,15 +180,14 @@ def name_faults(document: Mapping[str, object], faults: Sequence[Fault]) -> list
     unreadable = {fault.path[0] for fault in faults if len(fault.path) < 3 and fault.path[0] in ("segments", "joints")}
     if unreadable:  # a whole table, whose names are not known
         return []
-    parts = MarkerSetParts.model_construct(
-        name="",
-        segments=tuple(_loosely(Segment, table, {"markers": ()}) for table in _tables(document, "segments")),
-        joints=tuple(_loosely(Joint, table, {"parent": "", "child": ""}) for table in _tables(document, "joints")),
-        optional=_names(document.get("optional")),
-        aliases={},
-    )
-    if not parts.segments:
+    lists = {key: value if isinstance(value, list) else [] for key, value in document.items()}
+    tables = {key: [t for t in lists.get(key, []) if isinstance(t, Mapping)] for key in ("segments", "joints")}
+    segments = tuple(_loosely(Segment, table, {"markers": ()}) for table in tables["segments"])
+    joints = tuple(_loosely(Joint, table, {"parent": "", "child": ""}) for table in tables["joints"])
+    optional = tuple(word for word in lists.get("optional", []) if isinstance(word, str))
+    if not segments:
         return []
+    parts = MarkerSetParts.model_construct(name="", segments=segments, joints=joints, optional=optional, aliases={})
     seen = {fault.path for fault in faults}
     # without all markers nobody knows which of them are on no segment
     vague = any(path[0] == "segments" and path[2:3] == ("markers",) for path in seen)
@@ -206,15 +205,6 @@ def _loosely(model: type[_Part], table: Mapping[str, object], blank: Mapping[str
     right = {key: value for key, value in table.items() if key in model.model_fields and key not in wrong}
     right = {key: as_tuple(value) for key, value in right.items()}
     return model.model_construct(**{**blank, **right})  # type: ignore[arg-type]
-
-
-def _tables(document: Mapping[str, object], section: str) -> list[Mapping[str, object]]:
-    tables = document.get(section)
-    return [table for table in tables if isinstance(table, Mapping)] if isinstance(tables, list) else []
-
-
-def _names(value: object) -> tuple[str, ...]:
-    return tuple(word for word in value if isinstance(word, str)) if isinstance(value, list) else ()
 
 
 FOLDER = Path(__file__).parent
@@ -279,48 +269,37 @@ def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
     """
     raw = toml_tables(text, source, MarkerSetError)
     faults: list[Fault] = []
-    sections = {key: _with_names(key, raw[key], faults) for key in _TABLES if key in raw}
-    document: dict[str, object] = raw | sections
+    document: dict[str, object] = dict(raw)
+    keys: dict[tuple[str, ...], list[str]] = {(): list(MarkerSetParts.model_fields)}
+    names: dict[str | int, list[str | int]] = {}
+    for key, model in _TABLES.items():
+        if key not in raw:
+            continue
+        tables = raw[key]
+        if not isinstance(tables, dict):
+            faults.append(Fault((key,), f"must be tables such as [{key}.NAME]", tables))
+            tables = {}
+        # in the file's order, each with its name as an entry, which may say another
+        rows = [{"name": n, **table} if isinstance(table, dict) else table for n, table in tables.items()]
+        document[key] = rows
+        names[key] = [t["name"] if isinstance(t, dict) else i for i, t in enumerate(rows)]
+        keys[key,] = [field for field in model.model_fields if field != "name"]
     try:
         parts = MarkerSetParts.model_validate(document)
     except ValidationError as error:
-        faults += [_by_name(fault, sections) for fault in report(error, _known_keys(sections))]
+        for fault in report(error, keys):
+            path = list(fault.path)
+            if len(path) > 1 and isinstance(path[1], int):  # the name of a segment or joint in place of its number
+                path[1] = names[path[0]][path[1]] if path[0] in names else path[1]
+            faults.append(Fault(tuple(path), fault.words, fault.value))
         faults += name_faults(document, faults)
     else:
         faults += misfits(parts)
-        faults += [
-            Fault(("segments", segment.name, "markers"), "must name at least one marker", [])
-            for segment in parts.segments
-            if not segment.markers
-        ]
+        words = "must name at least one marker"
+        faults += [Fault(("segments", s.name, "markers"), words, []) for s in parts.segments if not s.markers]
     if faults:
         raise MarkerSetError.listing(source, text, faults)
     return MarkerSet.model_validate(document)
-
-
-def _with_names(key: str, tables: object, faults: list[Fault]) -> list[object]:
-    """The tables of a section in the file's order, each with its name as an entry."""
-    if not isinstance(tables, dict):
-        faults.append(Fault((key,), f"must be tables such as [{key}.NAME]", tables))
-        return []
-    return [{"name": name, **table} if isinstance(table, dict) else table for name, table in tables.items()]
-
-
-def _known_keys(sections: Mapping[str, list[object]]) -> dict[tuple[str, ...], list[str]]:
-    """The keys that each table of a document may have."""
-    keys: dict[tuple[str, ...], list[str]] = {(): list(MarkerSetParts.model_fields)}
-    for section in sections:
-        keys[section,] = [key for key in _TABLES[section].model_fields if key != "name"]
-    return keys
-
-
-def _by_name(fault: Fault, sections: Mapping[str, list[object]]) -> Fault:
-    """The same fault, with the name of a segment or joint in place of its number."""
-    path = list(fault.path)
-    if len(path) > 1 and path[0] in _TABLES and isinstance(path[1], int):
-        table = sections[str(path[0])][path[1]]
-        path[1] = table["name"] if isinstance(table, dict) else path[1]
-    return Fault(tuple(path), fault.words, fault.value)
 
 
 _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
@@ -411,13 +390,12 @@ def side(name: str) -> str:
 def mirrored(name: str) -> str:
     """A joint's name on the other side of the body, with its capitals; the same if it tells no side."""
     own = side(name)
-    return re.sub(rf"(?<![^_ -])({own})(?![^_ -])", _other_side, name, flags=re.IGNORECASE) if own else name
 
+    def other(word: re.Match[str]) -> str:
+        turned = "right" if own == "left" else "left"
+        return turned.upper() if word[0].isupper() else turned.capitalize() if word[0][0].isupper() else turned
 
-def _other_side(word: re.Match[str]) -> str:
-    own = word[0]
-    other = "right" if own.lower() == "left" else "left"
-    return other.upper() if own.isupper() else other.capitalize() if own[0].isupper() else other
+    return re.sub(rf"(?<![^_ -])({own})(?![^_ -])", other, name, flags=re.IGNORECASE) if own else name
 
 
 def side_of(labels: Iterable[str]) -> str:
@@ -497,25 +475,19 @@ class Match:
 
     def lines(self, calibrated: bool = False) -> list[str]:
         """The match in lines of text; ``calibrated`` if the marker set is that of a calibration, and was not chosen."""
-        name = self.whole.name + " of the calibration" * calibrated
-        lines = [
-            f"marker set {name}: {len(self.labels)} of the recording's {len(self.source.markers)} markers belong "
-            f"to it, {len(self.joints)} of {len(self.whole.joints)} joints can be found"
-        ]
+        name, what = self.whole.name + " of the calibration" * calibrated, "calibration" if calibrated else "marker set"
+        belong = f"{len(self.labels)} of the recording's {len(self.source.markers)} markers belong to it"
+        lines = [f"marker set {name}: {belong}, {len(self.joints)} of {len(self.whole.joints)} joints can be found"]
         renamed = [f"{label} is {marker}" for marker, label in self.labels.items() if label != marker]
         lines += [f"labels: {', '.join(renamed)}"] * bool(renamed)
-        partly = {s.name for s in self.whole.segments if self.labels.keys() & s.markers}  # joints tell of others
-        lines += [
-            f"segment {segment} lacks {', '.join(map(self._missed, gone))}"
-            for segment, gone in self.lacking.items()
-            if segment in partly or any(self._missed(marker) != marker for marker in gone)
-        ]
+        for segment, gone in self.lacking.items():
+            missed = [self._missed(marker) for marker in gone]  # joints tell of segments without any marker
+            if self.labels.keys() & self.whole.segment(segment).markers or missed != list(gone):
+                lines.append(f"segment {segment} lacks {', '.join(missed)}")
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
         outputs = [label for label in self.extra if is_output(label)]
         others = [label for label in self.extra if label not in outputs]
-        lines += [f"not in the {'calibration' if calibrated else 'marker set'}: {_listed(others, _LISTED)}"] * bool(
-            others
-        )
+        lines += [f"not in the {what}: {_listed(others, _LISTED)}"] * bool(others)
         lines += [f"of another program's model, not markers: {_listed(outputs, _FEW)}"] * bool(outputs)
         unused = [] if calibrated else clusters(self.extra)
         lines += [f"clusters that it does not use: {', '.join(unused)}; a set of your own can"] * bool(unused)
@@ -528,14 +500,8 @@ class Match:
             ``name``; ``labels``, the recording's label of each marker; ``lacking`` markers by segment; ``joints`` that
             can be found; ``lost`` joints, each with the reason; ``extra`` labels.
         """
-        return {
-            "name": self.whole.name,
-            "labels": self.labels,
-            "lacking": self.lacking,
-            "joints": [joint.name for joint in self.joints],
-            "lost": self.lost,
-            "extra": list(self.extra),
-        }
+        data: dict[str, object] = {"name": self.whole.name, "labels": self.labels, "lacking": self.lacking}
+        return data | {"joints": [joint.name for joint in self.joints], "lost": self.lost, "extra": self.extra}
 
     def _missed(self, marker: str) -> str:
         """A missing marker, with the label of the recording that it may have."""
@@ -610,6 +576,23 @@ def with_better(placed: Match) -> Match:
         return placed
     best = max(better, key=_quality)
     return replace(placed, remarks=(f"marker set {best.whole.name} fits better: {_share(best)} can be found with it",))
+
+
+def place_markerset(recording: Recording, markerset: str | None = None) -> Match:
+    """Place a marker set on a recording: the named one, or the shipped one that fits best.
+
+    Raises:
+        MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
+    """
+    if markerset is None:
+        return choose(recording)
+    placed = match(load_markerset(markerset), recording)
+    if not placed.joints:
+        reasons = "; ".join(f"{joint}: {reason}" for joint, reason in list(placed.lost.items())[:3])
+        words = f"no joint of marker set {markerset} can be found ({reasons}, ...)"
+        remedy = "leave --markerset out to choose the shipped one that fits best"
+        raise MarkerSetError(f"{recording.name}: {words}; {remedy}")
+    return with_better(placed)
 
 
 def _fits(placed: Match) -> bool:

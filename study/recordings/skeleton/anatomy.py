@@ -28,8 +28,8 @@ import numpy as np
 from scipy import stats
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace
 from study.recordings.joints.estimate import SHORT_TEXTS, JointStatus
+from study.recordings.joints.find import Calibration, JointPlace
 from study.recordings.markersets import MarkerSet, landmarks, side, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import to_local, to_world

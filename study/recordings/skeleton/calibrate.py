@@ -12,18 +12,21 @@ session differ by skin in another posture and by markers that were put on again,
 subjects by 11-55 mm, or all by a few hundredths of their size.
 """
 
+import contextlib
+import itertools
+import math
 from collections import defaultdict
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from study.arrays import Floats
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import USABLE, JointStatus
-from study.recordings.joints.find import find_joints
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints, load_calibration
 from study.recordings.joints.poses import fit_template
-from study.recordings.markersets import MarkerSet, mirrored, side
+from study.recordings.markersets import MarkerSet, Match, match, mirrored, place_markerset, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
 from study.recordings.skeleton.anatomy import Hips, with_anatomy
@@ -64,22 +67,17 @@ def hull_distances(markers: Floats, joints: Floats) -> tuple[Floats, Floats]:
     present = seen.any(axis=1)
     whole = np.flatnonzero(seen[present].all(axis=0)) if present.any() else np.zeros(0, dtype=int)
     part = whole[np.unique(np.linspace(0, len(whole) - 1, min(len(whole), _FRAMES)).astype(int))]
-    distances = np.array([_plane_distances(markers[present, :, t], joints[:, :, t]) for t in part])
+    distances = np.full((len(part), len(joints)), np.nan)  # signed, from the farthest facet's plane
+    for row, t in enumerate(part):
+        with contextlib.suppress(QhullError):  # fewer than four markers, or all in one plane
+            planes = ConvexHull(markers[present, :, t]).equations
+            distances[row] = (joints[:, :, t] @ planes[:, :3].T + planes[:, 3]).max(axis=1)
     shares, quantiles = np.full(len(joints), np.nan), np.full(len(joints), np.nan)
-    for joint, row in enumerate(distances.reshape(-1, len(joints)).T):
-        known = row[~np.isnan(row)]
+    for joint, column in enumerate(distances.T):
+        known = column[~np.isnan(column)]
         if len(known) >= _FEWEST:
             shares[joint], quantiles[joint] = (known > 0.0).mean(), np.quantile(known, _QUANTILE)
     return shares, quantiles
-
-
-def _plane_distances(markers: Floats, joints: Floats) -> Floats:
-    """Signed distances of joints (joints, 3) from the farthest facet's plane of the markers' hull; NaN without one."""
-    try:
-        planes = ConvexHull(markers).equations
-    except QhullError:  # fewer than four markers, or all in one plane
-        return np.full(len(joints), np.nan)
-    return np.asarray((joints @ planes[:, :3].T + planes[:, 3]).max(axis=1))
 
 
 _HIPS = 0.65, 1.2
@@ -136,16 +134,13 @@ def hip_doubts(calibration: Calibration) -> dict[str, list[str]]:
     if not {"left", "right"} <= hips.keys() or hips["left"].joint.parent != hips["right"].joint.parent:
         return doubts
     left, right = hips["left"].in_parent, hips["right"].in_parent
-    apart = _distance(left, right)
+    apart = math.dist(left, right)
     shape = calibration.shape(hips["left"].joint.parent)
     pairs = []
-    for i, one in enumerate(shape.places):
-        for j, other in enumerate(shape.places):
-            width = _distance(one, other)
-            if width >= _NARROW and (one - other) @ (left - right) > _ACROSS * width * apart:
-                pairs.append(
-                    (_distance(one, left) + _distance(other, right), width, shape.markers[i], shape.markers[j])
-                )
+    for (one, label), (other, second) in itertools.permutations(zip(shape.places, shape.markers, strict=True), 2):
+        width = math.dist(one, other)
+        if width >= _NARROW and (one - other) @ (left - right) > _ACROSS * width * apart:
+            pairs.append((math.dist(one, left) + math.dist(other, right), width, label, second))
     if pairs:
         _, width, *names = min(pairs)
         low, high = _HIPS
@@ -159,27 +154,19 @@ def hip_doubts(calibration: Calibration) -> dict[str, list[str]]:
 def _uneven_bones(calibration: Calibration) -> dict[str, list[str]]:
     """Warnings of bones that differ between left and right, by joint."""
     warnings: dict[str, list[str]] = defaultdict(list)
-    lengths: dict[tuple[str, str], float] = {}
     above = {place.joint.child: place for place in calibration.joints}
-    for end in calibration.joints:
-        start: JointPlace | None = above.get(end.joint.parent)
-        if start is not None:
-            lengths[start.joint.name, end.joint.name] = _distance(start.in_child, end.in_parent)
-    for (start_name, end_name), length in lengths.items():
-        other = lengths.get((mirrored(start_name), mirrored(end_name)), float("nan"))
-        if (start_name, end_name) == (mirrored(start_name), mirrored(end_name)):
-            continue
+    ends = [(above[end.joint.parent], end) for end in calibration.joints if end.joint.parent in above]
+    lengths = {(a.joint.name, b.joint.name): math.dist(a.in_child, b.in_parent) for a, b in ends}
+    for pair, length in lengths.items():
+        across = mirrored(pair[0]), mirrored(pair[1])
+        other = lengths.get(across, np.nan) if across != pair else np.nan
         if abs(length - other) > UNEVEN * 0.5 * (length + other):
-            bones = {f"{start_name} - {end_name}": length, f"{mirrored(start_name)} - {mirrored(end_name)}": other}
+            bones = {" - ".join(pair): length, " - ".join(across): other}
             one, two = sorted(bones)
             words = f"the bone {one} is {1000 * bones[one]:.0f} mm, {two} {1000 * bones[two]:.0f} mm"
-            for name in (start_name, end_name):
+            for name in pair:
                 warnings[name].append(words)
     return warnings
-
-
-def _distance(one: Floats, two: Floats) -> float:
-    return float(np.linalg.norm(one - two))
 
 
 def calibrate(
@@ -225,6 +212,31 @@ def _checked(calibration: Calibration, recording: Recording) -> tuple[Calibratio
     shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, drawn.misfits, strict=True))
     outside, _ = hull_distances(recording.positions, drawn.centers)
     return with_doubts(replace(calibration, shapes=tuple(shapes)), outside), drawn
+
+
+def with_joints(
+    recording: Recording, joints: Calibration | str | Path | None, markerset: str | None, hips: Hips = "motion"
+) -> tuple[Match, Calibration]:
+    """Place the marker set of given joints on a recording, or find joints in the recording itself.
+
+    Args:
+        recording: the whole recording.
+        joints: given ones, or their file or its folder; None to find them here.
+        markerset: name or file of a marker set for joints that are found here.
+        hips: as in `calibrate`.
+
+    Raises:
+        RecordingError: if the joints cannot be read, or ``markerset`` is given, too.
+        MarkerSetError: if no joint can be found with the marker set.
+    """
+    if joints is None:
+        placed = place_markerset(recording, markerset)
+        return placed, calibrate(placed.recording, placed.markerset, recording, hips)
+    if markerset is not None:
+        raise RecordingError(f"markerset = {markerset!r}: joints have their own marker set; leave it out")
+    if not isinstance(joints, Calibration):
+        joints = load_calibration(Path(joints, "calibration.json") if Path(joints).is_dir() else joints)
+    return match(joints.markerset, recording), joints
 
 
 _REPLACED = 0.013

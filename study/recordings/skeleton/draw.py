@@ -20,7 +20,6 @@ Source: paper §10 (second phase); theory §1.2.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,8 +28,8 @@ from scipy.spatial.transform import Rotation
 from study.arrays import Bools, Bytes, Floats, Ints
 from study.fits.jit import compiled
 from study.fits.samples import Worded
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import DOUBTED, USABLE, JointStatus
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.poses import PoseNoise
 from study.recordings.markersets import Segment
 from study.recordings.recording import Recording, RecordingError
@@ -309,9 +308,8 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
     if not bridge >= 0.0:
         raise RecordingError(f"bridge = {bridge:g} seconds; it must be 0 or more")
     if not calibration.has_poses:
-        raise RecordingError(
-            f"{calibration.source}: no segment of this calibration has a pose; there is no skeleton to draw"
-        )
+        words = "no segment of this calibration has a pose; there is no skeleton to draw"
+        raise RecordingError(f"{calibration.source}: {words}")
     builder, segments = _SkeletonBuilder(calibration, recording), calibration.markerset.segments
     for segment in segments:
         builder.place_by_markers(segment)
@@ -344,7 +342,10 @@ class _SkeletonBuilder:
     def place_by_markers(self, segment: Segment) -> None:
         """Place a segment in the frames that show it by its own markers, at its joint if its parent is seen."""
         number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
-        place, x = pivot_joint(self.above.get(segment.name), shape), self._samples(shape)
+        x = np.full((len(shape.markers), 3, self.recording.frames), np.nan)
+        for k, marker in enumerate(shape.markers):
+            x[k] = self.recording.of(marker) if marker in self.recording.markers else np.nan
+        place = pivot_joint(self.above.get(segment.name), shape)
         local, world = np.zeros(3), np.full((3, self.recording.frames), np.nan)
         if place is not None:
             local, world = place.in_child, self._shown(place.joint.parent, place.in_parent)
@@ -400,31 +401,39 @@ class _SkeletonBuilder:
     def bridge(self, segment: Segment, reach: int) -> None:
         """Place a segment about a joint that is seen, or about one of its markers, with its expected rotation."""
         number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
+        flags, own, below = (
+            self.flags[number],
+            pivot_joint(self.above.get(segment.name), shape),
+            self._below(segment.name),
+        )
         seen = ~np.isnan(self.markers[segment.name][:, 0])
         marker: Bools = np.asarray(seen.any(axis=0))
-        pivots = [(at, self._shown(other, there)) for at, other, there in self._joints_of(segment.name)]
+        # places in its axes and in the world, of its own joint first, and last of its first marker
+        pivots = [] if own is None else [(own.in_child, self._shown(own.joint.parent, own.in_parent))]
+        pivots += [(place.in_parent, self._shown(place.joint.child, place.in_child)) for place in below]
         about = [(at, world, ~np.isnan(world[0])) for at, world in pivots]
-        about.append((np.zeros(3), np.full((3, self.recording.frames), np.nan), marker))  # its first marker
+        about.append((np.zeros(3), np.full((3, self.recording.frames), np.nan), marker))
         for at, world, shown in about:
-            wanted = np.flatnonzero((self.flags[number] == Flag.UNKNOWN) & shown)
-            for course, frames in self._courses(segment, wanted) if len(wanted) else ():
+            wanted, above = np.flatnonzero((flags == Flag.UNKNOWN) & shown), self.above.get(segment.name)
+            if not len(wanted):
+                continue
+            # the rotation in its parent for the frames that show that, and in the world for others
+            within = np.zeros(len(wanted), dtype=np.bool_)
+            if above is not None:
+                within = self.flags[self.numbers[above.joint.parent], wanted] == Flag.SEEN
+            for inside in (True, False) if above is not None else (False,):
+                frames = wanted[within == inside]
+                course = InterpolatedRotation(self.rotations[number], None, flags == Flag.SEEN)
+                if inside and above is not None:
+                    course = self._in_parent(above)
                 frames = frames[(course.distance(frames) <= reach) | marker[frames]]
                 self._complete(segment.name, frames, at, world, course)
                 frames = frames[~np.isnan(self.rotations[number][0, 0, frames])]
-                self.flags[number, frames] = Flag.BRIDGED
+                flags[frames] = Flag.BRIDGED
                 self.turning[number, frames] = course.covariance(frames)
                 self.pivots[number][:, frames] = at[:, None]
                 if np.isnan(world).all() and len(frames):
                     self.pivots[number][:, frames] = shape.places[seen[:, frames].argmax(axis=0)].T
-
-    def _courses(self, segment: Segment, wanted: Ints) -> Iterator[tuple[InterpolatedRotation, Ints]]:
-        """The segment's rotation in its parent for the frames that show that, and in the world for others."""
-        number, place = self.numbers[segment.name], self.above.get(segment.name)
-        shown = np.zeros(len(wanted), dtype=np.bool_)
-        if place is not None:
-            shown = self.flags[self.numbers[place.joint.parent], wanted] == Flag.SEEN
-            yield self._in_parent(place), wanted[shown]
-        yield InterpolatedRotation(self.rotations[number], None, self.flags[number] == Flag.SEEN), wanted[~shown]
 
     def _in_parent(self, place: JointPlace) -> InterpolatedRotation:
         """Rotation of a joint's child in its parent, from the frames that show both."""
@@ -439,25 +448,11 @@ class _SkeletonBuilder:
         poses = complete_poses(places, x, local, at, course.at(frames))
         self.rotations[number][:, :, frames], self.origins[number][:, frames] = poses
 
-    def _samples(self, shape: SegmentShape) -> Floats:
-        """Markers of a segment in the world (m, 3, frames), NaN where missing."""
-        x = np.full((len(shape.markers), 3, self.recording.frames), np.nan)
-        for k, marker in enumerate(shape.markers):
-            if marker in self.recording.markers:
-                x[k] = self.recording.of(marker)
-        return x
-
     def _shown(self, segment: str, at: Floats) -> Floats:
         """A point of a segment in the world (3, frames) where the segment is seen; NaN elsewhere."""
         number = self.numbers[segment]
         world = to_world(self.rotations[number], self.origins[number], at)
         return np.where(self.flags[number] == Flag.SEEN, world, np.nan)
-
-    def _joints_of(self, segment: str) -> list[tuple[Floats, str, Floats]]:
-        """Joints of a segment, its own first: place in its axes, the other segment, and the place in that one's."""
-        own = pivot_joint(self.above.get(segment), self.calibration.shape(segment))
-        above = [] if own is None else [(own.in_child, own.joint.parent, own.in_parent)]
-        return above + [(p.in_parent, p.joint.child, p.in_child) for p in self._below(segment)]
 
     def _below(self, segment: str) -> list[JointPlace]:
         """Joints that are fixed in a segment and can place it."""
@@ -479,10 +474,8 @@ class _SkeletonBuilder:
                 if np.isnan(at).any():
                     continue
                 world, variance = to_world(self.rotations[k], self.origins[k], at), self._bridging(name, at)
-                better = (self.flags[k] < flags[i]) | (
-                    (self.flags[k] == flags[i]) & (variance.sum(axis=0) < bridging[i].sum(axis=0))
-                )
-                better &= ~np.isnan(world[0])
+                same, surer = self.flags[k] == flags[i], variance.sum(axis=0) < bridging[i].sum(axis=0)
+                better = ((self.flags[k] < flags[i]) | (same & surer)) & ~np.isnan(world[0])
                 centers[i][:, better], bridging[i][:, better] = world[:, better], variance[:, better]
                 flags[i, better] = self.flags[k, better]
         return centers, flags, bridging
@@ -492,9 +485,8 @@ class _SkeletonBuilder:
         variance, number = np.zeros((3, self.recording.frames)), self.numbers[segment]
         frames = np.flatnonzero(self.flags[number] == Flag.BRIDGED)
         if len(frames):
-            arm = np.einsum(
-                "ijt,jt->ti", self.rotations[number][:, :, frames], at[:, None] - self.pivots[number][:, frames]
-            )
+            away = at[:, None] - self.pivots[number][:, frames]
+            arm = np.einsum("ijt,jt->ti", self.rotations[number][:, :, frames], away)
             variance[:, frames] = np.einsum("tij,tjk,tik->it", skew(arm), self.turning[number, frames], skew(arm))
         return variance
 

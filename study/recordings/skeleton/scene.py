@@ -8,6 +8,7 @@ Bones are the lines between joints and ends of limbs that are fixed in one segme
 but a body's parts are above one another: the rotation that makes z point up follows from that.
 """
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,8 +17,8 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bytes, Floats
-from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE
+from study.recordings.joints.find import JointPlace
 from study.recordings.markersets import Joint, MarkerSet, mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import quaternions
@@ -42,20 +43,16 @@ def bones(fixed: Sequence[Sequence[int]], points: Floats, sides: Sequence[str]) 
     """
     chosen: dict[tuple[int, int], None] = {}
     for group in fixed:
-        pairs = [(i, j) for place, i in enumerate(group) for j in group[place + 1 :]]
+        pairs = list(itertools.combinations(group, 2))
         if len(group) > 3:
-            total = dict(zip(group, _distances(points[list(group)]), strict=True))
+            # sums of the median distances to the others, large for a point that is never known
+            apart = np.linalg.norm(points[list(group), None] - points[None, list(group)], axis=2)
+            apart[np.isnan(apart).all(axis=2)] = 1e3
+            total = dict(zip(group, np.nanmedian(apart, axis=2).sum(axis=1), strict=True))
             middle = min(group, key=lambda i: (sides[i] != "", total[i]))
             pairs = [(middle, other) for other in group if other != middle]
         chosen |= dict.fromkeys(pairs)
     return tuple(chosen)
-
-
-def _distances(points: Floats) -> list[float]:
-    """Sum of the median distances of each point to the others, metres; large for one that is never known."""
-    distance = np.linalg.norm(points[:, None] - points[None], axis=2)
-    distance[np.isnan(distance).all(axis=2)] = 1e3
-    return [float(total) for total in np.nanmedian(distance, axis=2).sum(axis=1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,17 +126,9 @@ class Scene:
 
     def part(self, frames: slice, rate: float | None = None) -> "Scene":
         """The scene in some of the frames; at ``rate`` frames per second, if that changes."""
-        return replace(
-            self,
-            rate=rate or self.rate,
-            places=self.places[:, :, frames],
-            centers=self.centers[:, :, frames],
-            ends=self.ends[:, :, frames],
-            flags=self.flags[:, frames],
-            bridging=self.bridging[:, :, frames],
-            orientations=self.orientations[:, frames],
-            anatomy=self.anatomy[:, frames],
-        )
+        cut = {name: getattr(self, name)[..., frames] for name in ("places", "centers", "ends", "flags", "bridging")}
+        cut |= {name: getattr(self, name)[:, frames] for name in ("orientations", "anatomy")}
+        return replace(self, rate=rate or self.rate, **cut)
 
     def sides(self) -> tuple[str, ...]:
         """Side of each point: "left", "right" or ""."""
@@ -187,36 +176,33 @@ def make_scene(
     Raises:
         RecordingError: if no joint is known in any frame.
     """
-    joints, markerset = skeleton.calibration.joints, skeleton.calibration.markerset
+    calibration, upright = skeleton.calibration, upright_rotation(recording)
+    joints, segments = calibration.joints, calibration.markerset.segments
     known = [i for i, center in enumerate(skeleton.centers) if not np.isnan(center).all()]
     lost = [(joints[i].joint.name, doubts[i]) for i in range(len(joints)) if i not in known]
     notes = [*notes, *(f"{name} is not shown: {doubt or 'known in no frame'}" for name, doubt in lost)]
+    notes += ["the recording's y is shown as up"] * bool(upright[2, 1])
     if not known:
         raise RecordingError(f"{recording.name}: none of its joints is known in any frame; there is nothing to show")
     centers, shown = skeleton.centers[known], [joints[i] for i in known]
-    ends = _ends(recording, markerset, [place.joint for place in shown], centers)
-    points = np.concatenate([centers, *(end[None] for end in ends.values())])
-    fixed = [
-        [i for i, place in enumerate(shown) if segment.name in (place.joint.parent, place.joint.child)]
-        + [len(known) + i for i, name in enumerate(ends) if name == segment.name]
-        for segment in markerset.segments
-    ]
-    flags = np.where(np.isnan(centers[:, 0]), np.uint8(Flag.UNKNOWN), skeleton.flags[known])
     names = tuple(place.joint.name for place in shown)
-    principal = [_principal_directions(place) for place in shown]
-    upright = upright_rotation(recording)
-    remarks = ["the recording's y is shown as up"] if upright[2, 1] else []
-    orientations = [
-        _orientations(upright, skeleton.rotation(place.joint.parent), axes)
-        for place, (_, axes) in zip(shown, principal, strict=True)
-    ]
-    axes = {shape.segment: shape.anatomy for shape in skeleton.calibration.shapes}
-    roots = {}
-    for segment in markerset.segments:
+    ends = _ends(recording, calibration.markerset, [place.joint for place in shown], centers)
+    points = np.concatenate([centers, *(end[None] for end in ends.values())])
+    axes = {shape.segment: shape.anatomy for shape in calibration.shapes}
+    fixed, roots = [], {}
+    for segment in segments:
         below = [i for i, place in enumerate(shown) if place.joint.parent == segment.name]
+        own = [i for i, place in enumerate(shown) if segment.name in (place.joint.parent, place.joint.child)]
+        fixed.append(own + [len(known) + i for i, name in enumerate(ends) if name == segment.name])
         if segment.parent is None and below and not np.isnan(axes[segment.name]).any():
             roots[segment.name] = tuple(i for i in below if side(names[i])) or tuple(below)
-    turning = [*(place.joint.child for place in shown), *roots]
+    errors, directions = zip(*map(_principal_directions, shown), strict=True)
+    parents = [(place.joint.parent, columns) for place, columns in zip(shown, directions, strict=True)]
+    turning = [(name, axes[name]) for name in (*(place.joint.child for place in shown), *roots)]
+    orientations, anatomy = (
+        np.stack([_orientations(upright, skeleton.rotation(name), columns) for name, columns in pairs])
+        for pairs in (parents, turning)
+    )
     return Scene(
         name=recording.name,
         source=source,
@@ -228,14 +214,14 @@ def make_scene(
         tips=tuple(ends),
         ends=upright @ points[len(known) :],
         bones=bones(fixed, points, [*map(side, (*names, *ends))]),
-        flags=flags,
+        flags=np.where(np.isnan(centers[:, 0]), np.uint8(Flag.UNKNOWN), skeleton.flags[known]),
         doubts=tuple(doubts[i] for i in known),
-        errors=np.stack([errors for errors, _ in principal]),
+        errors=np.stack(errors),
         bridging=upright**2 @ skeleton.bridging[known],
-        orientations=np.stack(orientations),
-        notes=(*notes, *remarks),
+        orientations=orientations,
+        notes=tuple(notes),
         roots=tuple(roots.values()),
-        anatomy=np.stack([_orientations(upright, skeleton.rotation(name), axes[name]) for name in turning]),
+        anatomy=anatomy,
     )
 
 
@@ -269,9 +255,7 @@ def _principal_directions(joint: JointPlace) -> tuple[Floats, Floats]:
 
 def _orientations(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
     """Quaternions x, y, z, w (frames, 4) of axes fixed in a segment, in the upright world, without jumps of sign."""
-    frames = rotation.shape[2]
-    result = np.full((frames, 4), np.nan)
-    known = ~np.isnan(rotation[0, 0])
+    result, known = np.full((rotation.shape[2], 4), np.nan), ~np.isnan(rotation[0, 0])
     if known.any() and not np.isnan(axes).any():
         result[known] = quaternions(np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes))
     return result
@@ -285,19 +269,14 @@ def skeleton_table(scene: Scene) -> pd.DataFrame:
         error_x, error_y, error_z, standard errors of the place along x, y and z in this frame, metres (see
         `frame_errors`).
     """
-    errors = frame_errors(scene)
-    count, frames = len(scene.joints), scene.frames
+    errors, count, frames = frame_errors(scene), len(scene.joints), scene.frames
     words = np.array([flag.name.lower() for flag in Flag])
-    return pd.DataFrame(
-        {
-            "frame": np.repeat(np.arange(1, frames + 1), count),
-            "time": np.repeat(np.arange(frames) / scene.rate, count),
-            "joint": np.tile(np.array(scene.joints), frames),
-            **{axis: scene.centers[:, i].T.ravel() for i, axis in enumerate("xyz")},
-            "known": words[scene.flags.T.ravel()],
-            **{f"error_{axis}": errors[:, i].T.ravel() for i, axis in enumerate("xyz")},
-        }
-    )
+    columns: dict[str, object] = {"frame": np.repeat(np.arange(1, frames + 1), count)}
+    columns |= {"time": np.repeat(np.arange(frames) / scene.rate, count)}
+    columns |= {"joint": np.tile(np.array(scene.joints), frames)}
+    columns |= {axis: scene.centers[:, i].T.ravel() for i, axis in enumerate("xyz")}
+    columns |= {"known": words[scene.flags.T.ravel()]}
+    return pd.DataFrame(columns | {f"error_{axis}": errors[:, i].T.ravel() for i, axis in enumerate("xyz")})
 
 
 def frame_errors(scene: Scene) -> Floats:
@@ -328,7 +307,7 @@ def bone_table(scene: Scene) -> pd.DataFrame:
         bound of the length's standard error from those of its joints (metres); uneven, difference from the other
         side's length, relative to their mean; NaN where there is no other side.
     """
-    worst = np.array([np.nanmax(row) if not np.isnan(row).all() else np.nan for row in scene.errors])
+    worst = np.fmax.reduce(scene.errors, axis=1)
     rows = []
     for i, j in scene.bones:
         if max(i, j) >= len(scene.joints):
@@ -336,9 +315,8 @@ def bone_table(scene: Scene) -> pd.DataFrame:
         length = np.linalg.norm(scene.centers[i] - scene.centers[j], axis=0)
         length = length[~np.isnan(length)]
         if len(length):
-            names = {"start": scene.joints[i], "end": scene.joints[j]}
             error = float(np.hypot(worst[i], worst[j]))
-            rows.append({**names, "length": np.median(length), "spread": length.std(), "error": error})
+            rows.append((scene.joints[i], scene.joints[j], np.median(length), length.std(), error))
     table = pd.DataFrame(rows, columns=["start", "end", "length", "spread", "error"])
     pairs = [frozenset(pair) for pair in zip(table["start"], table["end"], strict=True)]
     lengths = dict(zip(pairs, table["length"], strict=True))
@@ -350,17 +328,13 @@ def bone_table(scene: Scene) -> pd.DataFrame:
 
 def skeleton_lines(scene: Scene) -> Iterator[str]:
     """Lay out bones, distances of joints from the markers' hull, shares of bridged frames, and reasons to doubt."""
-    bones = [
-        [
-            f"{row['start']} - {row['end']}",
-            f"{row['length']:.3f} m",
-            _millimetres(row["error"]),
-            _millimetres(row["spread"]),
-            "" if np.isnan(row["uneven"]) else f"{round(100 * row['uneven'], 1) + 0.0:+.1f} %",  # no minus before zero
-            "uneven" if abs(row["uneven"]) > UNEVEN else "",
-        ]
-        for row in bone_table(scene).to_dict("records")
-    ]
+    bones = []
+    for row in bone_table(scene).to_dict("records"):
+        uneven = row["uneven"]
+        bones.append([f"{row['start']} - {row['end']}", f"{row['length']:.3f} m"])
+        bones[-1] += [_millimetres(row["error"]), _millimetres(row["spread"])]
+        bones[-1] += ["" if np.isnan(uneven) else f"{round(100 * uneven, 1) + 0.0:+.1f} %"]  # no minus before zero
+        bones[-1] += ["uneven" if abs(uneven) > UNEVEN else ""]
     yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
     hulls = [
         [name, number(share, ".0%"), _millimetres(distance) if distance > 0.0 else "-"]
@@ -370,12 +344,10 @@ def skeleton_lines(scene: Scene) -> Iterator[str]:
     yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
     for name, flags in zip(scene.joints, scene.flags, strict=True):
         shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]
-        lacking = [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]
-        if lacking:
+        if lacking := [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]:
             yield f"{name}: {', '.join(lacking)}"
-    for name, doubt in zip(scene.joints, scene.doubts, strict=True):
-        if doubt:
-            yield f"{name}: not reliable: {doubt}"
+    doubts = zip(scene.joints, scene.doubts, strict=True)
+    yield from (f"{name}: not reliable: {doubt}" for name, doubt in doubts if doubt)
     yield from (f"note: {note}" for note in scene.notes)
 
 
@@ -392,22 +364,14 @@ def skeleton_data(scene: Scene) -> dict[str, object]:
         ``seen``, ``bridged``, ``unknown`` and ``outside`` of the markers' hull, and ``distance`` outside it, metres;
         ``bones``, as in `bone_table`; ``notes``.
     """
-    hulls, joints = hull_distances(scene.places, scene.centers), []
-    rows = zip(scene.joints, scene.doubts, scene.errors, scene.flags, *hulls, strict=True)
-    for name, doubt, errors, flags, outside, distance in rows:
-        known = errors[~np.isnan(errors)]
-        row = {"joint": name, "doubt": doubt or None, "error": float(known.max()) if len(known) else None}
-        row |= {flag.name.lower(): float((flags == flag).mean()) for flag in Flag}
-        joints.append(row | {"outside": outside, "distance": distance})
-    return {
-        "recording": scene.name,
-        "rate": scene.rate,
-        "frames": scene.frames,
-        "source": scene.source,
-        "joints": joints,
-        "bones": bone_table(scene).to_dict("records"),
-        "notes": list(scene.notes),
-    }
+    worst, joints = np.fmax.reduce(scene.errors, axis=1), []
+    hulls = hull_distances(scene.places, scene.centers)
+    for name, doubt, error, flags, *hull in zip(scene.joints, scene.doubts, worst, scene.flags, *hulls, strict=True):
+        row = {"joint": name, "doubt": doubt or None, "error": error}
+        row |= {flag.name.lower(): (flags == flag).mean() for flag in Flag}
+        joints.append(row | dict(zip(("outside", "distance"), hull, strict=True)))
+    head = {"recording": scene.name, "rate": scene.rate, "frames": scene.frames, "source": scene.source}
+    return head | {"joints": joints, "bones": bone_table(scene).to_dict("records"), "notes": scene.notes}
 
 
 def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str] = ()) -> Scene:

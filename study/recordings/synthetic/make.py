@@ -10,11 +10,11 @@ joint's own angle moves the centre and leaves next to no residual, above all one
 """
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -55,38 +55,30 @@ class BodyPart:
 def body(markerset: str = "cmu41") -> tuple[BodyPart, ...]:
     """All segments with the markers of one of `MARKER_SETS`, parents before children."""
     tables = tomllib.loads(Path(__file__).with_name("body.toml").read_text(encoding="utf-8"))
-    parts = [_part(name, table, markerset) for name, table in tables.items()]
+    parts = []
+    for name, table in tables.items():
+        markers = {label: tuple(place) for label, place in table.get(markerset, {}).items()}
+        axis = tuple(table["axis"]) if "axis" in table else None
+        about_y, about_x, about_z = map(tuple, table["ranges"])
+        at = tuple(table.get("at", (0, 0, 0)))
+        parts.append(
+            BodyPart(name, table.get("parent"), table.get("joint"), at, (about_y, about_x, about_z), markers, axis)
+        )
     return (*parts, *(_mirrored(part) for part in parts if part.name.startswith("left_")))
-
-
-def _part(name: str, table: Mapping[str, Any], markerset: str) -> BodyPart:
-    """The segment of a table of ``body.toml``."""
-    markers = {label: tuple(place) for label, place in table.get(markerset, {}).items()}
-    axis = tuple(table["axis"]) if "axis" in table else None
-    about_y, about_x, about_z = map(tuple, table["ranges"])
-    at = tuple(table.get("at", (0, 0, 0)))
-    return BodyPart(name, table.get("parent"), table.get("joint"), at, (about_y, about_x, about_z), markers, axis)
 
 
 def _mirrored(part: BodyPart) -> BodyPart:
     """The segment of the right side: rotations about x and z change their sign, as do those components of an axis."""
-
-    def name(text: str | None) -> str | None:
-        return text and text.replace("left_", "right_")
-
-    def flip(place: Triple) -> Triple:
-        return place[0], -place[1], place[2]
-
+    name, parent, joint = (text and text.replace("left_", "right_") for text in (part.name, part.parent, part.joint))
     markers = {}
-    for label, place in part.markers.items():
+    for label, (x, y, z) in part.markers.items():
         right = "R" + label[1:]
-        x, y, z = flip(place)
-        markers[right] = (x, y, _UNEVEN.get(right, z))
+        markers[right] = (x, -y, _UNEVEN.get(right, z))
     about_y, *others = part.ranges
     about_x, about_z = ((-high, -low) for low, high in others)
     axis = part.axis and (-part.axis[0], part.axis[1], -part.axis[2])
-    joint, parent = name(part.joint), name(part.parent)
-    return BodyPart(str(name(part.name)), parent, joint, flip(part.at), (about_y, about_x, about_z), markers, axis)
+    at = part.at[0], -part.at[1], part.at[2]
+    return BodyPart(str(name), parent, joint, at, (about_y, about_x, about_z), markers, axis)
 
 
 PARTS = body()
@@ -286,25 +278,17 @@ def write_truth(truth: BodyTruth, path: str | Path) -> tuple[Path, Path]:
         RecordingError: if they cannot be written.
     """
     bones = dict.fromkeys(truth.joints, ("", np.nan)) | {end: (start, d) for (start, end), d in truth.bones.items()}
-    joints = {
-        "joint": truth.joints,
-        "parent": truth.parents,
-        "child": truth.children,
-        "kind": ["ball" if np.isnan(axis[0]) else "hinge" for axis in truth.axes],
-        **{f"center_{axis}": truth.in_parent[:, i] for i, axis in enumerate("xyz")},
-        **{f"axis_{axis}": truth.axes[:, i] for i, axis in enumerate("xyz")},
-        "bone_from": [bones[joint][0] for joint in truth.joints],
-        "bone_length": [bones[joint][1] for joint in truth.joints],
-    }
+    joints: dict[str, object] = {"joint": truth.joints, "parent": truth.parents, "child": truth.children}
+    joints |= {"kind": ["ball" if np.isnan(axis[0]) else "hinge" for axis in truth.axes]}
+    joints |= {f"center_{axis}": truth.in_parent[:, i] for i, axis in enumerate("xyz")}
+    joints |= {f"axis_{axis}": truth.axes[:, i] for i, axis in enumerate("xyz")}
+    joints |= {f"bone_{key}": [bones[joint][i] for joint in truth.joints] for i, key in enumerate(("from", "length"))}
     count, _, frames = truth.centers.shape
     children = [truth.segments.index(child) for child in truth.children]
     vectors = Rotation.from_matrix(truth.rotations[children].reshape(-1, 3, 3)).as_rotvec()
-    poses = {
-        "frame": np.tile(np.arange(1, frames + 1), count),
-        "joint": np.repeat(truth.joints, frames),
-        **{f"center_{axis}": truth.centers[:, i].ravel() for i, axis in enumerate("xyz")},
-        **{f"turn_{axis}": vectors[:, i] for i, axis in enumerate("xyz")},
-    }
+    poses = {"frame": np.tile(np.arange(1, frames + 1), count), "joint": np.repeat(truth.joints, frames)}
+    poses |= {f"center_{axis}": truth.centers[:, i].ravel() for i, axis in enumerate("xyz")}
+    poses |= {f"turn_{axis}": vectors[:, i] for i, axis in enumerate("xyz")}
     path = Path(path)
     out = path.with_suffix(".joints.parquet"), path.with_suffix(".truth.parquet")
     try:
@@ -343,21 +327,27 @@ def draw_motion(
         Rotations (segments, frames, 3, 3), from each segment's axes to the world's; origins (segments, 3, frames),
         metres; and phases (segments, frames), the angle about y of the joint to the parent, -1 to 1 over its range.
     """
-    rotations = np.empty((len(PARTS), frames, 3, 3))
-    origins = np.empty((len(PARTS), 3, frames))
-    phases = np.empty((len(PARTS), frames))
-    row = {part.name: i for i, part in enumerate(PARTS)}
+    rotations, origins = np.empty((len(PARTS), frames, 3, 3)), np.empty((len(PARTS), 3, frames))
+    phases, row = np.empty((len(PARTS), frames)), {part.name: i for i, part in enumerate(PARTS)}
     for i, part in enumerate(PARTS):
         courses = np.array([_course(frames, rate, style, seed, part.name, a) for a in "yxz"])
         phases[i] = courses[0]
-        rotation = _rotations(part, courses, reach, style)
-        if part.parent is None:
+        low, high = np.radians(np.array(part.ranges)).T[:, :, None]
+        middle, half = (low + high) / 2, reach * (high - low) / 2
+        if style == "gait":
+            half = _GAIT[:, None] * half
+            middle = np.clip(0.0, low + half, high - half)
+        angles = middle + half * courses
+        if part.parent is None:  # heading first, then lean, so that the lean does not depend on the heading
             wander = np.array([_course(frames, rate, style, seed, part.name, f"to {a}") for a in "xyz"])
-            rotations[i] = rotation
+            rotations[i] = Rotation.from_euler("ZYX", angles[[2, 0, 1]].T).as_matrix()
             origins[i] = wander * _ROOM[:, None] + np.array([[0.0], [0.0], [0.53 * height]])
             continue
+        turns = Rotation.from_euler("YXZ", angles.T)
+        if part.axis is not None:
+            turns = Rotation.from_rotvec(angles[0][:, None] * unit(part.axis))
         parent = row[part.parent]
-        rotations[i] = rotations[parent] @ rotation
+        rotations[i] = rotations[parent] @ turns.as_matrix()
         origins[i] = origins[parent] + rotations[parent].dot(height * np.array(part.at)).T
     return rotations, origins, phases
 
@@ -377,23 +367,6 @@ def _course(frames: int, rate: float, style: Style, seed: int, *name: str) -> Fl
         start = stream(seed, "synthetic", "motion", "strides", *name).uniform(0, 2 * np.pi, len(_STRIDE))
         course = (1 - _STRIDE.sum()) * course + _STRIDE @ np.sin(2 * np.pi * harmonics[:, None] * time + start[:, None])
     return course
-
-
-def _rotations(part: BodyPart, courses: Floats, reach: float, style: Style) -> Floats:
-    """Rotations of a segment in its parent's axes (frames, 3, 3), from courses (3, frames) about y, x and z."""
-    low, high = np.radians(np.array(part.ranges)).T[:, :, None]
-    middle, half = (low + high) / 2, reach * (high - low) / 2
-    if style == "gait":
-        half = _GAIT[:, None] * half
-        middle = np.clip(0.0, low + half, high - half)
-    angles = middle + half * courses
-    if part.axis is not None:
-        rotation = Rotation.from_rotvec(angles[0][:, None] * unit(part.axis))
-    elif part.parent is None:  # heading first, then lean, so that the lean does not depend on the heading
-        rotation = Rotation.from_euler("ZYX", angles[[2, 0, 1]].T)
-    else:
-        rotation = Rotation.from_euler("YXZ", angles.T)
-    return np.asarray(rotation.as_matrix())
 
 
 _SIGNS = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=float).T
@@ -417,29 +390,23 @@ def skin_motion(recipe: Recipe, rotations: Floats, phases: Floats, segment_of: I
     Returns:
         Displacements in the segments' axes (markers, 3, frames), metres.
     """
-    joint_of = np.where(segment_of == 0, 1, segment_of)
+    joint_of, size = np.where(segment_of == 0, 1, segment_of), recipe.soft_tissue
     if recipe.skin == "mixed":
-        return soft_tissue(phases[joint_of], recipe.rate, recipe.soft_tissue, recipe.seed)
-    if recipe.skin == "random":
-        return recipe.soft_tissue * _random(len(segment_of), phases.shape[1], recipe.rate, recipe.seed)
-    if recipe.skin == "slide":
-        return recipe.soft_tissue * _sliding(body(recipe.markers), _rotation_vectors(rotations), recipe.seed)
-    clusters = segment_of if recipe.skin == "cluster" else np.arange(len(segment_of))
-    tensors = _tensors(clusters, recipe.seed)
+        return soft_tissue(phases[joint_of], recipe.rate, size, recipe.seed)
+    if recipe.skin == "random":  # three oscillations of .2 to 2 hertz along random directions
+        rng, count = stream(recipe.seed, "synthetic", "skin", "random"), len(segment_of)
+        frequency = np.exp(rng.uniform(np.log(0.2), np.log(2.0), (3, count, 1)))
+        cycles = frequency * np.arange(phases.shape[1]) / recipe.rate + rng.uniform(size=(3, count, 1))
+        directions = rng.standard_normal((3, count, 3))
+        directions /= 3.0 * np.linalg.norm(directions, axis=2, keepdims=True)
+        return np.asarray(size * np.einsum("kmi,kmt->mit", directions, np.sin(2 * np.pi * cycles)))
     vectors = _rotation_vectors(rotations)
+    if recipe.skin == "slide":
+        return size * _sliding(body(recipe.markers), vectors, recipe.seed)
+    tensors = _tensors(segment_of if recipe.skin == "cluster" else np.arange(len(segment_of)), recipe.seed)
     drive = np.gradient(vectors, 1.0 / recipe.rate, axis=2) if recipe.skin == "velocity" else vectors
     drive = drive / np.maximum(np.abs(drive).max(axis=(1, 2), keepdims=True), 1e-300)
-    return np.asarray(recipe.soft_tissue * np.einsum("mik,mkt->mit", tensors, drive[joint_of]))
-
-
-def _random(markers: int, frames: int, rate: float, seed: int) -> Floats:
-    """Displacements of at most 1 (markers, 3, frames): three oscillations of .2 to 2 hertz along random directions."""
-    rng = stream(seed, "synthetic", "skin", "random")
-    frequency = np.exp(rng.uniform(np.log(0.2), np.log(2.0), (3, markers, 1)))
-    waves = np.sin(2 * np.pi * (frequency * np.arange(frames) / rate + rng.uniform(size=(3, markers, 1))))
-    directions = rng.standard_normal((3, markers, 3))
-    directions /= 3.0 * np.linalg.norm(directions, axis=2, keepdims=True)
-    return np.asarray(np.einsum("kmi,kmt->mit", directions, waves))
+    return np.asarray(size * np.einsum("mik,mkt->mit", tensors, drive[joint_of]))
 
 
 def _tensors(clusters: Ints, seed: int) -> Floats:
@@ -516,24 +483,12 @@ def synthesize(recipe: Recipe | None = None) -> tuple[Recording, BodyTruth]:
     positions[np.broadcast_to(missing[:, None], positions.shape)] = np.nan
     recording = Recording(f"synthetic-{r.seed}", markers, positions, r.rate)
     children = [i for i, part in enumerate(PARTS) if part.joint]
-    moving = [PARTS[i] for i in children]
-    in_parent = r.height * np.array([part.at for part in moving])
-    joint_of = {part.name: part.joint for part in PARTS}
-    lengths = zip(moving, np.linalg.norm(in_parent, axis=1), strict=True)
-    truth = BodyTruth(
-        segments=tuple(part.name for part in PARTS),
-        rotations=rotations,
-        origins=origins,
-        markers=markers,
-        offsets=offsets,
-        joints=JOINTS,
-        parents=tuple(str(part.parent) for part in moving),
-        children=tuple(part.name for part in moving),
-        centers=origins[children],
-        in_parent=in_parent,
-        axes=np.array([np.full(3, np.nan) if part.axis is None else unit(part.axis) for part in moving]),
-        bones={(one, str(p.joint)): float(far) for p, far in lengths if (one := joint_of[str(p.parent)]) is not None},
-        swaps=tuple(swaps),
-        missing=missing,
-    )
-    return recording, truth
+    moving, joint_of = [PARTS[i] for i in children], {part.name: part.joint for part in PARTS}
+    parents, in_parent = tuple(str(part.parent) for part in moving), r.height * np.array([part.at for part in moving])
+    axes = np.array([np.full(3, np.nan) if part.axis is None else unit(part.axis) for part in moving])
+    lengths = zip(parents, JOINTS, np.linalg.norm(in_parent, axis=1), strict=True)
+    bones = {(one, joint): float(far) for parent, joint, far in lengths if (one := joint_of[parent]) is not None}
+    segments, names = tuple(joint_of), tuple(part.name for part in moving)
+    centers = origins[children]
+    of_joints = JOINTS, parents, names, centers, in_parent, axes, bones
+    return recording, BodyTruth(segments, rotations, origins, markers, offsets, *of_joints, tuple(swaps), missing)

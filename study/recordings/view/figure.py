@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from study import style
-from study.arrays import Bools, Bytes, Floats, Ints
+from study.arrays import Bools, Bytes, Floats
 from study.recordings.recording import RecordingError, written
 from study.recordings.skeleton.draw import Flag
 from study.recordings.skeleton.scene import Scene
@@ -45,13 +45,9 @@ class Camera:
     def axes(self) -> Floats:
         """Directions to the right, up, and towards the viewer, as rows (3, 3)."""
         a, e = np.radians([self.azimuth, self.elevation])
-        return np.array(
-            [
-                [-np.sin(a), np.cos(a), 0.0],
-                [-np.cos(a) * np.sin(e), -np.sin(a) * np.sin(e), np.cos(e)],
-                [np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)],
-            ]
-        )
+        up = [-np.cos(a) * np.sin(e), -np.sin(a) * np.sin(e), np.cos(e)]
+        towards = [np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)]
+        return np.array([[-np.sin(a), np.cos(a), 0.0], up, towards])
 
     def project(self, x: Floats) -> Floats:
         """Coordinates of points (…, 3) to the right, up and towards the viewer (…, 3), metres."""
@@ -150,9 +146,8 @@ class SkeletonDrawing:
         (self._markers,) = ax.plot([], [], "o", color=MARKER, markersize=sizes["marker"], markeredgewidth=0.0, zorder=4)
         self._bones = LineCollection([], capstyle="round", zorder=3)
         self._rods = LineCollection([], colors=ELLIPSOID, linewidths=1.0, zorder=4)
-        self._ellipsoids = PolyCollection(
-            [], facecolors=to_rgba(ELLIPSOID, 0.3), edgecolors=ELLIPSOID, linewidths=0.7, zorder=5
-        )
+        face = to_rgba(ELLIPSOID, 0.3)
+        self._ellipsoids = PolyCollection([], facecolors=face, edgecolors=ELLIPSOID, linewidths=0.7, zorder=5)
         for collection in (self._floor, self._shadow, self._bones, self._rods, self._ellipsoids):
             ax.add_collection(collection)
         self._joints = ax.scatter([], [], s=sizes["joint"] ** 2, linewidths=0.9, zorder=6)
@@ -254,19 +249,17 @@ def prepare(scene: Scene, frame: int | None = None, azimuth: float | None = None
     bad = (scene.flags != Flag.SEEN).sum(axis=0) + np.isnan(scene.places[:, 0]).sum(axis=0)
     best = np.flatnonzero(bad == bad.min())
     best = best[np.unique(np.linspace(0, len(best) - 1, _CANDIDATES).astype(int))]
-    frames = best if frame is None else np.array([frame])
+
+    def apart(view: tuple[int, Camera]) -> float:
+        """Mean logarithm of the distances between projected points; it is low if one hides another."""
+        x = scene.points[:, :, view[0]]
+        seen = view[1].project(x[~np.isnan(x[:, 0])])[:, :2]
+        i, j = np.triu_indices(len(seen), 1)
+        return float(np.log(np.linalg.norm(seen[i] - seen[j], axis=1) + 0.02).mean()) if len(seen) > 1 else 0.0
+
     azimuths = _AZIMUTHS if azimuth is None else np.array([azimuth])
-    return max(
-        ((int(t), Camera(float(a), _ELEVATION)) for t in frames for a in azimuths),
-        key=lambda pair: _apart(scene.points[:, :, pair[0]], pair[1]),
-    )
-
-
-def _apart(points: Floats, camera: Camera) -> float:
-    """Mean logarithm of the distances between projected points; it is low if one hides another."""
-    seen = camera.project(points[~np.isnan(points[:, 0])])[:, :2]
-    i, j = np.triu_indices(len(seen), 1)
-    return float(np.log(np.linalg.norm(seen[i] - seen[j], axis=1) + 0.02).mean()) if len(seen) > 1 else 0.0
+    views = [Camera(float(a), _ELEVATION) for a in azimuths]
+    return max(((int(t), view) for t in (best if frame is None else [frame]) for view in views), key=apart)
 
 
 def label(scene: Scene, joint: int, frame: int) -> str:
@@ -317,13 +310,22 @@ def draw(scene: Scene, frame: int | None = None) -> Figure:
 def _draw_labels(
     ax: Axes, seen: Floats, labels: Sequence[str], sides: Sequence[str], ends: tuple[float, float]
 ) -> None:
-    """Draw labels in two columns beside the skeleton, each with a thin line to its joint (joints, 2)."""
-    known = np.flatnonzero(~np.isnan(seen[:, 0]))
+    """Draw labels in two columns beside the skeleton, each with a thin line to its joint (joints, 2).
+
+    The joints of one side of the body are on one side of the picture, so that few lines cross; the others are on the
+    side with more room.
+    """
+    known = np.flatnonzero(~np.isnan(seen[:, 0])).tolist()
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     reach = _REACH * (right - left)
-    columns = _columns(seen[:, 0], sides, known)
+    means = {side: np.mean([seen[i, 0] for i in known if sides[i] == side] or [np.nan]) for side in ("left", "right")}
+    first = "right" if means["right"] < means["left"] else "left"
+    columns: tuple[list[int], list[int]] = ([], [])
+    for i in sorted(known, key=lambda i: sides[i] == ""):
+        fewer = int(len(columns[1]) < len(columns[0]))
+        columns[fewer if sides[i] == "" else int(sides[i] != first)].append(i)
     for part, at, align in zip(columns, (ends[0] - reach, ends[1] + reach), ("right", "left"), strict=True):
-        if not len(part):
+        if not part:
             continue
         wanted = (seen[part, 1] - bottom) / (top - bottom)
         heights = bottom + (top - bottom) * style.spread(list(wanted), [0.042] * len(part))
@@ -333,21 +335,6 @@ def _draw_labels(
             ax.plot([at, elbow, x], [height, height, y], color=style.FAINT, linewidth=0.45, zorder=3.5)
             color = FLAGGED if labels[joint].endswith(("*", ")")) else style.INK
             ax.text(at, height, f" {labels[joint]} ", ha=align, va="center", fontsize=style.SMALL, color=color)
-
-
-def _columns(across: Floats, sides: Sequence[str], known: Ints) -> tuple[Ints, Ints]:
-    """Joints with labels on the left of the picture, and those with labels on the right.
-
-    The joints of one side of the body are on one side of the picture, so that few lines cross; the others are on the
-    side with more room.
-    """
-    means = {side: np.mean([across[i] for i in known if sides[i] == side] or [np.nan]) for side in ("left", "right")}
-    first = "right" if means["right"] < means["left"] else "left"
-    columns: tuple[list[int], list[int]] = ([], [])
-    for i in sorted(known, key=lambda i: sides[i] == ""):
-        fewer = int(len(columns[1]) < len(columns[0]))
-        columns[fewer if sides[i] == "" else int(sides[i] != first)].append(int(i))
-    return np.array(columns[0], dtype=int), np.array(columns[1], dtype=int)
 
 
 def _scale(ax: Axes) -> None:
@@ -362,24 +349,27 @@ def _scale(ax: Axes) -> None:
 
 def _draw_legend(figure: Figure, scene: Scene, factor: int) -> None:
     """Draw the legend below the picture."""
-    larger = f", enlarged {factor} times" if factor > 1 else ", in true size"
+    doubted = {"markerfacecolor": "white", "markeredgecolor": FLAGGED, "markersize": 4.5, "linestyle": "none"}
+    words = f"{100 * LEVEL:.0f} % error ellipsoid of a joint, {_enlarged(factor)}"
     handles: list[Line2D | Patch] = [
-        Line2D([], [], color=SIDES[side], linewidth=3.0, solid_capstyle="round", label=words)
-        for side, words in (("left", "left"), ("right", "right"))
+        Line2D([], [], color=SIDES[side], linewidth=3.0, solid_capstyle="round", label=side)
+        for side in ("left", "right")
     ]
     handles.append(Line2D([], [], color=MARKER, marker="o", markersize=3.5, linestyle="none", label="marker"))
     if not np.isnan(scene.errors).all():
-        words = f"{100 * LEVEL:.0f} % error ellipsoid of a joint{larger}"
         handles.append(Patch(facecolor=to_rgba(ELLIPSOID, 0.3), edgecolor=ELLIPSOID, label=words))
     if hinges(scene).any():
         handles.append(Line2D([], [], color=ELLIPSOID, linewidth=1.0, label="axis of a hinge"))
     if any(scene.doubts):
-        look = {"markerfacecolor": "white", "markeredgecolor": FLAGGED, "markersize": 4.5, "linestyle": "none"}
-        handles.append(Line2D([], [], marker="o", label="* not reliable", **look))  # type: ignore[arg-type]
-    look = {"bbox_to_anchor": (0.5, 0.055), "ncols": len(handles), "columnspacing": 1.4, "handlelength": 1.4}
-    figure.legend(handles=handles, loc="lower center", **look)
+        handles.append(Line2D([], [], marker="o", label="* not reliable", **doubted))  # type: ignore[arg-type]
+    place = {"bbox_to_anchor": (0.5, 0.055), "ncols": len(handles), "columnspacing": 1.4, "handlelength": 1.4}
+    figure.legend(handles=handles, loc="lower center", **place)
     words = "Numbers: largest standard error of the joint in its segment; for a hinge across its axis."
     figure.text(0.5, 0.04, words, ha="center", va="bottom", fontsize=style.SMALL)
+
+
+def _enlarged(factor: int) -> str:
+    return f"enlarged {factor} times" if factor > 1 else "in true size"
 
 
 _PIXELS = 960, 720
@@ -407,23 +397,15 @@ def write_video(scene: Scene, path: str | Path, advance: Callable[[float], None]
     Raises:
         RecordingError: if imageio-ffmpeg is not installed, or the video cannot be written.
     """
-    path = Path(path)
-    imageio_ffmpeg = encoder()
+    path, module = Path(path), encoder()
     if path.suffix.lower() != ".mp4":
         raise RecordingError(f"{path}: a video is written to a file whose name ends in .mp4")
     film = _Film(scene.at_most(_RATE))
+    output = ["-crf", _QUALITY, "-preset", "medium", "-movflags", "+faststart", "-tune", "animation"]
+    options = {"codec": "libx264", "quality": None, "macro_block_size": 1, "output_params": output}
 
     def fill(temporary: Path) -> None:
-        writer = imageio_ffmpeg.write_frames(
-            str(temporary),
-            _PIXELS,
-            pix_fmt_in="rgba",
-            fps=film.scene.rate,
-            codec="libx264",
-            quality=None,
-            macro_block_size=1,
-            output_params=["-crf", _QUALITY, "-preset", "medium", "-movflags", "+faststart", "-tune", "animation"],
-        )
+        writer = module.write_frames(str(temporary), _PIXELS, pix_fmt_in="rgba", fps=film.scene.rate, **options)
         writer.send(None)
         try:
             for frame in range(film.scene.frames):
@@ -509,12 +491,10 @@ class _Film:
         """The meaning of the colours, and the joints that are not reliable."""
         lines = ["blue: left, orange: right"]
         if not np.isnan(self.scene.errors).all():
-            larger = f"enlarged {self.drawing.factor} times" if self.drawing.factor > 1 else "in true size"
             axes = "; axes of hinges" if hinges(self.scene).any() else ""
-            lines.append(f"green: {100 * LEVEL:.0f} % error ellipsoids, {larger}{axes}")
-        for joint, doubt in zip(self.scene.joints, self.scene.doubts, strict=True):
-            if doubt:
-                lines.append(f"not reliable: {joint.replace('_', ' ')}")
+            lines.append(f"green: {100 * LEVEL:.0f} % error ellipsoids, {_enlarged(self.drawing.factor)}{axes}")
+        doubts = zip(self.scene.joints, self.scene.doubts, strict=True)
+        lines += [f"not reliable: {joint.replace('_', ' ')}" for joint, doubt in doubts if doubt]
         return "\n".join(lines)
 
 

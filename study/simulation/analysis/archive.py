@@ -350,12 +350,9 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 def _schemas(run: Run) -> dict[str, list[dict[str, str]]]:
     """Columns of each table: name, type, unit and meaning."""
-    declared, fields = (
-        schemas.declared(run.study.dimension, run.study.conditions()),
-        ("name", "type", "unit", "meaning"),
-    )
+    declared = schemas.declared(run.study.dimension, run.study.conditions())
     return {
-        name: [{field: str(getattr(column, field)) for field in fields} for column in declared.get(name, [])]
+        name: [{field: str(value) for field, value in column._asdict().items()} for column in declared.get(name, [])]
         for name in tables_of(run)
     }
 

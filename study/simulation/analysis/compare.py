@@ -16,7 +16,6 @@ a thousand times, whatever the dependence between the comparisons.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -33,43 +32,12 @@ from study.text import columns
 
 FALSE_ALARM = 1e-3
 """Largest probability with which two equal runs are called different."""
+Row = dict[str, object]
+_NAMES = ("group", "estimator", "conditions", "measure")
+_VALUES = ("first", "second", "chance", "trials", "equal", "same_trials")
 _COLUMNS = ["cell", "trial", "error", "radius_error", "bound", "status"]
 _ROUNDING = 1e-6
 """Errors of the same fit on another machine may differ by this share of the bound."""
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """The comparison of one group and estimator.
-
-    Attributes:
-        group, estimator: their names.
-        conditions: the group's conditions in words.
-        measure: name of the measure that is compared.
-        first, second: the measure in the two runs.
-        chance: probability of so large a difference between equal runs.
-        trials: the smaller of the two numbers of trials.
-        equal: true if all numbers of the trials that both runs have are the same to the bit.
-        same_trials: true if both runs have the same trials; of summaries, as many.
-    """
-
-    group: str
-    estimator: str
-    conditions: str
-    measure: str
-    first: float
-    second: float
-    chance: float
-    trials: int
-    equal: bool
-    same_trials: bool
-
-    @property
-    def deviation(self) -> float:
-        """The difference in standard errors: the normal deviate that is as improbable."""
-        size = float(scipy.stats.norm.isf(0.5 * max(self.chance, 1e-300)))
-        change = self.second - self.first
-        return math.copysign(size, change) if math.isfinite(change) else size
 
 
 class Difference:
@@ -82,90 +50,78 @@ class Difference:
     Attributes:
         runs: the two runs.
         how: the test that was used, in words.
-        comparisons: one or two comparisons per group and estimator.
         only: number of pairs of group and estimator that only the first run has, and only the second.
+        comparisons: one or two rows per group and estimator: ``group``, ``estimator``, ``conditions`` of the group in
+            words, ``measure``, its values in the ``first`` and the ``second`` run, their ``deviation`` in standard
+            errors, which is the normal deviate that is as improbable, ``chance`` of so large a difference between equal
+            runs, ``trials``, the smaller number, ``equal``, true if all numbers of the trials that both have are the
+            same to the bit, ``same_trials``, true if both have the same trials (of summaries, as many), and
+            ``different``, true if the chance is below the threshold.
+        threshold: the chance below which a comparison makes runs different.
+        identical: true if everything that both runs have is the same to the bit.
+        different: true if any comparison is too improbable for equal runs.
+        verdict: the result in words.
 
     Raises:
         RunError: if a run has neither, or they have nothing in common.
     """
 
     def __init__(self, one: Run, other: Run) -> None:
-        tables = one.has("errors") and other.has("errors")
-        self.runs = one, other
-        self.comparisons, self.only, self.how = _by_errors(one, other) if tables else _by_summary(one, other)
-        if not self.comparisons:
+        compared = _by_errors if one.has("errors") and other.has("errors") else _by_summary
+        self.runs, (rows, self.only, self.how) = (one, other), compared(one, other)
+        if not rows:
             raise RunError(f"{one.folder} and {other.folder}: no cell and estimator is in both")
-
-    @property
-    def threshold(self) -> float:
-        """The chance below which a comparison makes runs different."""
-        return FALSE_ALARM / len(self.comparisons)
-
-    @property
-    def different(self) -> bool:
-        """True if any comparison is too improbable for equal runs."""
-        return any(row.chance < self.threshold for row in self.comparisons)
-
-    @property
-    def verdict(self) -> str:
-        """The result in words."""
-        if not self.identical:
-            return "different" if self.different else "the same within Monte-Carlo error"
-        return "identical" if self.whole else "identical in the trials that both have"
-
-    @property
-    def identical(self) -> bool:
-        """True if everything that both runs have is the same to the bit."""
-        return all(row.equal for row in self.comparisons)
-
-    @property
-    def whole(self) -> bool:
-        """True if the runs have the same groups, estimators and trials."""
-        return self.only == (0, 0) and all(row.same_trials for row in self.comparisons)
+        frame, self.threshold = pd.DataFrame(rows), FALSE_ALARM / len(rows)
+        size, change = scipy.stats.norm.isf(0.5 * frame["chance"].clip(lower=1e-300)), frame["second"] - frame["first"]
+        frame.insert(6, "deviation", np.where(np.isfinite(change), np.copysign(size, change), size))
+        self.comparisons = frame.assign(different=frame["chance"] < self.threshold)
+        self.identical, self.different = bool(frame["equal"].all()), bool(self.comparisons["different"].any())
+        self.verdict = "different" if self.different else "the same within Monte-Carlo error"
+        if self.identical:
+            whole = self.only == (0, 0) and bool(frame["same_trials"].all())
+            self.verdict = "identical" if whole else "identical in the trials that both have"
 
 
-def _by_errors(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int], str]:
+def _by_errors(one: Run, other: Run) -> tuple[list[Row], tuple[int, int], str]:
     a, b = Grouped(one), Grouped(other)
     if a.by_decade != b.by_decade:
         raise RunError(f"{one.folder} and {other.folder}: a grid and a random design have no groups in common")
-    paired = one.study.stem() == other.study.stem() and _draws(one) == _draws(other)
+    # runs have the same data sets only if their cells share draws in the same way
+    draws = [getattr(run.study.design, "draws", run.study.design.kind) for run in (one, other)]
+    paired = one.study.stem() == other.study.stem() and draws[0] == draws[1]
     shared = [key for key in a.counts if key in b.counts]
     columns = [*_COLUMNS, *(condition.name for condition in one.study.conditions())]
-    comparisons = []
+    rows: list[Row] = []
     for keys in a.batches(shared):
         mine, theirs = a.read(keys, columns), b.read(keys, _COLUMNS)
-        comparisons += [_paired(key, pd.DataFrame(mine[key]), pd.DataFrame(theirs[key]), paired) for key in keys]
+        for key in keys:
+            frames = pd.DataFrame(mine[key]), pd.DataFrame(theirs[key])
+            named = dict(zip(_NAMES, (*key, _words(frames[0].iloc[0], key), "median over bound"), strict=True))
+            rows.append(named | _compared(*frames, paired))
     only = len(a.counts) - len(shared), len(b.counts) - len(shared)
-    return comparisons, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
+    return rows, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
 
 
-def _draws(run: Run) -> str:
-    """The way in which cells share draws: runs have the same data sets only if they agree in it."""
-    return getattr(run.study.design, "draws", run.study.design.kind)
-
-
-def _paired(key: Key, one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> Comparison:
+def _compared(one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> Row:
     """Compare a group by fits of the same data sets, or by its distributions if there are none."""
     both = one.merge(other, on=["cell", "trial"], suffixes=("_a", "_b")) if paired else one.iloc[:0]
-    words = _words(one.iloc[0], key)
-    values = [_over_bound(frame, suffix) for frame, suffix in ((one, ""), (other, ""))]
-    first, second = (float(np.median(v)) if len(v) else math.nan for v in values)
-    trials, measure = min(len(one), len(other)), "median over bound"
-    if not len(both):
-        differ = len(np.unique(np.concatenate(values))) > 1
-        chance = scipy.stats.mannwhitneyu(values[0], values[1]).pvalue if differ else 1.0
-        return Comparison(*key, words, measure, first, second, float(chance), trials, False, False)
-    columns = ("error", "radius_error", "status")
-    same = all(both[f"{name}_a"].equals(both[f"{name}_b"].rename(f"{name}_a")) for name in columns)
-    one_ratio, other_ratio = _over_bound(both, "_a"), _over_bound(both, "_b")
-    with np.errstate(invalid="ignore"):
-        rounding = (np.abs(one_ratio - other_ratio) <= _ROUNDING) | (one_ratio == other_ratio)
-    worse = int(np.sum(other_ratio[~rounding] > one_ratio[~rounding]))
-    better = int(np.sum(other_ratio[~rounding] < one_ratio[~rounding]))
-    chance = scipy.stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
-    first, second = float(np.median(one_ratio)), float(np.median(other_ratio))
-    whole = len(both) == len(one) == len(other)
-    return Comparison(*key, words, measure, first, second, float(chance), len(both), same, whole)
+    if len(both):
+        a, b = _over_bound(both, "_a"), _over_bound(both, "_b")
+        with np.errstate(invalid="ignore"):
+            differ = ~((np.abs(a - b) <= _ROUNDING) | (a == b))
+        worse, better = int(np.sum(differ & (b > a))), int(np.sum(differ & (b < a)))
+        chance = scipy.stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
+        columns = ("error", "radius_error", "status")
+        equal = all(both[f"{name}_a"].equals(both[f"{name}_b"].rename(f"{name}_a")) for name in columns)
+        trials, same = len(both), len(both) == len(one) == len(other)
+    else:
+        a, b = _over_bound(one, ""), _over_bound(other, "")
+        several = len(np.unique(np.concatenate([a, b]))) > 1
+        chance = scipy.stats.mannwhitneyu(a, b).pvalue if several else 1.0
+        trials, equal, same = min(len(one), len(other)), False, False
+    first, second = (float(np.median(values)) if len(values) else math.nan for values in (a, b))
+    values = first, second, float(chance), trials, equal, same
+    return dict(zip(_VALUES, values, strict=True))
 
 
 def _over_bound(frame: pd.DataFrame, suffix: str) -> Floats:
@@ -176,23 +132,22 @@ def _over_bound(frame: pd.DataFrame, suffix: str) -> Floats:
         return np.where(ok, error / bound, np.inf)
 
 
-def _by_summary(one: Run, other: Run) -> tuple[list[Comparison], tuple[int, int], str]:
+def _by_summary(one: Run, other: Run) -> tuple[list[Row], tuple[int, int], str]:
     frames = [run.table("summary").astype({"estimator": str}).set_index(["group", "estimator"]) for run in (one, other)]
     a, b = frames
     shared = [key for key in a.index if key in b.index]
     columns = [name for name in a.columns if name in b.columns]
-    comparisons = []
+    rows: list[Row] = []
     for key in shared:
         mine, theirs = a.loc[key], b.loc[key]
-        equal = bool(mine[columns].equals(theirs[columns]))
-        words, trials = _words(mine, key), int(min(mine["planned"], theirs["planned"]))
-        whole = bool(mine["planned"] == theirs["planned"])
         counts = [[int(row["ok"]), int(row["planned"] - row["ok"])] for row in (mine, theirs)]
         chance = float(scipy.stats.fisher_exact(counts)[1])
         shares = mine["ok"] / mine["planned"], theirs["ok"] / theirs["planned"], chance
-        for measure, (x, y, p) in (("share ok", shares), ("median over bound", _medians(mine, theirs))):
-            comparisons.append(Comparison(key[0], key[1], words, measure, x, y, p, trials, equal, whole))
-    return comparisons, (len(a) - len(shared), len(b) - len(shared)), "summaries; one run has no error table"
+        last = int(min(mine["planned"], theirs["planned"])), bool(mine[columns].equals(theirs[columns]))
+        for measure, compared in (("share ok", shares), ("median over bound", _medians(mine, theirs))):
+            values = *key, _words(mine, key), measure, *compared, *last, bool(mine["planned"] == theirs["planned"])
+            rows.append(dict(zip(_NAMES + _VALUES, values, strict=True)))
+    return rows, (len(a) - len(shared), len(b) - len(shared)), "summaries; one run has no error table"
 
 
 def _medians(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float, float, float]:
@@ -223,12 +178,7 @@ def as_data(difference: Difference) -> dict[str, object]:
         {"folder": run.folder, "run": run.study.run_name(), "made_by": run.maker(), "only_here": only}
         for run, only in zip(difference.runs, difference.only, strict=True)
     ]
-    names = ("group", "estimator", "conditions", "measure", "first", "second", "deviation", "chance")
-    comparisons = [
-        {name: getattr(row, name) for name in (*names, "trials", "equal", "same_trials")}
-        | {"different": row.chance < difference.threshold}
-        for row in difference.comparisons
-    ]
+    comparisons = difference.comparisons.to_dict("records")
     data = {"verdict": difference.verdict, "runs": runs, "test": difference.how, "threshold": difference.threshold}
     return {**data, "comparisons": comparisons}
 
@@ -245,17 +195,18 @@ def printed(difference: Difference, most: int = 5) -> Iterator[str]:
     for name, run, only in zip(names, difference.runs, difference.only, strict=True):
         more = f"; {only:,} pairs of group and estimator are in this run only" if only else ""
         yield f"  {name}: {run.study.run_name()}, {described(run.maker())}{more}"
-    count, equal = len(difference.comparisons), sum(row.equal for row in difference.comparisons)
+    frame = difference.comparisons
+    count, equal, beyond = len(frame), int(frame["equal"].sum()), int(frame["different"].sum())
     yield f"  compared: {difference.how}; {count:,} comparisons, {equal:,} of them equal to the bit"
     if difference.identical:
         return
     limit = float(scipy.stats.norm.isf(0.5 * difference.threshold))
-    beyond = sum(row.chance < difference.threshold for row in difference.comparisons)
     yield f"  {beyond:,} deviate by more than {limit:.2f} standard errors (marked !), which makes runs different;"
     yield f"  equal runs deviate so far at most once in {1 / FALSE_ALARM:g} times"
     rows = []
-    for row in sorted(difference.comparisons, key=lambda c: (c.chance, c.group, c.estimator))[:most]:
-        rows.append(["!" * (row.chance < difference.threshold), f"{row.conditions}, {row.estimator}", row.measure])
-        rows[-1] += [f"{row.first:.4g}", f"{row.second:.4g}", f"{row.deviation:+.2f}", f"{row.trials:,}"]
+    for row in frame.sort_values(["chance", "group", "estimator"], kind="stable").head(most).to_dict("records"):
+        rows.append(["!" * row["different"], f"{row['conditions']}, {row['estimator']}", row["measure"]])
+        numbers = [f"{row['first']:.4g}", f"{row['second']:.4g}", f"{row['deviation']:+.2f}", f"{row['trials']:,}"]
+        rows[-1] += numbers
     titles = ["", "group and estimator", "measure", "first run", "second run", "standard errors", "trials"]
     yield from columns(rows, titles, "<<<>", indent=2)

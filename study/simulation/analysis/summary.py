@@ -126,23 +126,19 @@ class Grouped:
         return rows.groupby(["group", "estimator"], sort=False, observed=True)
 
 
-def stored_summary(run: Run, has_errors: bool, by_decade: bool) -> pd.DataFrame:
+def stored_summary(run: Run) -> pd.DataFrame:
     """Read the summary of a run, with the measures of all trials even if an earlier version stored it without them.
 
     They are computed from the errors. Without errors they are those with failures last where every fit is ok, and
     elsewhere not a number.
-
-    Args:
-        run: the run.
-        has_errors: True if its error table is stored.
-        by_decade: as in `summary`.
     """
     stored = run.table("summary")
     missing = [name for name in schemas.OF_ALL_TRIALS if name not in stored]
     if not missing:
         return stored
-    if has_errors:
-        computed = summary(run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *NEEDED]), by_decade)
+    if run.has("errors"):
+        errors = run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *NEEDED])
+        computed = summary(errors, run.study.design.one_trial_a_cell)
         return computed[[c.name for c in schemas.summary([c for c in STORED if c.name in stored])]]
     # the column of a measure with failures last, or of its Monte-Carlo error
     known = {name: f"{name.removesuffix('_error')}_all" + "_error" * name.endswith("_error") for name in missing}

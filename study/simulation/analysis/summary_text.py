@@ -83,7 +83,7 @@ def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = No
             raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
         condition = _condition(run, key)
         wanted.setdefault(condition, []).append(_value(condition, value))
-    summary = stored_summary(run, run.has("errors"), run.study.design.one_trial_a_cell)
+    summary = stored_summary(run)
     use = np.ones(len(summary), dtype=bool)
     for condition, values in wanted.items():
         use &= _having(summary, condition, values)

@@ -230,13 +230,11 @@ def recompute_chains(run: Run, names: list[str], seed: str, share: float) -> dic
     Returns:
         Results by table; none if not all three tables of chains are there.
     """
-    study, posterior = run.study, run.study.posterior
     if not set(CHAIN_TABLES) <= set(names):
         return {}
-    tasks = chain_tasks(study, posterior) if posterior is not None else []
+    tasks = chain_tasks(run.study)
     results = {name: Recomputed(len(tasks), "chains") for name in CHAIN_TABLES}
-    asked = [task.part(study, posterior) for task in tasks] if posterior is not None else []
-    if json.loads(run.metadata("posterior").get("study.posterior", "[]")) != asked:
+    if json.loads(run.metadata("posterior").get("study.posterior", "[]")) != [task.part for task in tasks]:
         words = f"not the chains that config.toml asks for; `study posterior {run.folder}` computes those"
         results["posterior"].faults.append(words)
         return results
@@ -246,12 +244,9 @@ def recompute_chains(run: Run, names: list[str], seed: str, share: float) -> dic
         results["posterior"].faults.append(words)
     use = chosen(seed, tasks, share)
     for task in use:
-        assert posterior is not None
-        computed, mine = task.compute(study, posterior), pc.scalar(True)
-        for column, value in task.key.items():
-            mine = mine & (pc.field(column) == value)
+        computed = task.compute()
         for name, result in results.items():
-            result.compare(stored[name].filter(mine), computed[name])
+            result.compare(task.of(stored[name]), computed[name])
     for name, result in results.items() if len(use) == len(tasks) else ():
         result.count(stored[name].num_rows, "chain")
     return results

@@ -10,7 +10,7 @@ import pandas as pd
 
 from study.files import writing
 from study.simulation.claims import bound, costs, error_by_noise, outliers, recordings, ugdk
-from study.simulation.claims.claim import Claim, Evidence, Verdict, evaluate, frame
+from study.simulation.claims.claim import Claim, Evidence, Verdict, evaluate, frame, read_cost
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.text import columns
@@ -18,12 +18,14 @@ from study.text import columns
 _CHAPTERS = (error_by_noise, outliers, bound, ugdk, costs, recordings)
 _LAST = ("efficient-below-distance", "troubles-beyond-radius", "two-answers", "speed-abstract", "noise-ranges")
 """Claims that come after those of the text: of the abstract and of asides."""
+_KINDS = [thing for chapter in _CHAPTERS for thing in vars(chapter).values() if isinstance(thing, type)]
 CLAIMS: tuple[Claim, ...] = tuple(
     sorted(
-        (claim for chapter in _CHAPTERS for claim in chapter.CLAIMS),
+        (kind() for kind in _KINDS if issubclass(kind, Claim) and kind is not Claim),
         key=lambda claim: _LAST.index(claim.name) + 1 if claim.name in _LAST else 0,
     )
 )
+"""Every claim: chapter by chapter, in the order in which they stand there."""
 
 __all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "printed", "save"]
 
@@ -42,7 +44,7 @@ def judge_all(runs: Iterable[Run], cost: Path | None = None, spreads: pd.DataFra
     Raises:
         RunError: if two runs have one name, or the cost table cannot be read.
     """
-    evidence = Evidence.of(runs, cost, spreads)
+    evidence = Evidence(runs, read_cost(cost), spreads)
     return frame(evaluate(CLAIMS, evidence), evidence)
 
 

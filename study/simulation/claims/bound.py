@@ -383,13 +383,3 @@ class EfficientBelowDistance(Claim):
         count. The attainable bound, which does not take the directions as known, is the larger of the two.
         """
         return shared.on_par(numbers[0], numbers[1])
-
-
-CLAIMS: tuple[Claim, ...] = (
-    GdkeBiasOrder(),
-    GdkeBiasStays(),
-    UgdkEfficient(),
-    BoundForAll(),
-    GdkeEvenData(),
-    EfficientBelowDistance(),
-)

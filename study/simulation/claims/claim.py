@@ -11,7 +11,7 @@ quotients and extremes that are made of them.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from enum import StrEnum
 from itertools import pairwise
 from pathlib import Path
@@ -121,45 +121,35 @@ class Evidence:
     """The runs that claims are judged by; what is read of them is read once.
 
     Args:
-        runs: runs by the name of their config: ``paper`` of configs/paper.toml.
+        runs: runs of different configs.
         cost: the table of `study cost`, or None.
         recordings: spreads of joints from case studies, or None; columns as in
             `study.simulation.claims.recordings`.
         rules: the rules of judging.
+
+    Attributes:
+        runs: the runs by the name of their config: ``paper`` of configs/paper.toml.
+
+    Raises:
+        RunError: if two runs are of one config's name.
     """
 
     def __init__(
         self,
-        runs: Mapping[str, Run],
+        runs: Iterable[Run],
         cost: pd.DataFrame | None = None,
         recordings: pd.DataFrame | None = None,
         rules: Rules | None = None,
     ) -> None:
-        self.runs, self.cost, self.recordings, self.rules = runs, cost, recordings, rules or Rules()
+        self.runs: dict[str, Run] = {}
+        for run in runs:
+            if other := self.runs.get(name := run.study.name):
+                raise RunError(f"{other.folder} and {run.folder}: both are runs named {name!r}; give one of them")
+            self.runs[name] = run
+        self.cost, self.recordings, self.rules = cost, recordings, rules or Rules()
         self._read: dict[tuple[str, str], pd.DataFrame] = {}
         self._order: dict[str, Ints] = {}
         self._joints: dict[str, list[JointMarkers]] = {}
-
-    @classmethod
-    def of(
-        cls,
-        runs: Iterable[Run],
-        cost: Path | None = None,
-        recordings: pd.DataFrame | None = None,
-        rules: Rules | None = None,
-    ) -> "Evidence":
-        """Collect runs of different configs, the file of a cost table, spreads of joints, and rules of judging.
-
-        Raises:
-            RunError: if two runs are of one config's name, or a file cannot be read.
-        """
-        named: dict[str, Run] = {}
-        for run in runs:
-            name = run.study.name
-            if name in named:
-                raise RunError(f"{named[name].folder} and {run.folder}: both are runs named {name!r}; give one of them")
-            named[name] = run
-        return cls(named, None if cost is None else _read_cost(cost), recordings, rules)
 
     def table(self, config: str, name: str) -> pd.DataFrame:
         """A table of the run of a config, read once.
@@ -250,19 +240,20 @@ class Evidence:
         return self.recordings
 
 
-def _read_cost(path: Path) -> pd.DataFrame:
+def read_cost(path: Path | None) -> pd.DataFrame | None:
+    """Read a cost table, if its file is given.
+
+    Raises:
+        RunError: if it cannot be read, or is no such table.
+    """
+    if path is None:
+        return None
     remedy = "`study cost --out FILE.parquet` makes one"
     if not path.is_file():
         raise RunError(f"{path}: no cost table; {remedy}")
     try:
         table: pd.DataFrame = schemas.read(path)
-    except (
-        OSError,
-        pa.ArrowException,
-        ValueError,
-        KeyError,
-        TypeError,
-    ):  # the last two: garbled text about the columns
+    except (OSError, pa.ArrowException, ValueError, KeyError, TypeError):  # the last two: garbled text on columns
         raise RunError(f"{path}: not a cost table: damaged, or not parquet; {remedy}") from None
     odd = [name for name in _COSTS if name not in table or not types.is_numeric_dtype(table[name])]
     if "estimator" not in table or odd:
@@ -477,9 +468,8 @@ def rows_of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
         LookupError: if the estimator is not in `NAMED`, so that its rows were not read.
     """
     if estimator not in NAMED:
-        raise LookupError(
-            f"{estimator}: its rows are not read; a claim on it adds it to NAMED in {Path(__file__).name}"
-        )
+        words = f"its rows are not read; a claim on it adds it to NAMED in {Path(__file__).name}"
+        raise LookupError(f"{estimator}: {words}")
     names = errors["estimator"].astype("category").cat
     if estimator not in names.categories:
         return errors.iloc[:0]

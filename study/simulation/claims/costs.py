@@ -204,6 +204,3 @@ class SpeedAbstract(Claim):
         lls, mle, formula = numbers[:3]
         hits = near(lls, 9.0), mle.value >= 75.0
         return Verdict.graded(all(hits), any(hits) or near(formula, 9.0))
-
-
-CLAIMS: tuple[Claim, ...] = (SameCost(), IncrementalCost(), Speed(), SpeedAbstract())

@@ -292,6 +292,3 @@ class NoiseRanges(Claim):
         same = judge_closest(narrow) == judge_closest(wide)
         alike = all(abs(a.value - b.value) <= 0.1 for a, b in zip(narrow, wide, strict=True))
         return Verdict.graded(same and alike, same)
-
-
-CLAIMS: tuple[Claim, ...] = (OneLine(), UgdkClosest(), GdkeOnPar(), TroublesBeyondRadius(), NoiseRanges())

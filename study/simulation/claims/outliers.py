@@ -259,6 +259,3 @@ class LlsOutliersLarge(Claim):
         """
         double, single, between = numbers[:3]
         return Verdict.graded(_clear(double), _clear(single) and between.value < 0.1 * single.value)
-
-
-CLAIMS: tuple[Claim, ...] = (MleOutliers(), LlsOutliersSmall(), LlsOutliersPlace(), LlsOutliersLarge())

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from study.files import stored_csv
 from study.simulation.claims import CLAIMS
-from study.simulation.claims.claim import NAMED, Claim, Evidence, Rules, Verdict, evaluate, frame
+from study.simulation.claims.claim import NAMED, Claim, Evidence, Rules, Verdict, evaluate, frame, read_cost
 from study.simulation.experiment.config import parse, shipped_config
 from study.simulation.runs import runner
 from study.simulation.runs.run_folder import Run
@@ -190,8 +190,8 @@ def judge(
     Returns:
         A row for each reading that is not used and each claim that it may change; see `COLUMNS`.
     """
-    own = {run.study.name: run for run in runs}
-    used = frame(evaluate(CLAIMS, evidence := Evidence.of(runs, cost)), evidence).set_index("name")["verdict"]
+    own, costs = {run.study.name: run for run in runs}, read_cost(cost)
+    used = frame(evaluate(CLAIMS, evidence := Evidence(runs, costs)), evidence).set_index("name")["verdict"]
     parts = []
     for choice, reading in ((one, other) for one in choices for other in one.reading if other.name != one.used):
         claims = [claim for claim in CLAIMS if reading.concerns(claim)]
@@ -204,7 +204,7 @@ def judge(
             changed[name] = _Otherwise(run, reading.estimators) if reading.estimators else run
         needed = set().union(*map(_configs, claims))
         known = {name: run for name, run in {**own, **changed}.items() if name in needed}
-        evidence = Evidence.of(known.values(), cost, rules=reading.rules)
+        evidence = Evidence(known.values(), costs, rules=reading.rules)
         table = frame(evaluate(claims, evidence), evidence).rename(columns={"name": "claim"})
         numbers = {claim.name: number for number, claim in enumerate(CLAIMS, start=1)}
         parts.append(

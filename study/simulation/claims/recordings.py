@@ -237,6 +237,3 @@ def _read(folder: Path) -> pd.DataFrame:
     columns["doubted"] = across["doubted"].astype(bool) if "doubted" in across else pd.Series(True, across.index)
     table = pd.DataFrame(columns).reset_index()
     return table.assign(recording=scatter["digest"].iloc[0], hinge=table["joint"].isin(hinges))
-
-
-CLAIMS: tuple[Claim, ...] = (ErrorAsPowerOfN(), RecordingsWithin1Cm(), TwoAnswers())

@@ -414,13 +414,3 @@ class MarkersPositiveDefinite(Claim):
         theorem, premise, least, summed = numbers[:4]
         holds = theorem.value >= 1.0 and summed.value - 2.0 * summed.error > 0.5
         return Verdict.graded(holds and (premise.value >= 0.99 or least.value >= 0.99), holds)
-
-
-CLAIMS: tuple[Claim, ...] = (
-    UgdkBias(),
-    UgdkError(),
-    Figure4Setting(),
-    NoiseFromThePoints(),
-    MarkersAveraged(),
-    MarkersPositiveDefinite(),
-)

@@ -11,6 +11,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Container
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, Self
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -107,7 +108,11 @@ def is_number(value: object) -> bool:
         return False
 
 
-SAMPLES = Condition(
+_placing = partial(Condition, by_moments=True, by_posterior=True)
+"""Makes a condition of the sphere and of the placing of its points, of which all routes take account."""
+_silent = partial(Condition, silent=True)
+
+SAMPLES = _placing(
     name="samples",
     symbol="N",
     meaning="number of samples N",
@@ -116,10 +121,8 @@ SAMPLES = Condition(
     rule="a whole number, at least dimension + 1",
     kind=int,
     own_draws=True,
-    by_moments=True,
-    by_posterior=True,
 )
-NOISE = Condition(
+NOISE = _placing(
     name="noise",
     symbol="σ",
     meaning="standard deviation σ",
@@ -129,10 +132,8 @@ NOISE = Condition(
     rule="above 0, in the unit of the radius",
     alternative="noise_over_radius",
     labelled=False,
-    by_moments=True,
-    by_posterior=True,
 )
-NOISE_OVER_RADIUS = Condition(
+NOISE_OVER_RADIUS = _placing(
     name="noise_over_radius",
     symbol="σ/r",
     meaning="standard deviation σ over radius r",
@@ -142,10 +143,8 @@ NOISE_OVER_RADIUS = Condition(
     stored=False,
     derived=lambda row: row["noise"] / row["radius"],
     digits=3,
-    by_moments=True,
-    by_posterior=True,
 )
-ANGLE = Condition(
+ANGLE = _placing(
     name="angle",
     symbol="φ",
     meaning="confinement half-angle φ",
@@ -156,10 +155,8 @@ ANGLE = Condition(
     own_draws=True,
     digits=4,
     mark="°",
-    by_moments=True,
-    by_posterior=True,
 )
-RADIUS = Condition(
+RADIUS = _placing(
     name="radius",
     symbol="r",
     meaning="true radius r",
@@ -167,10 +164,8 @@ RADIUS = Condition(
     allowed=lambda v: 1e-100 <= v <= 1e100,  # beyond, squares of errors leave the range of numbers
     rule="above 0, between 1e-100 and 1e100",
     default=1.0,
-    by_moments=True,
-    by_posterior=True,
 )
-CENTER = Condition(
+CENTER = _placing(
     name="center",
     symbol="|c|",
     meaning="distance |c| from the origin",
@@ -179,10 +174,8 @@ CENTER = Condition(
     allowed=lambda v: v >= 0,
     rule="at least 0: the distance of the centre from the origin",
     default=0.0,
-    by_moments=True,
-    by_posterior=True,
 )
-LAW = Condition(
+LAW = _silent(
     name="law",
     symbol="law",
     meaning="law of the noise",
@@ -191,9 +184,8 @@ LAW = Condition(
     rule=noise.RULE,
     kind=str,
     default=noise.NORMAL,
-    silent=True,
 )
-OUTLIER_SHARE = Condition(
+OUTLIER_SHARE = _silent(
     name="outlier_share",
     symbol="outliers",
     meaning="probability that a sample is an outlier",
@@ -201,32 +193,29 @@ OUTLIER_SHARE = Condition(
     allowed=lambda v: 0 <= v < 1,
     rule="a share: at least 0 and below 1",
     default=0.0,
-    silent=True,
 )
-OUTLIER_SIZE = Condition(
+OUTLIER_SIZE = _silent(
     name="outlier_size",
     symbol="outliers by",
     meaning="distance by which outliers are displaced, in units of σ",
     allowed=lambda v: v > 0,
     rule="above 0, in units of σ",
     default=noise.SIZE,
-    silent=True,
     digits=4,
     mark="σ",
 )
 DEPARTURES = (LAW, OUTLIER_SHARE, OUTLIER_SIZE)
 """The conditions that make the noise other than normal."""
-STATED_VARIANCE = Condition(
+STATED_VARIANCE = _silent(
     name="stated_variance",
     symbol="σ̂²/σ²",
     meaning="noise variance that the estimators are given, in units of σ²",
     allowed=lambda v: v > 0,
     rule="above 0, in units of σ²",
     default=1.0,
-    silent=True,
     digits=4,
 )
-DIRECTIONS = Condition(
+DIRECTIONS = _silent(
     name="directions",
     symbol="directions",
     meaning="law of the directions",
@@ -235,7 +224,6 @@ DIRECTIONS = Condition(
     rule=noise.DIRECTIONS_RULE,
     kind=str,
     default=noise.AREA,
-    silent=True,
     own_draws=True,
     by_moments=True,
 )

@@ -38,7 +38,7 @@ from pydantic import (
 
 from study.fits import ESTIMATORS
 from study.fits.samples import Worded
-from study.simulation.experiment.conditions import CONDITIONS, LAWS, STORED, Condition, Distribution, Value
+from study.simulation.experiment.conditions import CONDITIONS, LAWS, STORED, Condition, Value
 from study.simulation.experiment.designs import (
     MAX_CELLS,
     Batch,
@@ -436,9 +436,7 @@ def _level_faults(study: Study) -> Iterator[Fault]:
     name = "noise" if "noise" in given else "noise_over_radius"
     if name not in given:  # which is another fault
         return
-    noises, radii = (
-        entry.possible() if isinstance(entry, Distribution) else entry for entry in (given[name], given["radius"])
-    )
+    noises, radii = (list(map(float, study.design.possible(entry))) for entry in (name, "radius"))
     for noise, radius in product((min(noises), max(noises)), (min(radii), max(radii))):
         if noise > 0.0 and radius > 0.0:  # the lower end of a law is never drawn
             kind, other = ("σ/r", noise / radius) if name == "noise" else ("σ", noise * radius)
@@ -467,7 +465,7 @@ def _posterior_faults(study: Study) -> Iterator[Fault]:
     if "whole_sphere" in posterior.likelihood and any(v != 180.0 for v in angles):
         words = "whole_sphere is wrong on caps: choose cells of the whole sphere with where = { angle = 180 }"
         yield Fault(("posterior", "likelihood"), words)
-    least = min(map(float, where.get("samples", ())), default=design.least_samples())
+    least = min(map(float, where.get("samples", ())), default=round(min(map(float, design.possible("samples")))))
     if "unknown" in posterior.noise and least < d + 2:
         words = f"an unknown noise needs at least {d + 2} samples, not {least:g}; choose with where"
         yield Fault(("posterior", "noise"), words)

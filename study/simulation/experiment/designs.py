@@ -403,9 +403,10 @@ class Grid(_Design):
         """Number of trials of each cell of so many samples."""
         return self.trials if self.most_samples is None else max(1, min(self.trials, self.most_samples // samples))
 
-    def least_samples(self) -> int:
-        """The smallest number of samples listed."""
-        return min(map(int, self.given()["samples"]))
+    def possible(self, name: str) -> tuple[Value, ...]:
+        """The values listed of a condition."""
+        listed: tuple[Value, ...] = self.given()[name]
+        return listed
 
     def values(self, condition: Condition) -> tuple[Value, ...]:
         """The values that a condition takes: also those of σ if σ/r is listed, and the reverse."""
@@ -484,10 +485,10 @@ class Random(_Design):
         """Number of trials of the whole design, whatever number of samples they draw."""
         return self.trials
 
-    def least_samples(self) -> int:
-        """The smallest number of samples that can be drawn."""
-        law: Distribution = self.given()["samples"]
-        return round(min(law.possible()))
+    def possible(self, name: str) -> tuple[Value, ...]:
+        """The values that a condition's law can draw, or the ends of its range."""
+        law: Distribution = self.given()[name]
+        return law.possible()
 
     def values(self, condition: Condition) -> tuple[Value, ...] | None:
         """The values that a condition takes; None where a law leaves them open."""

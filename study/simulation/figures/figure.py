@@ -146,7 +146,7 @@ class Tables:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """The summary table; see `study.simulation.runs.schemas.summary`."""
-        return stored_summary(self.run, "errors" in self.stored, self.design == "random")
+        return stored_summary(self.run)
 
     def require_all_trials(self, name: str) -> None:
         """Raise `NotApplicable` if a measure of all trials is not known in some cell."""

@@ -18,7 +18,9 @@ import math
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from itertools import product
+from operator import and_
 from typing import Any
 
 import numpy as np
@@ -47,6 +49,7 @@ from study.simulation.runs.workers import Dispatch, Workers
 from study.text import columns, number
 
 KEYS = ["cell", "trial", "likelihood", "noise_is"]
+_KIND = ["cell", "likelihood", "noise_is"]
 _METHOD = ["likelihood", "noise_is", "method"]
 LEVELS = (0.68, 0.95)
 FLAT = 0.02
@@ -71,16 +74,14 @@ def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
     shift = mle.abs().max(axis=1).reindex(posterior.set_index(KEYS).index)
     ratio = posterior[[f"sd_{e}" for e in endings]].to_numpy() / posterior[[f"bound_{e}" for e in endings]].to_numpy()
     result = posterior.assign(shift=shift.to_numpy(), least=ratio.min(axis=1), most=ratio.max(axis=1))
-    rows = []
+    result = result.assign(rhat=result.get("rhat", math.nan))
     conditions = [condition.name for condition in STORED if condition.name in result]
-    shown = ["cell", "likelihood", "noise_is", *conditions, "flatness"]
-    for _, part in result.groupby(["cell", "likelihood", "noise_is"], sort=False, observed=True):
-        ok = part[part["status"] == ChainStatus.OK]
-        row: dict[str, object] = {name: part[name].iloc[0] for name in shown}
-        row |= {"chains": len(part), "ok": len(ok), "shift": ok["shift"].max(), "tau": ok["tau"].max()}
-        row["rhat"] = ok["rhat"].max() if "rhat" in ok else math.nan
-        rows.append(row | {"least": ok["least"].min(), "most": ok["most"].max()})
-    return pd.DataFrame(rows)
+    ok = result[result["status"] == ChainStatus.OK].groupby(_KIND, sort=False, observed=True)
+    largest = {name: (name, "max") for name in ("shift", "tau", "rhat", "most")}
+    numbers = ok.agg(ok=("status", "size"), least=("least", "min"), **largest)
+    cells = result.drop_duplicates(_KIND).set_index(_KIND)[[*conditions, "flatness"]]
+    cells = cells.assign(chains=result.groupby(_KIND, sort=False, observed=True).size()).join(numbers)
+    return cells.assign(ok=cells["ok"].fillna(0).astype(int)).reset_index()
 
 
 def trials(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
@@ -158,34 +159,28 @@ STORED_DRAWS = 2000
 """Largest number of draws that are stored of a chain."""
 
 
-def rows(
-    study: Study, trial: Trial, chain: Chain, key: Row, walkers: int, keep: bool, rhat: float = math.nan
-) -> dict[str, pa.Table]:
+def rows(task: "ChainTask", chain: Chain, rhat: float = math.nan) -> dict[str, pa.Table]:
     """Rows of the three tables for one chain.
 
     Args:
-        study: the config, which has the estimators whose fits are compared with the chain, and the conditions.
-        trial: the data set.
+        task: the chain's name, and the data set, whose study has the estimators that are compared with the chain.
         chain: the posterior of its sphere.
-        key: columns that identify the chain: cell, trial, likelihood, noise_is.
-        walkers: number of walkers.
-        keep: store draws.
         rhat: R̂ of this chain and another of the same data, if there is one.
 
     Returns:
         Tables ``posterior`` (one row), ``answers`` (a row per estimator) and ``draws`` (empty if they are not stored).
     """
-    d = trial.samples.x.shape[1]
+    trial, key, known, walkers = task.trial, task.key, task.noise_is == "known", task.asked.walkers
+    d, study = trial.samples.x.shape[1], trial.study
     truth = np.array([*trial.cell.center, trial.cell.radius, trial.cell.noise])
-    known = key["noise_is"] == "known"
     draws = chain.flat - truth[: d + 2 - known]
     fits = [key | _answer(trial, name, draws, known) for name in study.estimators]
     walker_by_walker = np.arange(len(draws)).reshape(-1, walkers).T.ravel()
     chosen = np.linspace(0, len(draws) - 1, min(len(draws), STORED_DRAWS)).round().astype(int)
     thinned = draws[walker_by_walker[chosen]] if len(draws) else draws
     noise = np.append(np.zeros(len(thinned)) if known else thinned[:, d + 1], 0.0) + trial.cell.noise
-    rank = likelihood_rank(key["likelihood"], trial.samples.x[0], truth[: d + 1], thinned[:, : d + 1], noise)
-    stored, noise = (thinned, noise[:-1]) if keep else (thinned[:0], noise[:0])
+    rank = likelihood_rank(task.likelihood, trial.samples.x[0], truth[: d + 1], thinned[:, : d + 1], noise)
+    stored, noise = (thinned, noise[:-1]) if task.keeps_draws else (thinned[:0], noise[:0])
     posterior = _posterior(trial, chain, draws, walkers) | {"rank_likelihood": rank, "rhat": rhat}
     columns = {f"error_{i + 1}": stored[:, i] for i in range(d)} | {"radius_error": stored[:, d], "noise": noise}
     return {
@@ -277,40 +272,50 @@ class ChainTask:
 
     Attributes:
         trial: the data set.
+        asked: the section of the config that asks for it.
         likelihood: name of the likelihood.
         noise_is: "known" or "unknown".
     """
 
     trial: Trial
+    asked: Posterior
     likelihood: str
     noise_is: str
 
     @property
-    def key(self) -> dict[str, str | int]:
+    def key(self) -> Row:
         """The columns that identify the chain in every table."""
         names = self.trial.cell.name, self.trial.trial, self.likelihood, self.noise_is
         return dict(zip(KEYS, names, strict=True))
 
-    def part(self, study: Study, posterior: Posterior) -> str:
+    @property
+    def keeps_draws(self) -> bool:
+        """True if its draws are stored."""
+        return self.trial.trial < self.asked.keep_draws
+
+    @cached_property
+    def part(self) -> str:
         """Name of the chain's part: a digest of all that determines it."""
-        settings = (posterior.box, posterior.walkers, posterior.max_steps, self._keeps_draws(posterior))
+        study, asked = self.trial.study, self.asked
+        settings = (asked.box, asked.walkers, asked.max_steps, self.keeps_draws)
         content = repr((FORMAT, study.seed, study.dimension, study.estimators, settings, self.key, self.trial.cell))
         return hashlib.sha256(content.encode()).hexdigest()[:20]
 
-    def compute(self, study: Study, posterior: Posterior) -> dict[str, pa.Table]:
-        """Run the chain; returns its rows of the posterior tables."""
-        trial = self.trial
-        prior = prior_of(trial.cell, posterior, self.noise_is == "known")
-        random = old_stream(study.seed, "posterior", *self.key.values())
-        size = posterior.walkers, posterior.max_steps
-        chain, rhat = sample(trial.samples, prior, self.likelihood, random, *size), math.nan
-        if trial.trial == 0:  # every cell has one trial whose chain is checked against another of its own
-            random = old_stream(study.seed, "posterior", *self.key.values(), "second")
-            rhat = shrink_factor([chain, sample(trial.samples, prior, self.likelihood, random, *size)])
-        return rows(study, trial, chain, self.key, posterior.walkers, self._keeps_draws(posterior), rhat)
+    def of(self, table: pa.Table) -> pa.Table:
+        """The chain's rows of a table of many."""
+        return table.filter(reduce(and_, (pc.field(column) == value for column, value in self.key.items())))
 
-    def _keeps_draws(self, posterior: Posterior) -> bool:
-        return self.trial.trial < posterior.keep_draws
+    def compute(self) -> dict[str, pa.Table]:
+        """Run the chain; returns its rows of the posterior tables."""
+        trial, asked = self.trial, self.asked
+        prior = prior_of(trial.cell, asked, self.noise_is == "known")
+
+        def run(*last: str) -> Chain:
+            random = old_stream(trial.study.seed, "posterior", *self.key.values(), *last)
+            return sample(trial.samples, prior, self.likelihood, random, asked.walkers, asked.max_steps)
+
+        chain = run()  # every cell has one trial whose chain is checked against another of its own
+        return rows(self, chain, shrink_factor([chain, run("second")]) if trial.trial == 0 else math.nan)
 
 
 def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
@@ -319,10 +324,12 @@ def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
     return Prior(center, width, 2.0 * cell.radius + len(center) ** 0.5 * width, cell.noise, known)
 
 
-def chain_tasks(study: Study, posterior: Posterior) -> list[ChainTask]:
-    """Every chain that a config asks for, in the order of the tables."""
+def chain_tasks(study: Study) -> list[ChainTask]:
+    """Every chain that a config asks for, in the order of the tables; none without a [posterior]."""
+    if (posterior := study.posterior) is None:
+        return []
     chosen = (trial for trial in all_trials(study, posterior.trials) if posterior.chooses(trial.cell))
-    return [ChainTask(*task) for task in product(chosen, posterior.likelihood, posterior.noise)]
+    return [ChainTask(*task) for task in product(chosen, [posterior], posterior.likelihood, posterior.noise)]
 
 
 def printed(run: Run) -> Iterator[str]:
@@ -395,11 +402,10 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
     study, posterior = run.study, run.study.posterior
     if posterior is None:
         raise RunError(f"{run.folder}: its config has no [posterior]; add one, as in configs/posterior.toml")
-    todo = chain_tasks(study, posterior)
+    todo = {task.part: task for task in chain_tasks(study)}
     if not todo:
         raise RunError(f"{run.folder}: [posterior] where = {dict(posterior.where)} chooses none of its cells")
-    keys = {task.part(study, posterior): task for task in todo}
-    metadata = {"study.config": study.canonical(), "study.posterior": json.dumps(list(keys))}
+    metadata = {"study.config": study.canonical(), "study.posterior": json.dumps(list(todo))}
     d = study.dimension
     stored = {"answers": schemas.answers(d), "draws": schemas.draws(d)}
     stored["posterior"] = schemas.posterior(d, study.conditions())
@@ -414,23 +420,23 @@ def compute(run: Run, jobs: Workers | int = 2, progress: Callable[[float], None]
         for name in parts.damaged:
             print(f"{parts.folder / name}: damaged; moved to parts/damaged and computed again", file=sys.stderr)
         if usable:
-            _keep_finished(run, parts, keys, list(stored))
+            _keep_finished(run, parts, todo, list(stored))
         run.forget(*stored)
-        missing = [item for item in keys.items() if not parts.outputs(item[0])]
+        missing = [task for part, task in todo.items() if not parts.outputs(part)]
         lost: list[str] = []
 
-        def ended(items: tuple[tuple[str, ChainTask], ...], failure: str) -> None:
+        def ended(tasks: tuple[ChainTask, ...], failure: str) -> None:
             if failure:
                 lost.append(failure)
             if progress is not None:
-                progress(len(items) / len(missing))
+                progress(len(tasks) / len(missing))
 
-        dispatch = Dispatch(backend, _chains, (study, posterior), parts)
-        dispatch.compute(missing, lambda item: _HEAVY * item[1].trial.cell.samples, ended)
+        dispatch = Dispatch(backend, _chains, None, parts)
+        dispatch.compute(missing, lambda task: _HEAVY * task.trial.cell.samples, ended)
         if lost:
             raise RunError(f"{run.folder}: {len(lost)} chains could not be run: {lost[0]}; the others are stored")
         for name, columns in stored.items():
-            result = (schemas.completed(table, columns) for key in keys for _, _, table in parts.tables(key, name))
+            result = (schemas.completed(table, columns) for part in todo for _, _, table in parts.tables(part, name))
             run.join(name, columns, result, metadata)
         made = {"chains": len(todo), "seconds": round(parts.seconds, 3), "jobs": workers.jobs}
         run.record(*stored, posterior=made)
@@ -442,13 +448,11 @@ def _keep_finished(run: Run, parts: Parts, wanted: dict[str, ChainTask], names: 
     held = set(json.loads(run.metadata("posterior").get("study.posterior", "[]"))) & set(wanted)
     stored = {name: run.arrow(name) for name in names} if held else {}
     for part in held:
-        mine = pc.scalar(True)
-        for column, value in wanted[part].key.items():
-            mine = mine & (pc.field(column) == value)
-        parts.add(Packet.of([(part, _OUTPUTS)], [{name: table.filter(mine) for name, table in stored.items()}]))
+        rows_of = {name: wanted[part].of(table) for name, table in stored.items()}
+        parts.add(Packet.of([(part, _OUTPUTS)], [rows_of]))
     parts.commit()
 
 
-def _chains(shared: tuple[Study, Posterior], items: tuple[tuple[str, ChainTask], ...]) -> Packet:
+def _chains(shared: None, tasks: tuple[ChainTask, ...]) -> Packet:
     """Run chains, in a worker."""
-    return Packet.of([(key, _OUTPUTS) for key, _ in items], [task.compute(*shared) for _, task in items])
+    return Packet.of([(task.part, _OUTPUTS) for task in tasks], [task.compute() for task in tasks])

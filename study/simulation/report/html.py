@@ -129,26 +129,9 @@ def table(
     """
     if any(len(row) != len(head) for row in rows):
         raise ValueError(f"{label}: a row has not {len(head)} cells")
-    long = len(rows) > PRINTED and not look
     number = [Markup(' class="number"' if place in numeric else "") for place in range(len(head))]
-    titles = [_filled('<th scope="col"{}>{}</th>', number[place], title) for place, title in enumerate(head)]
-    lines: list[Markup] = []
-    for index, row in enumerate(rows):
-        cells = []
-        for place, content in enumerate(row):
-            cell = joined(content)
-            tag, scope = ("td", "") if place else ("th", ' scope="row"')
-            beside = _filled(' data-title="{}"', head[place]) if look else ""
-            cell = _filled("<div>{}</div>", cell) if look else cell
-            cells.append(_filled(f"<{tag}{scope}{{}}{{}}>{{}}</{tag}>", number[place], beside, cell))
-        lines.append(_filled("<tr{}>{}</tr>\n", _filled(' id="{}"', ids[index]) if ids else "", cells))
-    above = [_filled('<p class="caption">{}</p>\n', caption)] if caption else []
-    if long:
-        unprinted = "The {} rows of this table are on the screen alone."
-        above.append(_filled(f'<p class="unprinted">{unprinted}</p>\n', str(len(rows))))
-    markup = '\n<table class="{}">\n<thead><tr>{}</tr></thead>\n<tbody>\n{}</tbody>\n</table>\n'
-    whole = _filled(markup, look or ("wide" if len(head) > 8 else "plain"), titles, lines)
-    return joined([*above, scrolling("scroll screen" if long else "scroll", label, whole)])
+    named = {"label": label, "caption": caption, "head": head, "rows": rows, "number": number, "look": look, "ids": ids}
+    return Markup(rendered("assets/table.html", long=len(rows) > PRINTED and not look, **named).rstrip("\n"))
 
 
 def picture(id: str, data: bytes, alt: str, caption: Content) -> Markup:
@@ -183,4 +166,4 @@ _TEMPLATES = Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
-_TEMPLATES.filters["coded"] = coded
+_TEMPLATES.filters |= {"coded": coded, "joined": joined}

@@ -6,7 +6,6 @@ Every number in a sentence is one of the tables'; none is written here.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -209,66 +208,50 @@ def described(figure: FigureModule) -> tuple[str, str]:
     return title, next((part for part in rest if part.startswith("Look at")), "")
 
 
-@dataclass(frozen=True)
 class Material:
-    """Input of all sections.
+    """Input of all sections: runs, whose figures are drawn one after the other, so that no two error tables are read.
+
+    Args:
+        runs: finished runs.
+        claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`, perhaps without rows.
+        bench: the table that `make bench` stores, if it is given.
+        gallery: takes the figures, so that a caller can write them; with PNG among its formats.
+        readings: verdicts under other readings of the paper, if they are given.
 
     Attributes:
         runs: the runs, in the order given, each with its summary in memory.
-        claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`, perhaps without rows.
         pictures: each figure that some run can feed, by name.
         undrawn: for each other figure the runs' reasons, by the run's name.
         lead: the picture at the top of the page, if some run can feed it.
         findings: the findings at the top of the page.
-        bench: the table that `make bench` stores, if it is given.
-        readings: verdicts under other readings of the paper, if they are given.
+
+    Raises:
+        RunError: if a run did not finish, or is given twice.
     """
 
-    runs: list[Tables]
-    claims: pd.DataFrame
-    pictures: dict[str, Markup]
-    undrawn: dict[str, dict[str, str]]
-    lead: Markup | None
-    findings: list[Headline]
-    bench: pd.DataFrame | None = None
-    readings: Readings | None = None
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         runs: Sequence[Run],
         claims: pd.DataFrame,
         bench: pd.DataFrame | None = None,
         gallery: Gallery | None = None,
         readings: Readings | None = None,
-    ) -> Self:
-        """Read runs and draw their figures, one after the other, so that no two error tables are in memory together.
-
-        Args:
-            runs: finished runs.
-            claims: the claims table.
-            bench: the table that `make bench` stores.
-            gallery: takes the figures, so that a caller can write them; with PNG among its formats.
-            readings: verdicts under other readings of the paper.
-
-        Raises:
-            RunError: if a run did not finish, or is given twice.
-        """
+    ) -> None:
+        self.claims, self.bench, self.readings, self.runs = claims, bench, readings, list[Tables]()
         gallery = gallery or figures.gallery(kinds=["png"])
-        read: list[Tables] = []
         for run in runs:
             tables = Tables(run)
-            if tables.name in [other.name for other in read]:
+            if tables.name in [other.name for other in self.runs]:
                 raise RunError(f"{run.folder}: {tables.name} is given twice")
             gallery.add(tables)
-            read.append(tables)
-        drawings, undrawn, top = gallery.drawings, dict(gallery.undrawn), None
+            self.runs.append(tables)
+        drawings, self.undrawn = gallery.drawings, dict(gallery.undrawn)
         efficiency = drawings[_LEAD].frame if _LEAD in drawings else None
+        self.lead: Markup | None = None
         if efficiency is not None:
             try:
-                top = lead(efficiency)
+                self.lead = lead(efficiency)
             except Exception as error:  # a picture that fails must not cost the page
-                undrawn["lead"] = {drawings[_LEAD].tables.name: failure(error)}
-        pictures = {name: picture(name, drawing) for name, drawing in drawings.items()}
-        told = findings(claims, efficiency, readings)
-        return cls(read, claims, pictures, undrawn, top, told, bench, readings)
+                self.undrawn["lead"] = {drawings[_LEAD].tables.name: failure(error)}
+        self.pictures = {name: picture(name, drawing) for name, drawing in drawings.items()}
+        self.findings = findings(claims, efficiency, readings)

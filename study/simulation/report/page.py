@@ -409,7 +409,7 @@ def render(
     Raises:
         RunError: if a run did not finish, is given twice, or a table cannot be read.
     """
-    material = Material.of(runs, claims, bench, gallery, readings)
+    material = Material(runs, claims, bench, gallery, readings)
     sections = [section for make in SECTIONS for section in make(material)]
     return html.rendered(
         "template.html",

@@ -1,10 +1,10 @@
 """Cost of a study before it runs: counts, bytes, and seconds predicted from a short calibration on its conditions."""
 
 import os
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import chain, islice
 from time import perf_counter
 from typing import NamedTuple
@@ -29,19 +29,9 @@ _LONG_PROBE = 0.05
 """A measurement that takes longer than so many seconds is not repeated, unless it is the first."""
 _MOST_SUMMARISED = 20_000
 """Largest number of trials whose summary is measured; beyond it, time is proportional to the number."""
-_PER_TRIAL = ("draw", "bound")
 
 
-class Kind(NamedTuple):
-    """Trials of equal cost: with the same number of samples N, and of levels and cells that share each draw."""
-
-    samples: int
-    levels: int
-    cells: int
-
-
-@dataclass(frozen=True)
-class Pace:
+class Pace(NamedTuple):
     """Seconds of one worker while all workers compute, at k numbers of samples.
 
     Attributes:
@@ -56,17 +46,10 @@ class Pace:
     level: Floats
     summary: float
 
-    def of(self, work: Mapping[Kind, int]) -> float:
-        """Predict the seconds of some work: numbers of trials by their kind."""
-        return sum(
-            trials * (self._at(self.draw, kind.samples) + kind.levels * self._at(self.level, kind.samples))
-            for kind, trials in work.items()
-        )
-
-    def _at(self, seconds: Floats, samples: int) -> float:
-        """Interpolate linearly between the measured sizes, and in proportion beyond the last."""
-        beyond = max(1.0, samples / float(self.samples[-1]))
-        return float(beyond * np.interp(samples, self.samples, seconds))
+    def of(self, samples: int, levels: int) -> float:
+        """Seconds of a trial: linear between the measured numbers of samples, in proportion beyond the last."""
+        draw, level = (np.interp(samples, self.samples, seconds) for seconds in (self.draw, self.level))
+        return float(max(1.0, samples / self.samples[-1]) * (draw + levels * level))
 
 
 def measure(study: Study, cells: Sequence[Cell], jobs: int) -> Pace:
@@ -110,24 +93,30 @@ def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Batch]:
     return batches
 
 
-def _timed(study: Study, batches: list[Batch]) -> tuple[float, float]:
-    """Seconds per trial, and per trial and level, averaged over batches."""
-    shared = {*_PER_TRIAL, "moments"} if study.route == "moments" else set(_PER_TRIAL)
+def _timed(study: Study, batches: list[Batch]) -> Floats:
+    """Seconds per trial, and per trial and level, averaged over batches (2,)."""
+    shared = ("draw", "bound", "moments") if study.route == "moments" else ("draw", "bound")
     result = []
     for batch in batches:
-        best = np.inf, np.inf
+        times = []
         for repeat in range(_REPEATS):
             began = perf_counter()
-            timings = tables(study, compute(study, batch))["timings"]
+            steps = _steps(study, batch)
             whole = perf_counter() - began
-            drawing = timings["seconds"][np.isin(timings["step"].astype(str), list(shared))].sum()
-            best = min(best, (whole - drawing, drawing))
+            drawing = sum(steps[name] for name in shared)
+            times.append((whole - drawing, drawing))
             if repeat and whole > _LONG_PROBE:  # the first one may have loaded compiled code
                 break
-        count = len(batch.group.levels)
-        result.append((best[1] / batch.trials, best[0] / (batch.trials * count)))
-    draw, level = np.mean(result, axis=0)
-    return float(draw), float(level)
+        fits, drawing = min(times)
+        result.append((drawing / batch.trials, fits / (batch.trials * len(batch.group.levels))))
+    seconds: Floats = np.mean(result, axis=0)
+    return seconds
+
+
+def _steps(study: Study, batch: Batch) -> dict[str, float]:
+    """Seconds of each step of computing a batch."""
+    timings = tables(study, compute(study, batch))["timings"]
+    return dict(zip(timings["step"], timings["seconds"], strict=True))
 
 
 def _time_of_summary(study: Study, cells: Sequence[Cell]) -> float:
@@ -136,11 +125,7 @@ def _time_of_summary(study: Study, cells: Sequence[Cell]) -> float:
     trials = study.design.trials_of(smallest.samples)
     few = min(trials, _MOST_SUMMARISED)
     batch = Batch(Group(("probe", 0), few, (smallest,)), 0, few)
-    best = np.inf
-    for _ in range(_REPEATS):
-        timings = tables(study, compute(study, batch))["timings"]
-        best = min(best, timings["seconds"][timings["step"] == "summary"].sum())
-    return float(best) * trials / few
+    return min(_steps(study, batch)["summary"] for _ in range(_REPEATS)) * trials / few
 
 
 _ROW_BYTES = 51.0
@@ -207,39 +192,28 @@ def plan(study: Study, jobs: int) -> Plan:
     """
     if study.cells() > _MOST_COUNTED:
         return _extrapolated(study, jobs)
-    portions: Counter[frozenset[tuple[Kind, int]]] = Counter()
-    for group in study.groups():
-        for unit, units in study.sizes_of(group):
-            portion = Counter[Kind]()
-            for samples, count in group.sizes(unit.first, unit.last):
-                portion[Kind(samples, len(group.levels), group.width)] += count
-            portions[frozenset(portion.items())] += units
-    work: Counter[Kind] = Counter()
-    for kinds, units in portions.items():
-        work.update({kind: units * trials for kind, trials in kinds})
-    trials = sum(count * kind.cells for kind, count in work.items())
-    samples = sum(count * kind.cells * kind.samples for kind, count in work.items())
-    n_units = portions.total()
     processes = jobs > 1 and takes_long(study)  # they do not wait for one interpreter, but take a while to start
     places = chain.from_iterable(group.places(0, study.trials_of(group)) for group in study.groups())
     cells = islice((cell for cell, _, _ in places), 0, None, max(1, study.cells() // _MOST_CELLS))  # evenly spread
     pace = measure(study, list(cells), 1 if processes else jobs)
-    longest = max(pace.of(dict(kinds)) for kinds in portions)
+    of_trial = cache(pace.of)
+    units = trials = draws = samples = 0
+    seconds = longest = 0.0
+    for group in study.groups():
+        for unit, count in study.sizes_of(group):
+            sizes = list(group.sizes(unit.first, unit.last))
+            of_unit = sum(number * of_trial(n, len(group.levels)) for n, number in sizes)
+            drawn = count * sum(number * n for n, number in sizes)
+            seconds, longest = seconds + count * of_unit, max(longest, of_unit)
+            units, draws, samples = units + count, draws + drawn, samples + group.width * drawn
+            trials += count * group.width * sum(number for _, number in sizes)
     fits = trials * len(study.estimators)
     rows = study.cells() * len(study.estimators) if study.keep == "summary" else fits
     stored = min(study.keep_points, study.design.trials) * samples / study.design.trials
-    seconds = pace.of(work)
-    seconds += pace.summary * study.cells() if study.keep == "summary" else 0.0
-    return Plan(
-        cells=study.cells(),
-        units=n_units,
-        trials=trials,
-        draws=sum(count * kind.samples for kind, count in work.items()),
-        samples=samples,
-        fits=fits,
-        bytes=_ROW_BYTES * rows + _POINT_BYTES * stored,
-        seconds=max(seconds / min(jobs, n_units), longest) + _ROW_SECONDS * rows + _START_SECONDS * processes,
-    )
+    space = _ROW_BYTES * rows + _POINT_BYTES * stored
+    seconds = max((seconds + pace.summary * study.cells()) / min(jobs, units), longest)
+    seconds += _ROW_SECONDS * rows + _START_SECONDS * processes
+    return Plan(study.cells(), units, trials, draws, samples, fits, space, seconds)
 
 
 def warning(study: Study, least: Plan, jobs: int) -> str | None:
@@ -275,5 +249,4 @@ def _extrapolated(study: Study, jobs: int) -> Plan:
     few = _MOST_COUNTED // 10
     design = study.design.model_copy(update={"trials": few})
     result, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
-    counts = {name: round(getattr(result, name) * times) for name in ("cells", "units", "trials", "draws", "samples")}
-    return Plan(**counts, fits=round(result.fits * times), bytes=result.bytes * times, seconds=result.seconds * times)
+    return Plan(*(round(value * times) if isinstance(value, int) else value * times for value in vars(result).values()))

@@ -160,9 +160,8 @@ def _digest_fault(content: object) -> str | None:
         return "not JSON, or no object"
     if DIGEST not in content:
         return f"no field '{DIGEST}', so that nothing vouches for the tables"
-    if content[DIGEST] != files.of_json(_without_digest(content)):
-        return f"its {DIGEST} is not that of its content"
-    return None if "format" in content else "no field 'format'"
+    same = content[DIGEST] == files.of_json(_without_digest(content))
+    return None if same else f"its {DIGEST} is not that of its content"
 
 
 def _field_fault(content: Manifest, keep: str) -> str | None:
@@ -174,9 +173,8 @@ def _field_fault(content: Manifest, keep: str) -> str | None:
     except ValidationError as error:
         first = error.errors()[0]
         name, value = ".".join(map(str, first["loc"])), json.dumps(first["input"], default=str)[:40]
-        return (
-            f"no field '{name}'" if first["type"] == "missing" else f"{name} = {value} is not as this program writes it"
-        )
+        missing, other = f"no field '{name}'", f"{name} = {value} is not as this program writes it"
+        return missing if first["type"] == "missing" else other
     return None
 
 
@@ -316,12 +314,13 @@ class Run:
         path, known = self.path(name), self.manifest()["tables"]
         if name not in known:
             raise RunError(f"{path}: not in {NAME}, so not of this run; {self.again(name)} makes it")
-        same = self.fingerprint(name) == known[name]
-        if fault := self.column_fault(name) if same else f"damaged: its SHA-256 is not the one in {NAME}":
+        if fault := self.fault(name, known[name]):
             raise RunError(f"{path}: {fault}; {self.again(name)} makes it again")
 
-    def column_fault(self, name: str) -> str | None:
-        """The fault of a stored table's columns, whatever its digest; None if they are those declared."""
+    def fault(self, name: str, digest: str | None) -> str | None:
+        """The fault of a stored table that should have a digest, and the columns declared; None if it has both."""
+        if self.fingerprint(name) != digest:
+            return f"damaged: its SHA-256 is not the one in {NAME}"
         declared = schemas.declared(self.study.dimension, self.study.conditions()).get(name, [])
         try:
             return schemas.fault(pq.read_schema(self.path(name)), declared)
@@ -340,18 +339,17 @@ class Run:
     def valid(self, name: str) -> bool:
         """True if a table is stored, and has the digest that its manifest says, and the columns declared."""
         try:
-            same = self.has(name) and self.manifest()["tables"].get(name) == self.fingerprint(name)
-            return same and self.column_fault(name) is None
+            return self.has(name) and not self.fault(name, self.manifest()["tables"].get(name))
         except RunError:
             return False
 
     def metadata(self, name: str) -> dict[str, str]:
         """Metadata of a stored table; empty if it is not there or cannot be read."""
         try:
-            result = pq.read_schema(self.path(name)).metadata
+            result = pq.read_schema(self.path(name)).metadata or {}
         except (OSError, pa.ArrowInvalid):
             return {}
-        return {key.decode(): value.decode() for key, value in (result or {}).items()}
+        return {key.decode(): value.decode() for key, value in result.items()}
 
     def fingerprint(self, name: str) -> str | None:
         """SHA-256 of a table's file; None if it is not there."""
@@ -463,10 +461,10 @@ class Run:
         except (ValueError, RecursionError):
             content = None
         fault = _digest_fault(content)
-        if not fault and isinstance(content["format"], int) and content["format"] > FORMAT:
+        if not fault and isinstance(made := content.get("format"), int) and made > FORMAT:
             software = content.get("software")
-            made = software.get("study", "unknown") if isinstance(software, dict) else "unknown"
-            words = f"made by a newer version of this program ({made})"
+            version = software.get("study", "unknown") if isinstance(software, dict) else "unknown"
+            words = f"made by a newer version of this program ({version})"
             raise ManifestNewerError(f"{self.folder}: {words}; update it, or choose another folder with --out")
         if fault := fault or _field_fault(content, self.study.keep):
             raise ManifestDamagedError(f"{path}: damaged: {fault}; {self.again()} makes it again")
@@ -494,7 +492,7 @@ class Run:
     def damaged(self) -> list[str]:
         """Names of the tables in the manifest that have changed since, are gone, or have other columns."""
         tables = self.known().get("tables", {}).items()
-        return [name for name, digest in tables if self.fingerprint(name) != digest or self.column_fault(name)]
+        return [name for name, digest in tables if self.fault(name, digest)]
 
     def digests(self) -> dict[str, str]:
         """Digests of the tables in the manifest, by name; none of a run that is not finished."""

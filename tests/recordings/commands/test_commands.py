@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from study import cli
-from study.recordings.commands import joints, results_folder, skeleton
+from study.recordings import commands
 from study.recordings.formats import write
 from study.recordings.formats.read import read_recording
 from study.recordings.formats.write import write_recording
@@ -336,8 +336,8 @@ def test_nothing_moves(works, refused, tmp_path):
 )
 def test_folders(name, folder):
     """For any name of a recording, its folder is directly below that of results."""
-    assert results_folder(name) == Path("results/recordings") / folder
-    assert results_folder(name, Path("mine")) == Path("mine")
+    assert commands.results_folder(name) == Path("results/recordings") / folder
+    assert commands.results_folder(name, Path("mine")) == Path("mine")
 
 
 def test_a_name_stays_in_the_folder(works, made, tmp_path):
@@ -347,7 +347,7 @@ def test_a_name_stays_in_the_folder(works, made, tmp_path):
         assert (tmp_path / "results" / "recordings" / folder / "joints.parquet").is_file()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["...c3d", "a b<i>.c3d", "results"]
     with pytest.raises(RecordingError, match="is a file, not a folder; choose another with --out"):
-        results_folder("a", tmp_path / "...c3d")
+        commands.results_folder("a", tmp_path / "...c3d")
 
 
 def test_fetch(read, refused, monkeypatch, tmp_path):
@@ -440,7 +440,7 @@ def test_hips_by_regression(works, refused, made, tmp_path):
 
 def test_options_of_a_synthetic_body(works, tmp_path):
     """The command has an option for each setting, with its default, names every law of the skin, and passes all on."""
-    options = inspect.signature(skeleton.synthetic).parameters
+    options = inspect.signature(commands.synthetic).parameters
     assert {name: options[name].default for name in Recipe.__dataclass_fields__} == vars(Recipe())
     assert get_args(options["skin"].annotation)[1].help.endswith(f": {', '.join(SKIN)}")
     walk = Recipe(30, 60.0, 2, 0.002, 0.01, "angle", 0.1, 0.05, 1.6, 0.5, gait=True, markers="rizzoli")
@@ -457,4 +457,4 @@ def test_options_of_a_synthetic_body(works, tmp_path):
     "name", ["case_study", "fetch", "joint", "joints", "markersets", "recording", "skeleton", "synthetic"]
 )
 def test_every_command_on_recordings_has_json(name):
-    assert "as_json" in inspect.signature(getattr(joints, name, None) or getattr(skeleton, name)).parameters
+    assert "as_json" in inspect.signature(getattr(commands, name)).parameters

@@ -7,7 +7,7 @@ import pytest
 
 import study
 from study.recordings.formats.write import write_recording
-from study.recordings.joints.calibration import save_calibration
+from study.recordings.joints.find import save_calibration
 from study.recordings.markersets import MarkerSetError
 from study.recordings.recording import RecordingError
 from study.recordings.synthetic.make import Recipe, synthesize

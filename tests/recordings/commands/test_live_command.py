@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.recordings.commands import joints
+from study.recordings import commands
 
 PELVIS = {"A": (120, 100, 0), "B": (-120, 100, 0), "C": (50, -100, 20), "D": (-50, -100, 20)}
 
@@ -137,8 +137,8 @@ def test_ctrl_c_after_the_last_frame(live, monkeypatch):
         os.kill(os.getpid(), signal.SIGINT)
         printed(joints)
 
-    printed, before = joints._print, signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr(joints, "_print", interrupted)
+    printed, before = commands._print, signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(commands, "_print", interrupted)
     code, said, complained = live('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
     assert code == 3
     assert "Traceback" not in complained

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings.export import write_file
 from study.recordings.export.tree import RestPose, joint_angles, joint_tree, rest_rotations
-from study.recordings.joints.calibration import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.estimate import JointStatus
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset
 from study.recordings.skeleton.calibrate import calibrate, with_checks
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.recordings.joints.calibration import METHODS, JointPlace, agreement_table, joint_lines, joint_table
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     USABLE,
@@ -16,7 +15,8 @@ from study.recordings.joints.estimate import (
     check_both_ways,
     side_differences,
 )
-from study.recordings.joints.find import find_joints, in_both_segments
+from study.recordings.joints.find import JointPlace, find_joints, in_both_segments
+from study.recordings.joints.report import METHODS, agreement_table, joint_lines, joint_table
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording
 from study.recordings.rigid import rotation_range

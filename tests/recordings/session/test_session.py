@@ -11,9 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.recordings.formats.read import read_recording
-from study.recordings.joints.calibration import JointPlace
 from study.recordings.joints.estimate import USABLE, JointStatus
-from study.recordings.joints.find import exchange, find_joints
+from study.recordings.joints.find import JointPlace, exchange, find_joints
 from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset, match
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.session import calibrate_session, pool_places, refit_shapes, session_lines, session_table

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from study.recordings import library
 from study.recordings.export import write_mot
 from study.recordings.export.tree import ExportedMotion, angle_lines, joint_angles
-from study.recordings.joints.calibration import load_calibration, save_calibration
 from study.recordings.joints.estimate import JointStatus
+from study.recordings.joints.find import load_calibration, save_calibration
 from study.recordings.markersets import landmarks, load_markerset, shipped, side_of
 from study.recordings.recording import Recording
 from study.recordings.skeleton import anatomy

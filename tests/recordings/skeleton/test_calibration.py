@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from study.recordings.formats.read import read_recording
-from study.recordings.joints.calibration import joint_table, load_calibration, save_calibration
 from study.recordings.joints.estimate import JointStatus
+from study.recordings.joints.find import load_calibration, save_calibration
+from study.recordings.joints.report import joint_table
 from study.recordings.markersets import choose, load_markerset, match
 from study.recordings.recording import RecordingError
 from study.recordings.skeleton.calibrate import (

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.recordings.joints.calibration import agreement_lines, joint_lines
+from study.recordings.joints.report import agreement_lines, joint_lines
 from study.recordings.markersets import mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.draw import Flag

@@ -95,8 +95,8 @@ def test_the_same_within_monte_carlo_error(make, change, by_summary):
     grown = change[0] == "trials = 200" and not by_summary
     words = "identical in the trials that both have" if grown else "the same within Monte-Carlo error"
     assert verdict(found) == words
-    assert {each.equal for each in found.comparisons} == {grown}
-    assert {each.same_trials for each in found.comparisons} == {by_summary and change[0] == "seed = 1"}
+    assert set(found.comparisons["equal"]) == {grown}
+    assert set(found.comparisons["same_trials"]) == {by_summary and change[0] == "seed = 1"}
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -108,8 +108,7 @@ def test_different(make, altered, seed, by_summary):
     changes = [("seed = 1", f"seed = {seed}")] if seed != 1 else []
     found = Difference(without_errors(one) if by_summary else one, make("other", *changes))
     assert found.different
-    beyond = {each.estimator for each in found.comparisons if each.chance < found.threshold}
-    assert beyond == {"lls"}
+    assert set(found.comparisons["estimator"][found.comparisons["different"]]) == {"lls"}
     lines = list(printed(found))
     assert verdict(found) == "different"
     assert any(line.startswith("  !  N = ") and ", lls  " in line and "cell " in line for line in lines)

@@ -233,11 +233,3 @@ def test_differences():
         tables = [pa.table({"cell": ["a"], "rank_likelihood": [value]}) for value in (older, newer)]
         assert (difference(*tables) is None) == same, "rows that are older than the column have no number in it"
     assert "1 rows are stored" in difference(one.slice(1), one)
-
-
-def test_a_repaired_summary_is_verified(copy):
-    """A summary that is made again from its errors is the one that was there."""
-    run = copy("grid")
-    flip(run, "summary", "ratio_median_ok", 0)
-    summarise(run)
-    assert Verification(run, 1.0).faults == []

@@ -1,5 +1,7 @@
 """Tables in memory that claims read as if they were stored, and samples whose quantiles and means are known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +17,7 @@ class Stored:
 
     def __init__(self, name, tables, asked):
         self.name, self.tables, self.asked = name, tables, asked
+        self.study = SimpleNamespace(name=name)
 
     def table(self, name, columns=None, estimators=None):
         self.asked.add(f"{self.name}/{name}")
@@ -35,7 +38,7 @@ def find():
         for path, frame in tables.items():
             config, _, table = path.partition("/")
             configs.setdefault(config, {})[table] = frame
-        runs = {config: Stored(config, held, asked) for config, held in configs.items()}
+        runs = [Stored(config, held, asked) for config, held in configs.items()]
         (finding,) = evaluate([claim], Evidence(runs, cost, recordings))
         assert asked <= set(claim.reads)
         return finding

@@ -75,7 +75,7 @@ def test_a_run_is_judged(small):
         seen.append(numbers)
         return Verdict.PARTLY
 
-    (finding,) = evaluate([claim(of_small, judge)], Evidence.of([small]))
+    (finding,) = evaluate([claim(of_small, judge)], Evidence([small]))
     assert finding.verdict is Verdict.PARTLY
     assert finding.numbers == [("rows", 3.0, 0.0, 3)]
     assert seen == [finding.numbers]
@@ -84,46 +84,46 @@ def test_a_run_is_judged(small):
 
 def test_a_missing_run():
     """The reason names the config whose run is needed."""
-    (finding,) = evaluate([claim(of_small)], Evidence.of([]))
+    (finding,) = evaluate([claim(of_small)], Evidence([]))
     assert_no_verdict(finding, "configs/small.toml")
 
 
 def test_an_unfinished_run(tmp_path):
     """A run without its tables says how it is finished."""
     run = Run.create(tmp_path / "run", parse(CONFIG)).begin(CONFIG)
-    (finding,) = evaluate([claim(of_small)], Evidence.of([run]))
+    (finding,) = evaluate([claim(of_small)], Evidence([run]))
     assert_no_verdict(finding, "errors.parquet", "study run")
 
 
 def test_a_broken_table(small):
     """A table that cannot be read counts as missing."""
     (small.folder / "errors.parquet").write_bytes(b"not parquet")
-    (finding,) = evaluate([claim(of_small)], Evidence.of([small]))
+    (finding,) = evaluate([claim(of_small)], Evidence([small]))
     assert_no_verdict(finding, "errors.parquet: damaged", "study run")
 
 
 def test_the_cost_table(tmp_path):
     """The table is read from its file; a missing table has a reason; a file that is no cost table is an error."""
     measure = claim(lambda evidence: [Number("rows", float(len(evidence.costs())), 0.0, 0)], reads=("cost",))
-    (finding,) = evaluate([measure], Evidence.of([]))
+    (finding,) = evaluate([measure], Evidence([]))
     assert_no_verdict(finding, "study cost")
     path = tmp_path / "cost.parquet"
     with pytest.raises(RunError, match="no cost table"):
-        Evidence.of([], path)
+        module.read_cost(path)
     path.mkdir()
     with pytest.raises(RunError, match="no cost table; `study cost"):
-        Evidence.of([], path)
+        module.read_cost(path)
     path.rmdir()
     path.write_bytes(b"not parquet")
     with pytest.raises(RunError, match="not a cost table: damaged, or not parquet; `study cost"):
-        Evidence.of([], path)
+        module.read_cost(path)
     columns = ["flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds"]
     for values in ({}, dict.fromkeys(columns, "fast")):
         pd.DataFrame({"estimator": ["gdke", "lls"]} | values).to_parquet(path)
         with pytest.raises(RunError, match=r"not a cost table: flops_per_sample, .* missing or not numbers; `study"):
-            Evidence.of([], path)
+            module.read_cost(path)
     pd.DataFrame({"estimator": ["gdke", "lls"]} | dict.fromkeys(columns, 1.0)).to_parquet(path)
-    (finding,) = evaluate([measure], Evidence.of([], path))
+    (finding,) = evaluate([measure], Evidence([], module.read_cost(path)))
     assert finding.numbers[0].value == 2.0
 
 
@@ -134,7 +134,7 @@ def test_numbers_that_cannot_be_formed():
         raise AssertionError("judged")
 
     numbers = [Number("first", 1.0, 0.1, 10), Number("second", math.nan, math.nan, 0)]
-    (finding,) = evaluate([claim(lambda evidence: numbers, never)], Evidence.of([]))
+    (finding,) = evaluate([claim(lambda evidence: numbers, never)], Evidence([]))
     assert finding.verdict is Verdict.NOT_EVALUATED
     assert finding.numbers == numbers
     assert "second" in finding.reason
@@ -148,7 +148,7 @@ def test_other_exceptions_are_faults():
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        evaluate([claim(broken)], Evidence.of([]))
+        evaluate([claim(broken)], Evidence([]))
 
 
 def test_number():
@@ -214,7 +214,7 @@ def test_frame(small):
     missing = claim(lambda evidence: evidence.table("other", "errors"), reads=("other/errors", "small/errors", "cost"))
     several = claim(lambda evidence: [Number("a", 2.0, 0.5, 7), Number("b", 3.0, 0.0, 0), Number("c", 4.0, 0.1, 5)])
     empty = claim(lambda evidence: [], lambda numbers: Verdict.PARTLY, reads=())
-    evidence = Evidence.of([small])
+    evidence = Evidence([small])
     table = module.frame(evaluate([several, missing, empty], evidence), evidence)
     assert list(table.columns) == [column.name for column in schemas.CLAIMS]
     assert list(table["number"]) == [1, 2, 3]
@@ -265,7 +265,7 @@ def test_what_is_read_can_be_made(claim):
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
 def test_nothing_at_hand(claim):
     """Without any table a claim has no verdict, and one line says which of those that it reads it needs."""
-    (finding,) = evaluate([claim], Evidence.of([]))
+    (finding,) = evaluate([claim], Evidence([]))
     assert_no_verdict(finding)
     needs = {
         "cost": "needs the cost table: `study cost` makes it",
@@ -308,7 +308,7 @@ def test_an_estimator_whose_rows_are_not_read_is_an_error(small):
     """A claim on an estimator that claims do not name fails with the remedy, instead of finding too few trials."""
     other = claim(lambda evidence: module.rows_of(evidence.errors("small", "error"), "pratt"))
     with pytest.raises(LookupError, match=r"pratt: its rows are not read; a claim on it adds it to NAMED in claim\.py"):
-        evaluate([other], Evidence.of([small]))
+        evaluate([other], Evidence([small]))
 
 
 def test_names_are_unique():

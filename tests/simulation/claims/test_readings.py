@@ -111,7 +111,7 @@ def test_rules(error_rows, scores):
     table = table.assign(status=np.where(bad, 3, 0))
 
     def evidence(**rules):
-        return Evidence({"power-law": Stored("power-law", {"errors": table}, set())}, rules=Rules(**rules))
+        return Evidence([Stored("power-law", {"errors": table}, set())], rules=Rules(**rules))
 
     errors = evidence().errors("power-law", "error")
     assert len(rows_of(errors, "mle")) == 1200
@@ -155,7 +155,7 @@ def test_judge(tmp_path, monkeypatch):
     assert list(table["claim"]) == ["ugdk-bias"]
     made = tmp_path / "readings" / "law-b" / "bias"
     assert load(made / "config.toml").design.given()["law"] == ("laplace",)
-    (again,) = evaluate([claim for claim in CLAIMS if claim.name == "ugdk-bias"], Evidence.of([own]))
+    (again,) = evaluate([claim for claim in CLAIMS if claim.name == "ugdk-bias"], Evidence([own]))
     assert table["used"].item() == str(again.verdict)
     assert "laplace" not in (tmp_path / "own" / "config.toml").read_text(encoding="utf-8")
 

@@ -4,7 +4,6 @@ Points of a cell: x = c + r u + σ z, the same u and z for every σ, r and c of 
 """
 
 import math
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -295,17 +294,6 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
         size = np.abs(center) + cell.radius + cell.noise * np.abs(draws.unit_noise)
         error = draws.place(cell.level).x - (center + cell.radius * u + cell.noise * draws.unit_noise)
         assert np.all(np.abs(error) <= 4 * EPS * size)
-
-
-def test_cells_with_independent_draws_share_nothing(make_study):
-    """With independent draws, no two cells have a common direction or normal."""
-    study = make_study({"keep_points": 9}, trials=3, draws="independent", **LEVELS)
-    batches = [batch for unit in study.units() for batch in unit.parts(0)]
-    assert len(batches) == 12
-    drawn = [draw(study, batch) for batch in batches]
-    for left, right in combinations(drawn, 2):
-        assert not np.intersect1d(left.unit_noise, right.unit_noise).size
-        assert not np.intersect1d(left.directions[:, 0], right.directions[:, 0]).size
 
 
 @pytest.mark.parametrize(

@@ -70,14 +70,6 @@ def test_every_trial_of_every_cell_once(some_study, monkeypatch):
         assert set(found) == {(name, trial) for name in names for trial in trials}
 
 
-def test_number_of_cells(make_study, monkeypatch):
-    """A grid has a cell for every combination of its values; a group of much work is served by several units."""
-    monkeypatch.setattr(designs, "_SAMPLES_PER_UNIT", 60_000)
-    assert make_study(**STUDIES["shared"]).cells() == 2 * 3 * 2 * 2 * 3
-    assert make_study(**STUDIES["relative"]).cells() == 2 * 2 * 2 * 2 * 3
-    assert len(list(make_study(**STUDIES["shared"]).units())) > 4
-
-
 def test_order_of_a_grid(make_study):
     """Cells come by samples, then angle, then noise, radius and centre, each in the order of the config."""
     work = make_study(samples=[50, 4], noise=[0.2, 0.1], angle=[90, 20], radius=[2, 1], center=[1, 0]).units()

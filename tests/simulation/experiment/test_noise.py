@@ -131,11 +131,6 @@ def test_both():
     np.testing.assert_allclose(length[length > 1e-9], 10.0, rtol=1e-12)
 
 
-def test_defaults_are_no_departure():
-    """Normal noise without outliers is what it was: no step, whatever other conditions a cell has."""
-    assert departures({}) == departures({"law": "normal", "outlier_share": 0.0, "shift": 0.5}) == []
-
-
 def test_names_of_laws():
     """A law has one name; what is none, or has no covariance, is refused."""
     assert freedom("student(2.5)") == 2.5

@@ -72,12 +72,6 @@ def test_worst_trials_are_those_of_the_errors(name, request):
             assert mine["ratio"].max() == pytest.approx(ratio, rel=0.01)
 
 
-def test_equal_runs_have_equal_text(circles):
-    """No time is in the compressed columns."""
-    record = Tables(circles)
-    assert packed(record) == packed(record)
-
-
 @pytest.fixture(scope="module")
 def file(circles, random, many, claims, tmp_path_factory):
     """The page about three runs; the third is a grid of three conditions and nine estimators."""

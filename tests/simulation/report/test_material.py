@@ -228,7 +228,7 @@ def cells(table):
 
 def test_a_table_for_each_group(stored):
     """In the order of the file, cells as they are stored, the machine named."""
-    (section,) = speed_section(Material([], None, {}, {}, None, [], read_bench(stored)))
+    (section,) = speed_section(Material([], pd.DataFrame(), read_bench(stored)))
     text, *tables = section.content
     assert "Some CPU" in text
     assert [re.findall('<p class="caption">(.*)</p>', table) for table in tables] == [["loop, per sample"], ["memory"]]
@@ -240,15 +240,10 @@ def test_costs_in_units_that_suit_them(tmp_path):
     times = (f"times,{n},{n},ns,{n},,Some CPU" for n in ("0.327", "5931", "5.584e+07", "5.2e+10"))
     lines = [ROWS.splitlines()[0], *times]
     (tmp_path / "bench.csv").write_text("\n".join([*lines, "times,memory,383.2,MB,,,Some CPU", ""]), encoding="utf-8")
-    (section,) = speed_section(Material([], None, {}, {}, None, [], read_bench(tmp_path / "bench.csv")))
+    (section,) = speed_section(Material([], pd.DataFrame(), read_bench(tmp_path / "bench.csv")))
     rows = [[cell.replace("\u00a0", " ") for cell in row] for row in cells(section.content[1])]
     assert [row[1] for row in rows] == ["0.327 ns", "5.93 µs", "55.8 ms", "52.0 s", "383.2 MB"]
     assert [row[2] for row in rows] == ["0.327", "5931", "5.584 × 10⁷", "5.2 × 10¹⁰", ""]
-
-
-def test_no_table_no_section():
-    """A page about runs alone has none."""
-    assert list(speed_section(Material([], None, {}, {}, None, []))) == []
 
 
 @pytest.mark.parametrize("content", [None, "", "a,b\n1,2\n", ",".join(COLUMNS) + "\n", "\xff\xfe"])
@@ -279,7 +274,7 @@ angle = [60, 90]
     page = render([run], judge_all([run], None))
     assert "which trials were worst is not known" in page
     assert "SHA-256 of summary.parquet" in page
-    record = Material.of([run], judge_all([run], None)).runs[0]
+    record = Material([run], judge_all([run], None)).runs[0]
     assert (record.trials, record.samples) == (120, 2 * 30 * (10 + 20))
 
 

@@ -10,7 +10,7 @@ from study.files import RunError
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
 from study.simulation.runs import plan as module
-from study.simulation.runs.plan import Kind, Pace, measure, plan
+from study.simulation.runs.plan import Pace, measure, plan
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -69,7 +69,7 @@ def test_units_of_equal_size_are_counted_at_once(make_text):
 
 def test_a_study_of_millions_of_units(make_text, monkeypatch):
     """The counts are those of arithmetic: eight million samples and more are a unit, at three levels of noise here."""
-    pace = SimpleNamespace(of=lambda work: float(sum(work.values())), summary=0.0)
+    pace = SimpleNamespace(of=lambda samples, levels: 1.0, summary=0.0)
     monkeypatch.setattr("study.simulation.runs.plan.measure", lambda *_: pace)
     made = plan(parse(make_text(samples=1_000_000, trials=10_000_000, noise=[0.1, 0.2, 0.3], angle=90)), 2)
     assert made.draws == 10**13
@@ -105,18 +105,17 @@ PACE = Pace(np.array([10.0, 110.0, 1000.0]), np.array([1.0, 2.0, 4.0]), np.array
 
 
 @pytest.mark.parametrize(
-    ("samples", "trials", "count", "seconds"),
+    ("samples", "levels", "seconds"),
     [
-        (10, 1, 1, 1.5),  # as measured
-        (60, 2, 3, 2 * (1.5 + 3 * 1.0)),  # halfway between two sizes
-        (5, 1, 2, 2.0),  # below the first a call costs what it costs
-        (4000, 1, 1, 4 * 6.5),  # beyond the last in proportion
+        (10, 1, 1.5),  # as measured
+        (60, 3, 1.5 + 3 * 1.0),  # halfway between two sizes
+        (5, 2, 2.0),  # below the first a call costs what it costs
+        (4000, 1, 4 * 6.5),  # beyond the last in proportion
     ],
 )
-def test_seconds(samples, trials, count, seconds):
-    """A trial costs its draw and its levels, linear between the sizes; trials of several kinds add up."""
-    found = PACE.of({Kind(samples, count, 1): trials, Kind(110, 1, 1): 2})
-    assert math.isclose(found, seconds + 2 * 3.5, rel_tol=1e-12)
+def test_seconds(samples, levels, seconds):
+    """A trial costs its draw and its levels, linear between the sizes."""
+    assert math.isclose(PACE.of(samples, levels), seconds, rel_tol=1e-12)
 
 
 def test_sizes_are_the_studys(make_text):

@@ -55,18 +55,29 @@ def test_columns_say_what_they_are(stored, name, d):
     assert Study.model_validate_json(schema.metadata[b"study.config"]) == stored[d].study
 
 
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("name", [*TABLES, "posterior", "answers", "draws"])
 def test_lengths_have_a_unit(name):
-    """Columns that hold a length, an angle or a time have a unit; counts and names have none."""
-    united = {c.name for c in TABLES[name](3) if c.unit}
+    """Columns that hold a length, an angle or a time have a unit; counts, names, shares, ranks and ratios have none.
+
+    An area has a length's square, τ is in steps.
+    """
+    columns = (TABLES.get(name) or getattr(schemas, name))(3)
+    united, ends = {column.name for column in columns if column.unit}, ["1", "2", "3", "radius"]
+    labels = ("mean", "sd", "q025", "q16", "q50", "q84", "q975")
+    quantities = {f"{label}_{end}" for label in labels for end in [*ends, "noise"]} | {f"bound_{end}" for end in ends}
     expected = {
         "errors": {"noise", "angle", "radius", "center", "error_1", "error_2", "error_3", "error", "radius_error"}
         | {"bound", "radius_bound", "noise_variance"},
         "timings": {"seconds"},
         "points": {"x_1", "x_2", "x_3", "center_1", "center_2", "center_3", "radius"},
         "summary": {"noise", "angle", "radius", "center"},
+        "posterior": {"noise", "angle", "radius", "center", "trace", "tau"} | quantities,
+        "answers": set(),
+        "draws": {"error_1", "error_2", "error_3", "radius_error", "noise"},
     }
     assert united == expected[name]
+    odd = {"angle": "degree", "trace": "length²", "noise_variance": "length²", "tau": "step", "seconds": "s"}
+    assert all(column.unit == odd.get(column.name, "length") for column in columns if column.unit)
 
 
 def test_error_table_knows_software_and_nothing_else(stored):

@@ -1,0 +1,583 @@
+"""Commands on recordings.
+
+`study joints` is phase 1, `study skeleton` phase 2; `study joint` and `study live` find joints in a recording or a
+stream, `study case-study` repeats the paper's precision study. `study recording` and `study markersets` are there to
+look, `study fetch` downloads a recording, and `study synthetic` makes one of a body whose joints are known.
+"""
+
+import re
+import signal
+import sys
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from study.options import ExitCode, Json, echo, unchanged
+
+if TYPE_CHECKING:
+    from study.recordings.export.tree import ExportedMotion
+    from study.recordings.live import LiveJoints
+    from study.recordings.markersets import Match
+    from study.recordings.recording import Recording
+    from study.recordings.skeleton.scene import Scene
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="a recording: .c3d, .trc, .csv, .tsv or .txt")]
+_SET = "name of a shipped marker set, or a file [default: the shipped one that fits best]"
+MarkerSetName = Annotated[str | None, typer.Option("--markerset", help=_SET)]
+Out = Annotated[Path | None, typer.Option("--out", help="folder of the results [default: results/recordings/<name>]")]
+_UNIT = "m, cm, mm, in or ft, if the file lacks its unit or has a wrong one"
+Unit = Annotated[str | None, typer.Option("--unit", help=_UNIT)]
+_RATE = "frames per second, if the file lacks its rate or has a wrong one"
+Rate = Annotated[float | None, typer.Option("--rate", help=_RATE)]
+Subject = Annotated[str | None, typer.Option("--subject", help="the subject to read, if the file has several")]
+_FRAMES = "read these frames alone, from 1, both ends included; `study recording` says which are whole"
+FrameRange = Annotated[str | None, typer.Option("--frames", metavar="1-499", help=_FRAMES)]
+_HIPS = (
+    "hips that motion leaves in doubt: as they are, or by regression from the pelvis' spines, or the file's LHJC, RHJC"
+)
+HipCentres = Annotated[Literal["motion", "regression"], typer.Option("--hips", help=_HIPS)]
+_PARENT = "labels of three or more markers of the parent segment"
+Parent = Annotated[str, typer.Option("--parent", metavar="A,B,C", help=_PARENT)]
+_CHILD = "labels of markers of the child segment, which rotates about the joint"
+Child = Annotated[str, typer.Option("--child", metavar="D,E,F", help=_CHILD)]
+
+RESULTS = Path("results") / "recordings"
+"""The folder with a folder for each recording's results."""
+
+
+def results_folder(name: str, out: Path | None = None) -> Path:
+    """The folder for the results of a recording: ``out`` if given, else a folder of `RESULTS`.
+
+    Any name, even ``..``, gives a folder directly below `RESULTS`.
+
+    Raises:
+        RecordingError: if there is a file of that name.
+    """
+    from study.recordings.recording import RecordingError
+
+    plain = re.sub(r"[^\w.-]+", "-", name).strip(".-") or "recording"
+    folder = RESULTS / plain[:100] if out is None else out
+    if folder.exists() and not folder.is_dir():
+        raise RecordingError(f"{folder}: is a file, not a folder; choose another with --out")
+    return folder
+
+
+def _read(file: Path, unit: str | None, rate: float | None, subject: str | None, frames: str | None) -> "Recording":
+    """The recording of a file, by the options that all commands have."""
+    from study.recordings.formats.read import read_recording
+
+    return read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+
+
+def _print_match(match: "Match", calibrated: bool = False) -> None:
+    """Print the notes about a recording, and how the marker set, or that of a calibration, fits it."""
+    echo(f"note: {note}" for note in match.source.notes)
+    echo(match.lines(calibrated))
+
+
+def _complain(words: str) -> None:
+    typer.echo(words, err=True)
+
+
+def case_study(
+    file: File,
+    markerset: MarkerSetName = None,
+    out: Out = None,
+    subsets: Annotated[int, typer.Option(help="subsets of each size and joint, a multiple of four")] = 400,
+    seed: Annotated[int, typer.Option(help="seed of the subsets")] = 1,
+    as_json: Json = False,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
+    frames: FrameRange = None,
+) -> None:
+    """Repeat the paper's precision study, section 9.1.
+
+    Fits each joint to many parts of a recording; writes tables of the scatter, and figure 7.
+
+    With --json: recording, frames, subsets; laws and joints, as in the tables; skipped, and files.
+    """
+    from study.files import save_frame
+    from study.recordings import case_study as precision_study
+    from study.recordings.joints.find import find_joints
+    from study.recordings.markersets import place_markerset
+    from study.recordings.recording import digest_of, with_origin
+    from study.style import save
+    from study.text import json_text
+
+    match, digest = place_markerset(_read(file, unit, rate, subject, frames), markerset), digest_of(file)
+    folder = results_folder(match.source.name, out)
+    if not as_json:
+        _print_match(match)
+    case = precision_study.case_study(find_joints(match.markerset, match.recording), match.recording, subsets, seed)
+    echo([] if as_json else precision_study.printed(case))
+    tables = {"scatter": case.scatter, "joints": case.joints, "laws": case.laws}
+    paths = [folder / f"case-study-{name}.parquet" for name in tables]
+    for table, path in zip(tables.values(), paths, strict=True):
+        save_frame(with_origin(table, case.recording, digest), path)
+    paths += save(precision_study.draw(case), folder / "fig7_case")
+    echo([json_text(case.data() | {"files": paths})] if as_json else paths)
+
+
+_ACROSS = "lateral and medial point, midway between which a hinge lies"
+
+
+def joint(
+    file: File,
+    parent: Parent,
+    child: Child,
+    hinge: Annotated[bool, typer.Option("--hinge", help="the joint is a hinge, such as a knee or an elbow")] = False,
+    across: Annotated[str, typer.Option(metavar="G,H", help=_ACROSS)] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="print the joint as JSON, in metres and degrees")] = False,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
+    frames: FrameRange = None,
+) -> None:
+    """Find one joint, from the markers of its two segments.
+
+    Prints one line, and compares with joint centres that other programs left in the file. The exit code is 3 if the
+    joint is not ok.
+    """
+    from study.recordings.one_joint import find_clusters, fit_one_joint, joint_json, joint_line
+
+    if across and not hinge:
+        raise typer.BadParameter("--across: only a hinge has an axis; give --hinge, too")
+    source = _read(file, unit, rate, subject, frames)
+    answer = fit_one_joint(source, find_clusters(source, parent, child, across, hinge))
+    notes = (f"note: {note}" for note in source.notes)
+    echo([joint_json(answer)] if as_json else [*notes, joint_line(answer)])
+    if not answer.ok:
+        raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
+
+
+_FILES = "a recording, or several of one session: .c3d, .trc, .csv, .tsv or .txt"
+_STATIC = "a trial that gives the shapes of the segments, such as a static one"
+_MERGE = "merge trials even if they seem to show different subjects"
+
+
+def joints(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=_FILES)],
+    static: Annotated[Path | None, typer.Option(help=_STATIC)] = None,
+    force: Annotated[bool, typer.Option("--force", help=_MERGE)] = False,
+    hips: HipCentres = "motion",
+    markerset: MarkerSetName = None,
+    out: Out = None,
+    as_json: Json = False,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
+    frames: FrameRange = None,
+) -> None:
+    """Find the joints of a recording: phase 1.
+
+    Writes their table, and a calibration with which `study skeleton` draws other recordings of the same subject.
+    Several trials of a session give one calibration: each joint comes from the trials that moved it.
+
+    With --json: recording, notes, markerset, joints (the columns of the table), files, and for one recording
+    without_pose.
+    """
+    from study.files import save_frame
+    from study.recordings.joints import report
+    from study.recordings.joints.find import save_calibration
+    from study.recordings.session import fit_session, session_lines, session_table
+    from study.recordings.skeleton.anatomy import regression_hint
+    from study.recordings.skeleton.calibrate import with_joints
+    from study.text import json_text
+
+    if len(files) == 1 and static is None and force:
+        raise typer.BadParameter("--force: there is nothing to overrule with one recording")
+    every = [*files, *([] if static is None else [static])]
+    if len(every) > 1 and frames is not None:
+        raise typer.BadParameter(f"--frames {frames}: a range is of one recording; give one")
+    recordings = [_read(file, unit, rate, subject, frames) for file in every]
+    folder, further = results_folder("-".join(one.name for one in recordings), out), dict[str, object]()
+    if len(recordings) > 1:
+        match, session = fit_session(recordings, static is not None, markerset, hips, force)
+        calibration, table, lines = session.calibration, session_table(session), session_lines(session)
+    else:
+        match, calibration = with_joints(recordings[0], None, markerset, hips)
+        compared = report.agreement_table(calibration, match.recording)
+        lines = chain(report.joint_lines(calibration), report.agreement_lines(compared), calibration.warnings())
+        table = report.joint_table(calibration).merge(compared, on="joint")
+        table["warnings"] = ["; ".join(place.warnings) for place in calibration.joints]
+        further["without_pose"] = calibration.without_pose
+    save_frame(table, folder / "joints.parquet")  # first: what reads the lines may stop reading, as `head` does
+    paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
+    if not as_json:
+        _print_match(match)
+        echo([*lines, *regression_hint(calibration, match.source)])
+    head = {"recording": match.source.name, "notes": list(match.source.notes), "markerset": match.data()}
+    data = head | {"joints": table.to_dict("records")} | further | {"files": paths}
+    echo([json_text(data)] if as_json else paths)
+
+
+_ALL = "all joints of a marker set, by name or file, instead"
+_UDP = "receive datagrams at 127.0.0.1 [default: standard input]"
+
+
+def live(
+    parent: Parent = "",
+    child: Child = "",
+    markerset: Annotated[str | None, typer.Option(help=_ALL)] = None,
+    udp: Annotated[int | None, typer.Option(metavar="PORT", help=_UDP)] = None,
+    unit: Annotated[str, typer.Option(help="of the positions: m, cm, mm, in or ft")] = "mm",
+    every: Annotated[int, typer.Option(min=1, help="frames between two answers")] = 100,
+) -> None:
+    """Find joints in a stream of frames.
+
+    Each line is a frame: {"LASI": [412.1, 680.3, 966.2], "RASI": null, ...}. Prints the joints as they improve, and at
+    the end of the stream or at Ctrl-C; an empty datagram ends a stream over UDP. The exit code is 3 if a joint is not
+    ok.
+    """
+    import numpy as np
+
+    from study.recordings.live import FrameError, lines_of_port, read_frame
+    from study.recordings.recording import UNITS, unit_doubt
+
+    if unit not in UNITS:
+        raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
+    joints, lines = _joints(parent, child, markerset), (x.decode("utf-8", "replace") for x in sys.stdin.buffer)
+    before, zeros, unchecked = signal.signal(signal.SIGINT, _interrupt_once), "", True
+    try:
+        for number, line in enumerate(lines if udp is None else lines_of_port(udp, _complain), start=1):
+            if not line.strip():
+                continue
+            try:
+                frame = read_frame(line, UNITS[unit])
+            except FrameError as error:
+                _complain(f"line {number} is skipped: {error}")
+                continue
+            places = np.array([place for place in frame.values() if place.any()])
+            if unchecked and len(places) > 2:
+                unchecked = False
+                if doubt := unit_doubt(float(np.linalg.norm(np.ptp(places, axis=0))), unit):
+                    _complain(doubt)
+            joints.add(frame)
+            if joints.zeros and not zeros:
+                zeros = f"frame {joints.frames}: {', '.join(joints.zeros)} at exactly (0, 0, 0): taken for missing"
+                _complain(f"{zeros}, there and later")
+            if joints.frames == every:
+                _print_lacking(joints)
+            if joints.frames % every == 0:
+                _print(joints)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C that ended the sender first must not take the answer
+    except KeyboardInterrupt:  # the usual end of a stream
+        pass
+    if joints.frames < every:
+        _print_lacking(joints)
+    if joints.frames % every or not joints.frames:
+        _print(joints)
+    if joints.jumps:
+        _complain(f"{joints.jumps} time{'s' * (joints.jumps != 1)} a marker jumped; what it made wrong is left out")
+    signal.signal(signal.SIGINT, before)
+    if not all(answer.ok for answer in joints.answers().values()):
+        raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
+
+
+def _interrupt_once(number: int, frame: object) -> None:
+    """Interrupt the loop over frames, and nothing after it."""
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _joints(parent: str, child: str, markerset: str | None) -> "LiveJoints":
+    """The joints that a user asks for."""
+    from study.recordings.live import LiveJoints
+    from study.recordings.markersets import load_markerset
+
+    one, other = (tuple(label.strip() for label in labels.split(",") if label.strip()) for labels in (parent, child))
+    if (markerset is None) == (not one + other):
+        raise typer.BadParameter("give --parent and --child for one joint, or --markerset for all of a set")
+    if markerset is None:
+        if twice := [label for label in dict.fromkeys(one + other) if (one + other).count(label) > 1]:
+            words = "is named twice; name each marker once, on the segment that it is on"
+            raise typer.BadParameter(f"{', '.join(twice)} {words}")
+        if len(one) < 3 or not other:
+            raise typer.BadParameter("--parent needs three markers, and --child one or more that are not among them")
+        return LiveJoints([("joint", one, other)])
+    whole, wide = load_markerset(markerset), []
+    for joint in whole.joints:
+        markers = [marker for marker in whole.segment(joint.parent).markers if marker not in whole.optional]
+        if len(markers) > 2:
+            wide.append((joint.name, markers, whole.markers_for(joint)))
+            continue
+        has = f"{len(markers)} marker{'s' * (len(markers) != 1)}"
+        _complain(f"{joint.name} is left out: its parent has {has}; its pose needs 3")
+    if not wide:
+        raise typer.BadParameter(f"--markerset {markerset}: no segment that holds a joint has three markers")
+    return LiveJoints(wide)
+
+
+def _print(joints: "LiveJoints") -> None:
+    for name, answer in joints.answers().items():
+        typer.echo(f"frame {joints.frames}: {name}: {answer.words}")
+
+
+def _print_lacking(joints: "LiveJoints") -> None:
+    """Name the markers that have not come, with the nearest of those that have."""
+    from study.text import did_you_mean
+
+    if joints.lacking and joints.frames:
+        names, frames = ", ".join(map(repr, joints.lacking)), f"{joints.frames} frame{'s' if joints.frames > 1 else ''}"
+        remedy = did_you_mean(joints.lacking, joints.labels) if joints.labels else "no frame has any marker"
+        _complain(f"no marker of this name in {frames}: {names}; {remedy}")
+
+
+def fetch(
+    library: Annotated[str, typer.Argument(metavar="LIBRARY", help="cmu")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="subject and trial of the recording, such as 60_08")],
+    as_json: Json = False,
+) -> None:
+    """Download a recording from a public library.
+
+    Prints its path in the cache; a recording that is there is not downloaded again.
+
+    With --json: library, name, file and terms.
+    """
+    from study.recordings.formats import write
+    from study.text import json_text
+
+    try:
+        path = write.fetch(library, name)
+    except write.DownloadError as error:  # a failure, not a mistake of the user
+        _complain(str(error))
+        raise typer.Exit(1) from None
+    terms = write.LIBRARIES[library]
+    if not as_json:
+        _complain(f"{library}: {terms}")
+    echo([json_text({"library": library, "name": name, "file": path, "terms": terms}) if as_json else path])
+
+
+def markersets(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="print this one [default: list all]")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the shipped marker sets, or print one.
+
+    `study markersets cmu41 > mine.toml` is a start for a marker set of your own, which --markerset mine.toml uses.
+
+    With --json: markersets, each with name, about, segments, joints, optional and aliases.
+    """
+    from study.recordings.markersets import described, load_markerset, shipped, shipped_text
+    from study.text import json_text
+
+    if as_json:
+        names = shipped() if name is None else [name]
+        typer.echo(json_text({"markersets": [load_markerset(word).model_dump() for word in names]}))
+    elif name is None:
+        echo(described())
+    else:
+        typer.echo(shipped_text(name), nl=False)
+
+
+def recording(
+    file: File,
+    as_json: Json = False,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
+    frames: FrameRange = None,
+) -> None:
+    """Describe a recording.
+
+    Prints its markers, frames and rate, the gaps of each marker, and the marker set that fits best.
+
+    With --json: recording, rate, frames, duration, missing, notes, markers, whole and markerset (null if none fits).
+    """
+    from study.recordings.markersets import MarkerSetError, choose
+    from study.recordings.recording import describe, recording_data
+    from study.text import json_text
+
+    source = _read(file, unit, rate, subject, frames)
+    try:
+        match, reason = choose(source), ""
+    except MarkerSetError as error:  # a recording that no marker set fits can be described, too
+        match, reason = None, str(error).removeprefix(f"{source.name}: ")
+    if as_json:
+        typer.echo(json_text(recording_data(source) | {"markerset": match.data() if match else None}))
+    else:
+        echo([*describe(source), *([reason] if match is None else match.lines())])
+
+
+def _written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
+    """Write the tables, the hierarchy, the pictures and pages of a skeleton; yields each path when the file is there.
+
+    A hierarchy needs its root. Where no frame shows it, a message says so, and all else is written.
+    """
+    from study.files import save_frame
+    from study.recordings.export import write_file
+    from study.recordings.export.tree import joint_angles
+    from study.recordings.recording import RecordingError
+    from study.recordings.skeleton.scene import bone_table, skeleton_table
+    from study.recordings.view import figure
+    from study.recordings.view.webpage import write_motion, write_viewer
+    from study.style import save
+
+    tables = {"skeleton": skeleton_table(motion.scene), "bones": bone_table(motion.scene)}
+    for name, table in (tables | {"angles": joint_angles(motion)}).items():
+        save_frame(table, folder / f"{name}.parquet")
+        yield folder / f"{name}.parquet"
+    try:
+        yield write_file(motion, folder / "skeleton.bvh")
+    except RecordingError as error:
+        _complain(f"{folder / 'skeleton.bvh'} is not written: {error}")
+    yield write_motion(motion.scene, folder / "motion.json")
+    yield from save(figure.draw(motion.scene), folder / "fig1_skeleton")
+    yield write_viewer(motion.scene, folder / "viewer.html")
+
+
+def _write_video(scene: "Scene", path: Path) -> Path:
+    """Write the video, with a progress bar on a terminal."""
+    from study.recordings.view.figure import write_video
+
+    raw = unchanged(sys.stderr)
+    with typer.progressbar(length=1000, label="video", file=raw, hidden=not raw.isatty()) as bar:
+        done = 0.0
+
+        def advance(share: float) -> None:
+            nonlocal done
+            before, done = done, done + 1000 * share
+            bar.update(int(done) - int(before))
+
+        return write_video(scene, path, advance)
+
+
+_CALIBRATION = "calibration.json of the same subject, or its folder [default: calibrate here]"
+_FORCE = "use the calibration even if it seems to be of another subject"
+_REFIT = "fit the calibration's segment shapes to this recording; its joints stay"
+_WRITE = (
+    "further files, with commas between them: names that end in .c3d, .trc (markers and joint centres), .glb, .bvh "
+    "(animated bones), .mot (joint angles) or .csv (table), or the endings alone"
+)
+_REST = "the pose of .bvh and .glb in which all rotations are zero: a T-pose, or one of the recording"
+
+
+def skeleton(
+    file: File,
+    calibration: Annotated[Path | None, typer.Option(help=_CALIBRATION)] = None,
+    force: Annotated[bool, typer.Option("--force", help=_FORCE)] = False,
+    refit: Annotated[bool, typer.Option("--refit", help=_REFIT)] = False,
+    hips: HipCentres = "motion",
+    markerset: MarkerSetName = None,
+    out: Out = None,
+    write: Annotated[str | None, typer.Option(help=_WRITE)] = None,
+    rest: Annotated[Literal["t-pose", "recorded"], typer.Option(help=_REST)] = "t-pose",
+    video: Annotated[bool, typer.Option("--video", help="also write motion.mp4")] = False,
+    as_json: Json = False,
+    unit: Unit = None,
+    rate: Rate = None,
+    subject: Subject = None,
+    frames: FrameRange = None,
+) -> None:
+    """Draw the skeleton in every frame: phase 2.
+
+    Writes tables, BVH, a figure, and a page that shows the moving skeleton; with --write also files for other programs.
+
+    With --json: recording, rate, frames, source of the joints; joints, each with its doubt, error, shares of the frames
+    in which it is seen, bridged, unknown and outside of the markers' hull, and the distance; bones, each with length,
+    spread, error and uneven; notes, angles (what they are), overruled and files.
+    """
+    from study.recordings.export import planned_files, write_file
+    from study.recordings.export.tree import ExportedMotion, RestPose, angle_lines
+    from study.recordings.joints.find import save_calibration
+    from study.recordings.recording import printable
+    from study.recordings.session import refit_shapes
+    from study.recordings.skeleton.anatomy import regression_hint
+    from study.recordings.skeleton.calibrate import require_same_subject, with_joints
+    from study.recordings.skeleton.draw import draw_skeleton
+    from study.recordings.skeleton.scene import skeleton_data, skeleton_lines, skeleton_scene
+    from study.recordings.view.figure import encoder
+    from study.text import json_text
+
+    if calibration is None and force:
+        raise typer.BadParameter("--force: there is nothing to overrule without --calibration")
+    if calibration is None and refit:
+        raise typer.BadParameter("--refit: there are no shapes to refit without --calibration")
+    if calibration is not None and hips != "motion":
+        raise typer.BadParameter("--hips regression: a calibration has its hips; give the option to `study joints`")
+    if calibration is not None and markerset is not None:
+        raise typer.BadParameter(f"--markerset {markerset}: a calibration has its own marker set; leave it out")
+    if video:
+        encoder()  # so that a missing one is reported before the work is done
+    name = printable(file.stem)
+    folder = results_folder(name, out)
+    further = planned_files(write or "", folder, name, file)
+    source = _read(file, unit, rate, subject, frames)
+    match, used = with_joints(source, calibration, markerset, hips)
+    if not as_json:
+        _print_match(match, calibration is not None)
+        echo([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])
+    remarks = [] if calibration is None else require_same_subject(used, match.recording, refit, force)
+    used = refit_shapes(used, match.recording) if refit else used
+    drawn = draw_skeleton(used, match.recording)
+    scene = skeleton_scene(drawn, match.recording, remarks)
+    if not as_json:
+        echo([*skeleton_lines(scene), *angle_lines(used)])
+    motion = ExportedMotion(drawn, match.source, scene, file, RestPose(rest))
+
+    def written() -> Iterator[Path]:
+        if calibration is None:
+            yield save_calibration(used, folder / "calibration.json")
+        yield from _written_files(motion, folder)
+        yield from (write_file(motion, path) for path in further)
+        if video:
+            yield _write_video(scene, folder / "motion.mp4")
+
+    paths: list[Path] = []
+    for path in written():
+        paths.append(path)
+        echo([] if as_json else [path])
+    if as_json:
+        further_data = {"angles": angle_lines(used), "overruled": remarks, "files": paths}
+        typer.echo(json_text(skeleton_data(scene) | further_data))
+
+
+_OUT = ".c3d, .trc or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"
+_TISSUE = "largest soft-tissue artefact of a marker, metres"
+_SKIN = "law of the soft-tissue artefact: mixed, random, angle, velocity, cluster, slide"
+_SWAPS = "share of the frames in which two markers are exchanged"
+_HEIGHT = "height of the body, metres; another height gives another subject"
+_ANEW = "draw each frame anew instead of a smooth motion"
+_GAIT = "move as in walking: in strides, little out of the sagittal plane"
+_MARKERS = "marker set that the body wears: cmu41, or rizzoli, the landmarks of trunk and legs"
+
+
+def synthetic(
+    out: Annotated[Path | None, typer.Option(help=_OUT)] = None,
+    as_json: Json = False,
+    frames: Annotated[int, typer.Option(help="number of frames")] = 3000,
+    rate: Annotated[float, typer.Option(help="frames per second")] = 120.0,
+    seed: Annotated[int, typer.Option(help="seed of all random numbers")] = 1,
+    noise: Annotated[float, typer.Option(help="standard deviation of a marker's coordinate, metres")] = 0.001,
+    soft_tissue: Annotated[float, typer.Option(help=_TISSUE)] = 0.0,
+    skin: Annotated[str, typer.Option(help=_SKIN)] = "mixed",
+    gaps: Annotated[float, typer.Option(help="share of each marker's samples that are missing")] = 0.0,
+    swaps: Annotated[float, typer.Option(help=_SWAPS)] = 0.0,
+    height: Annotated[float, typer.Option(help=_HEIGHT)] = 1.75,
+    reach: Annotated[float, typer.Option(help="share of the natural range of motion")] = 1.0,
+    independent: Annotated[bool, typer.Option("--independent", help=_ANEW)] = False,
+    gait: Annotated[bool, typer.Option("--gait", help=_GAIT)] = False,
+    markers: Annotated[str, typer.Option(help=_MARKERS)] = "cmu41",
+) -> None:
+    """Make a recording of a synthetic body.
+
+    Writes the recording, and tables of the true joints beside it. With --json: recording, frames, rate and files.
+    """
+    from study.recordings.formats.write import write_recording
+    from study.recordings.recording import RecordingError
+    from study.recordings.synthetic.make import Recipe, synthesize, write_truth
+    from study.text import json_text
+
+    numbers = frames, rate, seed, noise, soft_tissue, skin, gaps, swaps, height, reach
+    recipe = Recipe(*numbers, independent=independent, gait=gait, markers=markers)
+    if skin != "mixed" and not soft_tissue:
+        raise RecordingError(f"--skin {skin}: skin moves by 0 m; give its largest motion with --soft-tissue")
+    made, truth = synthesize(recipe)
+    path = write_recording(made, out or results_folder(made.name) / f"{made.name}.c3d")
+    paths = [path, *write_truth(truth, path)]
+    data = {"recording": made.name, "frames": made.frames, "rate": made.rate, "files": paths}
+    echo([json_text(data)] if as_json else paths)
