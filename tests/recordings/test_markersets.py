@@ -293,8 +293,7 @@ def test_a_label_is_one_marker():
 
 
 @pytest.mark.parametrize(
-    "labels",
-    ["~ASIS ~PSIS ~TH1 ~TH2 ~TH3", "~ASI ~PSI LTH1 LTH2 LTH3", "~ASI ~PSI ~TH1 ~TH2 ~TH3 ~TB1 ~TB2 ~TB3 CLAV"],
+    "labels", ["~ASIS ~PSIS ~TH1 ~TH2 ~TH3", "~ASI ~PSI LTH1 LTH2 LTH3", "~ASI ~PSI ~TH1 ~TH2 ~TH3 ~TB1 ~TB2 ~TB3 CLAV"]
 )
 def test_a_joint_whose_markers_are_all_there_is_enough(labels):
     """A pelvis and a thigh with all their markers are found, though most of the set's joints are not."""
