@@ -43,38 +43,31 @@ def concentration(length, dimension):
 
 def em_vmf(samples):
     """Expectation maximisation from the answer of `als`, for each set of a batch."""
-    b, d, _ = samples.shape
-    start = fit_samples(samples, "als")
-    result = blank(b, d)
-    for t in range(b):
-        x = samples.points[t]
+    start, result = fit_samples(samples, "als"), blank(*samples.shape[:2])
+    for t, x in enumerate(samples.points):
         center, radius, variance = start.center[t], float(start.radius[t]), float(start.noise_variance[t])
         result.status[t] = start.own_status[t]
         if not (np.isfinite(center).all() and radius > 0.0 and variance > 0.0):
             center, radius, variance = x.mean(axis=0), float(np.sqrt(x.var(axis=0).sum())), float(x.var())
-        mu = (x - center).mean(axis=0)
-        kappa, converged = 0.0, False
+        mu, kappa, d = (x - center).mean(axis=0), 0.0, x.shape[1]
         for _ in range(STEPS):
             result.iterations[t] += 1
             natural = kappa * mu + radius * (x - center) / variance
             size = np.linalg.norm(natural, axis=1)
             means = natural * (mean_length(size, d) / np.maximum(size, 1e-300))[:, None]
             mean = means.mean(axis=0)
-            length = float(np.linalg.norm(mean))
-            new_radius = float(np.mean(means * (x - x.mean(axis=0)) @ np.ones(d))) / max(1.0 - length**2, 1e-300)
-            new_center = x.mean(axis=0) - new_radius * mean
-            away = x - new_center
+            length, last, before = float(np.linalg.norm(mean)), center, radius
+            radius = float(np.mean(means * (x - x.mean(axis=0)) @ np.ones(d))) / max(1.0 - length**2, 1e-300)
+            center = x.mean(axis=0) - radius * mean
+            away = x - center
             square, along = np.mean(away**2 @ np.ones(d)), np.mean(means * away @ np.ones(d))
-            moments = square - 2.0 * new_radius * along + new_radius**2
-            change = np.linalg.norm(new_center - center) + abs(new_radius - radius)
-            center, radius, variance = new_center, new_radius, max(float(moments) / d, 1e-30 * new_radius**2)
+            variance = max(float(square - 2.0 * radius * along + radius**2) / d, 1e-30 * radius**2)
             mu, kappa = mean / max(length, 1e-300), float(concentration(np.array(length), d))
-            if change < ENOUGH * abs(radius):
-                converged = True
+            if np.linalg.norm(center - last) + abs(radius - before) < ENOUGH * abs(radius):
                 break
-        result.center[t], result.radius[t], result.noise_variance[t] = center, radius, variance
-        if not converged:
+        else:
             result.status[t] = study.Status.NOT_CONVERGED
+        result.center[t], result.radius[t], result.noise_variance[t] = center, radius, variance
     return result
 
 

@@ -49,24 +49,17 @@ def test_phase_two(timed, matched):
 @pytest.mark.parametrize("whose", ["ours", "biobuddy"])
 def test_score(timed, matched, whose):
     """The waist from pelvis and chest, whose poses are known: two centres, ours with its covariance."""
-    joints = find_joints(matched.markerset, matched.recording)
+    joints, group = find_joints(matched.markerset, matched.recording), f"SCoRE of one joint, {FRAMES} frames"
     pelvis, thorax = joints.poses["pelvis"], joints.poses["thorax"]
-    group = f"SCoRE of one joint, {FRAMES} frames"
-    ours = symmetric_fit(pelvis, thorax)
     if whose == "ours":
         timed(group, "symmetric fit, with covariance and axis", symmetric_fit, pelvis, thorax, unit=True)
         return
     biobuddy = pytest.importorskip("biobuddy", reason="pip install biobuddy to see it beside ours")
     score = pytest.importorskip("biobuddy.model_modifiers.joint_center_tool").Score.perform_algorithm
-    poses = [biobuddy.RotoTransMatrixTimeSeries.from_rt_matrix(_poses(frames)) for frames in (pelvis, thorax)]
-    score = partial(score, recursive_outlier_removal=False)
-    center = timed(group, "biobuddy", score, *poses, aim="≥ 50", rounds=5)
+    matrices = np.zeros((2, 4, 4, pelvis.rotation.shape[2]))
+    for matrix, frames in zip(matrices, (pelvis, thorax), strict=True):
+        matrix[:3, :3], matrix[:3, 3], matrix[3, 3] = frames.rotation, frames.origin, 1.0
+    poses = [biobuddy.RotoTransMatrixTimeSeries.from_rt_matrix(matrix) for matrix in matrices]
+    center = timed(group, "biobuddy", partial(score, recursive_outlier_removal=False), *poses, aim="≥ 50", rounds=5)
     # they leave the noise in the turns: some centimetres, where these are small against it
-    assert np.linalg.norm(center[1] - ours.in_parent) < 0.1
-
-
-def _poses(frames):
-    """Homogeneous matrices (4, 4, frames)."""
-    poses = np.zeros((4, 4, frames.rotation.shape[2]))
-    poses[:3, :3], poses[:3, 3], poses[3, 3] = frames.rotation, frames.origin, 1.0
-    return poses
+    assert np.linalg.norm(center[1] - symmetric_fit(pelvis, thorax).in_parent) < 0.1

@@ -97,13 +97,9 @@ def figures() -> Rows:
 def names() -> Rows:
     """The public names of the package, each with the first sentence of its docstring."""
     yield ["name", ""]
-    package = griffe.load("study", resolve_aliases=True)
-    for name in study.__all__:
-        if not name.startswith("_"):
-            thing = package[name]
-            thing = thing.final_target if thing.is_alias else thing
-            words = thing.docstring.value.split("\n")[0] if thing.docstring else "Every estimator by its name."
-            yield [f"`study.{name}`", words]
+    for name in sorted(set(study.__all__) - {"__version__"}, key=study.__all__.index):
+        words = "Every estimator by its name." if name == "ESTIMATORS" else paragraphs(getattr(study, name))[0]
+        yield [f"`study.{name}`", words]
 
 
 def _keys(model: type[BaseModel], without: set[str] = frozenset()) -> Rows:  # type: ignore[assignment]

@@ -16,6 +16,7 @@ _UNITS = "nm|um|µm|μm|mm|cm|dm|m|km|in|inch|inches|ft|feet|px|pixels?|(?:milli
 _NAME = re.compile(rf"(.*?)(?:\s*[\[({{<].*[\])}}>]|(?:\s*[_/,.-]\s*|\s+)(?:{_UNITS}))?", re.IGNORECASE)
 """A name and its unit, such as x [mm], X(m), x_mm, x mm, x/mm."""
 _LENGTH = re.compile(rf"[\[({{<]?\s*({_UNITS})\s*[\])}}>]?", re.IGNORECASE)
+_NAMED_UNIT = re.compile(rf".*[\s_/,.\-\[({{<]{_LENGTH.pattern}", re.IGNORECASE)
 _AROUND = ["pos", "position", "p", "pt", "point", "points", "coord", "coordinate", "coordinates", "koordinate"]
 _AROUND += ["loc", "location", "vertex", "axis"]
 _WORDS = [
@@ -60,6 +61,12 @@ def angles(names: Sequence[str]) -> list[str]:
 def length_unit(cell: str) -> str:
     """The unit of length that a cell consists of, such as mm or [mm]; empty if it is anything else."""
     unit = _LENGTH.fullmatch(cell.strip())
+    return unit[1].lower() if unit else ""
+
+
+def unit_in(name: str) -> str:
+    """The unit of length in the name of a column, such as mm in x [mm]; empty if there is none."""
+    unit = _NAMED_UNIT.fullmatch(name.strip())
     return unit[1].lower() if unit else ""
 
 

@@ -1,8 +1,7 @@
-"""The points of fits: those that a fit stands on, and their distances from its centre.
+"""The answer of `study.fit`: spheres, their standard errors and intervals, and how far the points are from them.
 
-The status that a user sees: one rule for every estimator, beside what the estimator says itself.
-
-The answer of `study.fit`: spheres, their standard errors, and the distances of the points from them.
+`FittedPoints` are the points that a fit stands on, with the structure that its residuals show. The status that a user
+sees follows one rule for every estimator, beside what the estimator says itself.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,7 +18,7 @@ from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Goodness, evenly_thinned, goodness
 from study.fits.intervals import Intervals, intervals
 from study.fits.robust import outliers
-from study.fits.samples import Estimates, Samples, Status, explain, plug_in_bound, repeated, semi_axes, unless_missing
+from study.fits.samples import Estimates, Samples, Status, plug_in_bound, repeated, semi_axes, unless_missing
 from study.fits.structure import Structure, structure, widened
 
 if TYPE_CHECKING:
@@ -133,7 +132,7 @@ class FittedPoints:
             explained = ~structure(Samples(rest), self._ordered).doubted
             result[searched[failing[explained]]] = Status.OUTLIERS
         free = ends.radius[:, 0] < ends.radius[:, 1]  # a known radius needs no point to carry it
-        alone = np.flatnonzero(seen.spread & free & (result == Status.OK))
+        alone = np.flatnonzero(seen.single & free & (result == Status.OK))
         if len(alone):  # does the farthest point alone carry the radius?
             x = self.different.take(alone).x
             away = np.square(x - np.nanmean(x, axis=2, keepdims=True)).sum(axis=1)
@@ -334,7 +333,8 @@ class Fit:
     @property
     def status_text(self) -> str | NDArray[np.str_]:
         """The status in words: a text for a single fit, an array of texts (…) for a batch."""
-        return np.vectorize(explain, otypes=[str])(self.status) if self.shape else explain(int(self.status))
+        texts = np.array([status.text for status in Status])[self.status]
+        return texts if self.shape else str(texts)
 
     def interval(self, of: str, level: float = 0.95) -> Floats:
         """Confidence interval of the radius, the diameter or a coordinate of the centre, or one of each coordinate.

@@ -357,6 +357,8 @@ class FitPlan(NamedTuple):
     radius_error: float
 
 
+NOISY = 0.35
+"""Noise, in radii, from which on a sphere counts as weakly identified although its interval is bounded."""
 _LARGEST_PLAN = 1e15
 """Number of points beyond which no plan is made."""
 
@@ -399,7 +401,7 @@ def plan_fit(
         82
     """
     if [error, angle, points].count(None) != 1:
-        raise ValueError("a plan needs two of error=, angle= and points=; it finds the third")
+        raise ValueError("a plan needs two of error, angle and points; it finds the third")
     given = {"noise": noise, "radius": radius, "error": error}
     sigma, r, wanted = (_positive(name, value) for name, value in given.items())
     if of not in ("center", "radius"):
@@ -461,6 +463,8 @@ def plan_in_words(plan: FitPlan, noise: float, radius: float, error: float | Non
     errors = f"centre ± {center} along its axis and ± {across} across it, radius ± {size}"
     yield f"{plan.points:,} points on a cap of {plan.angle:.3g}°: {errors}"
     yield "± is the least standard error that an estimator can have on so many points (the attainable bound)"
+    if noise > NOISY * radius:
+        yield f"the noise is above {NOISY:g} radii: every fit will be weakly identified, however many points there are"
     if error is None:
         return
     yield ""

@@ -1,11 +1,7 @@
-"""Check of one's own estimators: every property on every data set, and a report in words.
+"""Check of one's own estimators: every property on every data set, sound or degenerate, and a report in words.
 
-Data sets on which one's own estimators are checked: sound ones, and degenerate ones.
-
-Properties that an estimator should have, each a function that says in words how a data set violates it.
-
-They are those that `tests/estimators/test_properties.py` asks of the shipped estimators, with wider tolerances: an
-iteration may stop at 1e-8.
+A property is a function that says in words how a data set violates it. They are those that the tests ask of the shipped
+estimators, with wider tolerances: an iteration may stop at 1e-8.
 """
 
 import contextlib
@@ -21,7 +17,7 @@ import numpy as np
 from study.arrays import Floats
 from study.fits.answer import Fit
 from study.fits.registry import LIMIT, OvertimeError, faults_of, fit, in_time, load, one_line, sound_samples
-from study.fits.samples import Status, explain
+from study.fits.samples import Status
 
 NOISE = 0.01
 _SETS = 6
@@ -97,7 +93,7 @@ def answers(fit: FitPoints, case: CheckCase) -> str:
     """Sound points have the status ok, finite numbers, and a noise variance that is one."""
     answer = fit(case.points, NOISE)
     if answer.own_status != Status.OK:
-        return f"no answer on sound points: {explain(int(answer.own_status))}"
+        return f"no answer on sound points: {Status(int(answer.own_status)).text}"
     if not (np.all(np.isfinite(answer.center)) and np.isfinite(answer.radius)):
         return "no answer on sound points: the status is ok, but centre or radius is not finite"
     if not answer.noise_variance >= 0.0:

@@ -36,6 +36,9 @@ _BELT = math.tan(math.radians(15.0)) / math.sqrt(3.0)
 """The same distances, in radii, beyond which points are no belt."""
 _THIN = math.tan(math.radians(3.6)) / math.sqrt(3.0)
 """The same distance, in radii, below which the centre along the axis hangs on errors of form: belts of ± 3.6°."""
+_STRIP = 12.0
+"""Ratio of the two larger extents, as variances, from which points are a strip: their plane is too uncertain for the
+circle's residual to say more."""
 _KNOWN = 0.01
 """The standard error in those distances below which even a thin belt tells the centre."""
 _ROUNDING = 1e-7
@@ -97,7 +100,10 @@ def on_circles(samples: Samples, fit: Estimates) -> Bools:
         flat = (height <= left * fdtri(n - 3, n - 3, 1.0 - _RARE)) | (
             (uncertain > _UNCERTAIN) & (height < (_BELT * radius) ** 2)
         )
-        flat |= (height < (_THIN * radius) ** 2) & (uncertain > _KNOWN)
+        thin = (height < (_THIN * radius) ** 2) & (uncertain > _KNOWN)
+        flat |= thin
+        drawn = samples.regression.variance > 2.0 * (share * values.sum(axis=1)) ** 2  # by a point far from the rest
+        same |= thin & (values[:, 2] > _STRIP * values[:, 1]) & ~drawn
         nothing = height <= (_ROUNDING * radius) ** 2
         return np.asarray(ring & (nothing | (flat & same)))
 

@@ -1,7 +1,4 @@
-"""Fits in words and tables: a line for a terminal, a table for a notebook, a data frame.
-
-Picture of a single fit: the points with the circle or sphere, and the residuals.
-"""
+"""Fits as a reader sees them: a line for a terminal, a table for a notebook, a data frame, and a picture of one fit."""
 
 import html
 from collections.abc import Iterator
@@ -10,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 
 from study.arrays import Floats, Ints
-from study.fits.samples import Estimates, Samples, Status, explain
+from study.fits.samples import Estimates, Samples, Status
 from study.text import number, with_error
 
 if TYPE_CHECKING:
@@ -63,7 +60,7 @@ def frame(fit: ShownFits) -> "pd.DataFrame":
     columns |= {"condition": flat.condition, "iterations": flat.iterations}
     if known:
         columns["samples"] = fit.count.ravel()
-    columns["status"] = [explain(int(status)) for status in fit.status.ravel()]
+    columns["status"] = [Status(int(status)).text for status in fit.status.ravel()]
     table = pd.DataFrame(columns)
     if len(fit.shape) > 1:
         table.index = pd.MultiIndex.from_product([range(length) for length in fit.shape])

@@ -19,7 +19,6 @@ from matplotlib.patches import Circle, Ellipse, Rectangle
 from study import style
 from study.arrays import Bools, Floats, Ints
 from study.fits import Fit, Status
-from study.fits.samples import explain
 
 _MOST_POINTS = 5000
 _FARTHEST = 100  # points that are always shown, however many are left out
@@ -157,7 +156,7 @@ def _statuses(fits: dict[str, Fit], usable: dict[str, Fit]) -> list[str]:
     said: dict[tuple[str, str], list[str]] = {}
     for name, fit in fits.items():
         if name not in usable or fit.status != Status.OK:
-            key = "" if name in usable else "not drawn: ", explain(int(fit.status))
+            key = "" if name in usable else "not drawn: ", Status(int(fit.status)).text
             said.setdefault(key, []).append(style.label(name))
     return [f"{prefix}{', '.join(labels)}: {words}" for (prefix, words), labels in said.items()]
 

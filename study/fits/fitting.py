@@ -1,8 +1,7 @@
-"""A user's own points, fitted by one estimator or all: centres, radii, their standard errors, and the form.
+"""The command `study fit`: points of files fitted by one estimator or all, and printed for people, as JSON or as CSV.
 
-Remarks on fitted points in words: the intervals of radius and centre, outliers, copies.
-
-The output of `study fit`: for people, as JSON, or as CSV.
+Below the numbers stand remarks in words: the intervals of radius and centre, outliers, copies, and what the test of fit
+says.
 """
 
 import csv
@@ -21,7 +20,6 @@ from study.fits.given import GivenFit, takes
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
 from study.fits.registry import load
-from study.fits.samples import explain
 from study.text import columns, did_you_mean, inert, json_text, number, with_error
 
 LEVEL = 0.95
@@ -220,7 +218,7 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
         row |= {f"goodness_{name}": float(p) for name, p in result.goodness._asdict().items()}
         row["allowance"] = float(result.allowance.max())
         row["outliers"], row["copies"] = int(result.outliers.sum()), int(result.copies)
-        row["samples"], row["status"] = int(result.count), explain(int(result.status))
+        row["samples"], row["status"] = int(result.count), Status(int(result.status)).text
         rows.append(row)
     return rows
 
@@ -303,7 +301,9 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
     chosen = [f"coordinates are {', '.join(t.names)}; columns left out: {', '.join(t.left)}" for t in tables]
     yield from dict.fromkeys(chosen)
     idle = [] if noise is None else [name for name, fit in files[0].fits.items() if not fit.noise_is_known]
-    if idle:
+    if noise is not None and any(file.table.noise is not None for file in files):
+        yield f"--noise {noise:g} is not used where columns (sigma, or sx, sy, sz) have the noise of each point"
+    elif idle:
         yield f"--noise {noise:g} is not used by {', '.join(idle)}: the noise is found in the points"
     yield STANDARD_UNCERTAINTY
 

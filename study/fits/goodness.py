@@ -26,6 +26,8 @@ from study.fits.corrected import corrected
 from study.fits.samples import Samples, binary_size
 
 BLOCKS = ("shape", "unequal noise", "tails", "memory")
+SHARES = np.array([3.0, 1.0, 1.0, 1.0]) / 6.0
+"""Shares of the level that the blocks have: whether the points are a sphere is the question."""
 LEVEL = 0.01
 """Overall level at which the test speaks."""
 _DEGREES = 4
@@ -85,17 +87,22 @@ class Goodness(NamedTuple):
 
     @property
     def p(self) -> Floats:
-        """One p value for all blocks (…), the least one corrected for the number of blocks; NaN if there is none."""
+        """One p value for all blocks (…), the least of those corrected for their shares; NaN if there is none."""
         values = np.stack(self)
-        count = np.isfinite(values).sum(axis=0)
-        least = np.where(count > 0, np.fmin.reduce(values, axis=0), np.nan)
-        return np.asarray(-np.expm1(count * np.log1p(-np.minimum(least, 1.0 - 1e-16))))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sound = np.log1p(-np.minimum(values, 1.0 - 1e-16)) / self._shares
+        return np.asarray(-np.expm1(np.fmax.reduce(sound)))
 
     def speaks(self, level: float = LEVEL) -> Bools:
         """True for each block that speaks at an overall level (4, …)."""
-        values = np.stack(self)
-        limit = -np.expm1(np.log1p(-level) / np.maximum(np.isfinite(values).sum(axis=0), 1))
-        return np.asarray(values < limit)
+        return np.asarray(np.stack(self) < -np.expm1(np.log1p(-level) * self._shares))
+
+    @property
+    def _shares(self) -> Floats:
+        """Shares of the level (4, …), of the blocks that have a p value."""
+        tested = np.isfinite(np.stack(self))
+        shares = SHARES.reshape(-1, *[1] * (tested.ndim - 1)) * tested
+        return np.asarray(shares / np.maximum(shares.sum(axis=0), SHARES.min()))
 
     def first(self, level: float = LEVEL) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
         """Name of the block that explains what is seen at an overall level; "" if none speaks (…).

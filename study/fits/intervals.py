@@ -18,13 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Bools, Floats, Ints
+from study.fits.bounds import NOISY
 from study.fits.closed_forms import als
 from study.fits.jit import Sums, compiled, zeros
 from study.fits.samples import FARTHEST, Samples, is_ordinary
 from study.fits.score import PointSet, Profile, new_profile, place, score, solve_profile
 
-NOISY = 0.35
-"""Noise, in radii, from which on a sphere counts as weakly identified although its interval is bounded."""
 _MOST = 100
 """Largest number of evaluations for one set."""
 _IDENTIFIED = 0.2

@@ -1,19 +1,15 @@
-"""The answer of `study.mgdk`: the common centre of several markers, and each marker's radius.
+"""Several markers about one centre (MGDK): `study.mgdk` and its answer, and `Incremental` for points one after another.
 
-One centre of several markers from their moments, of many data sets at once: the paper's equation 22, corrected.
+From the moments of the markers, of many data sets at once, the paper's equation 22, corrected, is
 
     ĉ = [Σ_p w_p (C_p - Σ̂)]⁻¹ Σ_p w_p [(C_p - Σ̂) x̄_p + ½ S_p]                            (paper eq. 22, corrected)
 
-In print the sum closes before ½S_p; both ways of reading it are wrong (theory §2). Moments have divisor n here.
+In print the sum closes before ½S_p; both ways of reading it are wrong (theory §2). Moments have divisor n here. As
+derived, w_p = n_p - 1. But a marker's algebraic residual grows with its radius, and so its weight should fall:
+w_p = n_p/r̂_p². Where the noise is unknown, one η for all markers is found from their residuals together (theory §5.5).
 
-Several markers about one centre (MGDK): the joint fit of markers at different distances from it.
-
-The centre is that of the corrected equation 22 (`common_center`). As derived, w_p = n_p - 1. But a marker's algebraic
-residual grows with its radius, and so its weight should fall: w_p = n_p/r̂_p². Where the noise is not known, one η for
-all markers is found from their residuals together (theory §5.5).
-
-Points that arrive one after the other need not be stored: `Incremental` keeps their moments, which merge exactly, and
-solves the d × d system when an answer is wanted: every closed form, and the common centre, from the same few numbers.
+Points that arrive one after the other need not be stored: their moments merge exactly, and the d × d system is solved
+when an answer is wanted: every closed form, and the common centre, from the same few numbers.
 """
 
 from collections.abc import Callable, Sequence

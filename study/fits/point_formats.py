@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from study.arrays import Floats, angles, coordinate_places, length_unit
+from study.arrays import Floats, angles, coordinate_places, length_unit, unit_in
 from study.text import did_you_mean
 
 if TYPE_CHECKING:
@@ -178,8 +178,10 @@ def _read_lines(lines: list[str], wanted: Wanted, pts: bool = False) -> Columns:
     if not header and len(rows) > 1 and len(second := _cells(rows[1][1], delimiter)) != len(names):
         raise _uneven(rows[1][0], second, names, delimiter)  # before it is asked which columns are meant
     chosen = wanted.places(names, named=bool(header))
-    if header and _has_units(*rows[0], delimiter, chosen):
-        rows = rows[1:]
+    if header:
+        _one_unit({unit_in(names[i]) for i in chosen}, "the header")
+        if _has_units(*rows[0], delimiter, chosen):
+            rows = rows[1:]
     if (plain := _plain([row for _, row in rows], delimiter, len(names), chosen)) is not None:
         return _chosen(names, chosen, plain)
     comma = delimiter != "," and any(
@@ -246,9 +248,14 @@ def _has_units(number: int, row: str, delimiter: str, chosen: list[int]) -> bool
     """True if a row below the header holds the units of the coordinates, which must be the same."""
     cells = _cells(row, delimiter)
     units = {length_unit(cells[i]) for i in chosen if i < len(cells)}
-    if "" not in units and len(units) > 1:
-        raise PointFileError(f"row {number}: coordinates in {' and '.join(sorted(units))}; convert them to one")
+    _one_unit(units, f"row {number}")
     return "" not in units
+
+
+def _one_unit(units: set[str], place: str) -> None:
+    """Refuse coordinates that have units, and not the same."""
+    if "" not in units and len(units) > 1:
+        raise PointFileError(f"{place}: coordinates in {' and '.join(sorted(units))}; convert them to one")
 
 
 def _plain(rows: list[str], delimiter: str, width: int, chosen: list[int]) -> Floats | None:

@@ -1,16 +1,9 @@
-"""The registry of estimators, and `fit`, which calls one by name.
+"""The registry of estimators, `fit`, which calls one by name, and estimators of one's own.
 
-To add an estimator, write a function from `Samples` to `Estimates` and a line in `ESTIMATORS`.
-
-The simple form of an estimator: a function from one set of points to a centre and a radius.
-
-Registration of one's own estimators, and the record of where they come from.
-
-Estimators of installed packages, which name them in the entry-point group ``study.fits``.
-
-Files of one's own estimators: read, executed, tried out, and refused with one line.
-
-What such a file prints goes to standard error, so that it never mixes with results.
+To add an estimator here, write a function from `Samples` to `Estimates` and a line in `ESTIMATORS`. Of one's own, the
+simple form is enough, a function from one set of points to a centre and a radius. It is registered by a program
+(`register`), by an installed package with the entry-point group ``study.fits``, or by a file, which is read, executed,
+tried out and refused with one line; what a file prints goes to standard error. `ORIGINS` has where each comes from.
 """
 
 import contextlib
@@ -239,7 +232,11 @@ def fit(
         raise ValueError(f"points have shape {array.shape}: expected (…, n, d) with d ≥ 2")
     *lead, n, d = array.shape
     if n < d + 1:
-        raise ValueError(f"points have shape {array.shape}: a sphere in {d} dimensions needs at least {d + 1} points")
+        hint = "; points are rows: pass the transpose" if n in (2, 3) and d > 3 else ""
+        needs = f"a sphere in {d} dimensions needs at least {d + 1} points"
+        raise ValueError(f"points have shape {array.shape}: {needs}{hint}")
+    if not isinstance(ordered, bool | np.bool_):
+        raise TypeError(f"ordered = {ordered!r}: expected True or False")
     if radius is not None or scale != "given" or (noise is not None and is_per_point(np.shape(noise), n, d)):
         given = given_of(array.shape, noise, radius, scale)
         return fit_given(array, estimator, given, ordered)

@@ -1,16 +1,9 @@
-"""Input of every estimator: a batch of point sets, with moments that estimators share computed once.
+"""The records of every fit: point sets with their shared moments, estimates, statuses and covariances.
 
-The arrays that an estimator fills in, as kernels take them.
-
-An estimator as the registry lists it: the function, its source, and what is known about it.
-
-Status of a fit: a number that tables store, with the text that a user reads.
-
-Fits of sets that need preparation: with missing samples, or so large or small that their powers leave float64.
-
-Covariances of fits: the Cramér-Rao bound with the estimates plugged in, or an estimator's own rule; ellipsoids.
-
-Copies: points that repeat another one, which count once.
+`Samples` is a batch of point sets; what several estimators need of it is computed once. `Estimates` are the arrays that
+an estimator fills in, with a `Status` for each set, and `Estimator` is its line in the registry. Sets with missing
+samples, or so large or small that their powers leave float64, are prepared by `careful_fit`. Covariances are the
+Cramér-Rao bound with the estimates plugged in, or an estimator's own rule. Points that repeat another one count once.
 """
 
 from collections.abc import Callable, Iterator
@@ -288,11 +281,6 @@ class Status(Worded):
         "the points are not a sphere with white noise, by enough to matter: another shape, or noise of another kind",
     )
     OUTLIERS = 12, "some points are outliers and the fit uses them: the estimator robust leaves them out"
-
-
-def explain(status: int) -> str:
-    """Text of a status number."""
-    return next(member.text for member in Status if member == status)
 
 
 _LEAST_FOURTH, _MOST_FOURTH = 1e-160, 1e160

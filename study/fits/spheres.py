@@ -26,7 +26,6 @@ from study.arrays import Bools, Floats, Ints, real_array
 from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import meanings, statuses
 from study.fits.random import stream
-from study.fits.samples import explain
 from study.text import columns, did_you_mean, with_error
 from study.text import number as text_number
 
@@ -331,7 +330,7 @@ def printed(spheres: CloudSpheres, names: list[str], wanted: int) -> Iterator[st
         ball.append(with_error(float(one.radius), float(errors[-1]) if len(errors) > len(ball) else 0.0))
         word = statuses(status)
         rows.append([str(number), *ball, text_number(float(one.sigma)), str(spheres.count[number - 1]), word])
-        texts[word] = explain(int(status))
+        texts[word] = Status(int(status)).text
     yield from columns(rows, ["sphere", *names, "radius", "noise", "points", "status"])
     yield from meanings({word: text for word, text in texts.items() if word != "ok"})
     if len(spheres) < wanted:

@@ -22,6 +22,7 @@ from study.fits.circle import on_circles
 from study.fits.corrected import corrected
 from study.fits.goodness import (
     LEVEL,
+    SHARES,
     SMALL,
     evenly_thinned,
     form_of,
@@ -55,10 +56,10 @@ for caps of 12 to 180 degrees it missed none of 27,000 clean sets, of which some
 _GRUBBS = 0.012
 """Share of clean data sets that are searched for outliers because of their largest residual, a little above the 1 % in
 which that search finds one."""
-_PEAKED, _FAR, _BY_CHANCE = 1.55, 3.0, 5.0
+_PEAKED, _SINGLE, _FAR, _BY_CHANCE = 1.55, 2.0, 3.0, 5.0
 """Σ|x - x̄|⁴ N/(Σ|x - x̄|²)² is 1 to 4/3 on caps, 9/5 at most on arcs, and 5/3 at most where the noise is large. Above
 the first of these and the last over N, points far from the rest may have drawn the fit to themselves, and left no
-residual; above the second, there are some."""
+residual; above the second, one may carry the fit alone; above the third, there are some."""
 _WELL_ABOVE = 3.0
 """Factor on an interval from which the fit is doubted."""
 _EFFECT = 0.005
@@ -294,16 +295,16 @@ def quick_look(samples: Samples, fit: Estimates) -> Look:
     out = np.empty((b, 7))
     with np.errstate(all="ignore"):
         _look(samples.rows, fit.center, fit.radius, products, ends, out)
-        block = -math.expm1(math.log1p(-LEVEL) / 4.0)
-        levels, noisy = block * np.array([_MARGIN, _NOISY_MARGIN]), (noise > SMALL).astype(np.int64)
+        noisy = (noise > SMALL).astype(np.int64)
+        shape, other = np.outer(-np.expm1(SHARES[:2] * math.log1p(-LEVEL)), [_MARGIN, _NOISY_MARGIN])
         two, more = ends[2] - d - 1, len(products) - ends[2]
-        seen = ~(out[:, 0] < fdtri(two, n - len(products), 1.0 - 0.6 * levels)[noisy])
-        seen |= ~(out[:, 1] < fdtri(max(more, 1), n - len(products), 1.0 - 0.6 * levels)[noisy]) & bool(more)
-        seen |= ~(out[:, 6] < fdtri(ends[2] - 1, n - ends[2], 1.0 - 1.5 * levels)[noisy])
-        seen |= tail_statistic(out[:, 4], out[:, 5], n, n - d - 1) > -2.0 * np.log(levels)[noisy]
+        seen = ~(out[:, 0] < fdtri(two, n - len(products), 1.0 - 0.6 * shape)[noisy])
+        seen |= ~(out[:, 1] < fdtri(max(more, 1), n - len(products), 1.0 - 0.6 * shape)[noisy]) & bool(more)
+        seen |= ~(out[:, 6] < fdtri(ends[2] - 1, n - ends[2], 1.0 - 1.5 * other)[noisy])
+        seen |= tail_statistic(out[:, 4], out[:, 5], n, n - d - 1) > -2.0 * np.log(other)[noisy]
         spare = n - d - 1.0
         along = np.maximum(np.abs(out[:, 2] * n), np.abs(out[:, 2] * n + d + 1.0))  # its mean lies between 0 and d + 1
-        seen |= along**2 / spare > fdtri(1, spare, 1.0 - levels)[noisy]
+        seen |= along**2 / spare > fdtri(1, spare, 1.0 - other)[noisy]
         seen |= noise > _ALL_NOISE
     return Look(seen & usable, usable & (_extreme(out[:, 3], n, d) | np.isnan(out[:, 0])))
 
@@ -333,6 +334,11 @@ class Structure(NamedTuple):
     def spread(self) -> Bools:
         """True for sets in which points may lie so far from the rest that they are outliers without a residual (b,)."""
         return self.kurtosis > _PEAKED
+
+    @property
+    def single(self) -> Bools:
+        """True for sets in which one point may lie so far from the rest that it carries the fit alone (b,)."""
+        return self.kurtosis > _SINGLE
 
     @property
     def far(self) -> Bools:

@@ -425,6 +425,7 @@ def test_fit_with_noise_for_each_point(well, cap, rng, tmp_path):
     out = well(tmp_path, "fit", "uneven.csv")
     assert "columns left out" not in out
     assert "each point has a noise of its own" in out
+    assert "--noise 0.3 is not used where columns" in well(tmp_path, "fit", "uneven.csv", "--noise", "0.3")
     for scale in ("given", "estimated"):
         told = json.loads(well(tmp_path, "fit", "uneven.csv", "--scale", scale, "--json"))[0]
         np.testing.assert_allclose(told["center"], study.fit(cap, noise=sigma, scale=scale).center, rtol=1e-9)

@@ -198,7 +198,7 @@ USAGE = {
     "figures fig_efficiency": "fig_efficiency: no run is given",
     "fit cap.csv --csv --json": "give --json or --csv, not both",
     "fit cap.csv cap.csv --plot out.png": "--plot: give one file",
-    "plan-fit --noise 0.1 --radius 50": "a plan needs two of error=, angle= and points=",
+    "plan-fit --noise 0.1 --radius 50": "a plan needs two of error, angle and points",
 }
 
 UNWRITTEN = {

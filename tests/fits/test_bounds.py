@@ -14,7 +14,7 @@ import pytest
 from scipy import integrate, special, stats
 
 import study
-from study.fits.bounds import Cap, by_quadrature, cramer_rao, weighted_scatter
+from study.fits.bounds import Cap, by_quadrature, cramer_rao, plan_in_words, weighted_scatter
 from study.fits.cap import sample_cap
 from study.fits.jit import CHUNK
 
@@ -318,6 +318,14 @@ def test_fits_have_the_error_that_is_planned(rng, on_cap, angle, noise, error, o
     assert np.std(fit.center[:, 1]) == pytest.approx(plan.across_error, rel=0.2)
 
 
+def test_a_plan_says_that_the_noise_is_too_large():
+    """Beyond .35 r a fit is weakly identified, whatever the number of points."""
+    for noise, told in ((17.0, False), (18.0, True)):
+        plan = study.plan_fit(noise, 50.0, 1.0, angle=90.0)
+        lines = list(plan_in_words(plan, noise, 50.0, 1.0))
+        assert any("above 0.35 radii: every fit will be weakly identified" in line for line in lines) == told
+
+
 def test_the_three_plans_agree():
     """The cap for N points, the points for that cap, and the error of both are one plan."""
     first = study.plan_fit(0.1, 50.0, 0.02, angle=70.0)
@@ -333,7 +341,7 @@ def test_the_three_plans_agree():
 @pytest.mark.parametrize(
     ("arguments", "failure", "words"),
     [
-        ({}, ValueError, "a plan needs two of error=, angle= and points=; it finds the third"),
+        ({}, ValueError, "a plan needs two of error, angle and points; it finds the third"),
         ({"error": 0.1, "angle": 30.0, "points": 50}, ValueError, "a plan needs two of"),
         ({"error": -0.1, "angle": 30.0}, ValueError, "error = -0.1: must be positive and finite"),
         ({"error": [0.1], "angle": 30.0}, TypeError, r"error has shape \(1,\): give one number"),

@@ -110,17 +110,6 @@ def test_noisy_plane(rng, thickness):
     assert np.all(fit.radius[fit.own_status == Status.AT_BOUND] > 1e3)
 
 
-def test_symmetric_plane_runs_to_the_bound():
-    """Two layers on either side of a plane curve neither way: the centre is stopped at the bound."""
-    x, y = np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-1, 1, 6))
-    layer = np.stack([x.ravel(), y.ravel(), np.full(36, 1e-3)], axis=1)
-    rng = np.random.default_rng(1)
-    points = np.concatenate([layer, layer * [1, 1, -1]])
-    points[:, 2] += 1e-4 * np.tile(rng.standard_normal(36), 2) * (1 + points[:, 0] ** 2 + points[:, 1] ** 2)
-    fit = study.fit(points, "mle")
-    assert fit.own_status == Status.AT_BOUND or fit.radius > 100
-
-
 @pytest.mark.parametrize("name", STARTS)
 @pytest.mark.parametrize("noise", [1e-6, 0.01, 0.1])
 def test_whole_sphere(rng, on_cap, name, noise):
@@ -248,25 +237,15 @@ def half_spheres(on_cap):
     return sigma, points, root_bound(directions, sigma), study.fit(points, "ugdk_cov")
 
 
-def test_attains_the_anisotropic_bound(half_spheres):
-    """At 90°, scale .10, N = 20 000 the median error is within 1.2 √tr CRLB, where `als` and MLE exceed 5.
+def test_finds_the_covariance(half_spheres):
+    """Σ̂'s column along the cap's axis is Σ's to 1.5 % of its length, the mean of its diagonal to 0.6 %, on average.
 
-    From 12 seeds it is .95 and, of 100 sets, scatters by .055: a margin of 4.6. N(0, CRLB) has .79, als 14, MLE 9.
+    One set's column scatters by 2.4 %, its trace by 1.2 %: of 100 sets, six and five standard errors. The median error
+    is within 1.2 √tr CRLB: from 12 seeds it is .95 and, of 100 sets, scatters by .055. N(0, CRLB) has .79.
     """
     sigma, points, bound, fit = half_spheres
     assert np.all(fit.own_status == Status.OK)
     assert np.median(np.linalg.norm(fit.center, axis=1) / bound) < 1.2
-    for name, noise in [("ugdk", sigma), ("als", None), ("mle", None)]:
-        error = np.median(np.linalg.norm(study.fit(points[:25], name, noise).center, axis=1) / bound[:25])
-        assert error < 1.5 if name == "ugdk" else error > 5.0
-
-
-def test_finds_the_covariance(half_spheres):
-    """Σ̂'s column along the cap's axis is Σ's to 1.5 % of its length, the mean of its diagonal to 0.6 %, on average.
-
-    One set's column scatters by 2.4 %, its trace by 1.2 %: of 100 sets, six and five standard errors.
-    """
-    sigma, points, _, fit = half_spheres
     column, axis = found_along(points, fit)
     error = column - axis @ sigma
     size = np.linalg.norm(sigma[:, 0])

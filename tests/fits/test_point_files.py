@@ -270,6 +270,7 @@ FAULTS = [
     ("1,5;2,5\n3;4\n1.234,5;6\n7;8", "row 3, column 1: '1.234,5' is not a number"),
     ("x,y,z\n1,5,2,1,3,0\n", "row 2 has 6 columns, the first has 3; where decimals are commas, columns need"),
     (f'1.5,2,3\n4,5,7\n1,"2,3\n{TABLE}', "row 3 has 2 columns"),  # an open quote swallows its own row at most
+    ("x [mm],y [m],z [mm]\n1,2,3", "the header: coordinates in m and mm; convert them to one"),
     ("x\n1\n2\n3\n4\n", "1 column (x); a point needs at least 2 coordinates"),
     ("x,y,z\n1.5,2,-\n4,5,-\n7,8,-\n2,9,-\n3,3,-", "column z has no number in it"),
     (f"x,y,x\n{TABLE}", "two columns are called 'x'"),

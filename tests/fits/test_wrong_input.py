@@ -357,3 +357,11 @@ def test_planes(rng, random_rotation, careful, offset, n):
         assert np.all(fit.status == Status.HINGE)
         np.testing.assert_allclose(fit.circle.radius, 1.0, rtol=1e-9)
     assert careful == "hinge" or (np.isnan(fit.noise_variance).all() and not np.any(fit.condition < 1.0))
+
+
+def test_likely_slips():
+    """Coordinates in rows, and a word where there must be a truth value, are answered with the remedy."""
+    with pytest.raises(ValueError, match=r"\(3, 8\).*points are rows: pass the transpose"):
+        study.fit(POINTS.T)
+    with pytest.raises(TypeError, match=r"ordered = 'no': expected True or False"):
+        study.fit(POINTS, ordered="no")

@@ -14,7 +14,7 @@ import pandas as pd
 from study.arrays import Floats
 from study.fits import Fit, Samples
 from study.fits.registry import as_fit
-from study.fits.samples import blank, explain
+from study.fits.samples import Status, blank
 from study.simulation.experiment.compute import Draws, attempt, draw
 from study.simulation.experiment.conditions import CONDITIONS, bound_law
 from study.simulation.experiment.config import Study
@@ -186,7 +186,7 @@ def fit_table(study: Study, trial: Trial) -> pd.DataFrame:
                 "noise": float(np.sqrt(fit.noise_variance[0]) * scale),
                 "condition": float(fit.condition[0]),
                 "iterations": int(fit.iterations[0]),
-                "status": raised.get(0, explain(int(fit.status[0]))),
+                "status": raised.get(0, Status(int(fit.status[0])).text),
             }
         )
     return pd.DataFrame(rows)

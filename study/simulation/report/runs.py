@@ -14,7 +14,6 @@ from markupsafe import Markup
 
 from study import style
 from study.fits import Status
-from study.fits.samples import explain
 from study.simulation.analysis.summary_text import has_bounds, medians_at_bounds
 from study.simulation.experiment.conditions import LABELS, SAMPLES, RowValues, bound_law, named_in
 from study.simulation.figures import Tables
@@ -311,7 +310,7 @@ def worst_trials(tables: Tables) -> list[Markup]:
             style.label(str(row["estimator"])),
             *(words.condition(condition, row) for condition in conditions),
             words.timed(row["ratio"]),
-            explain(int(row["status"])),
+            Status(int(row["status"])).text,
             html.code(f"study replay {folder} {shlex.quote(str(row['cell']))} {row['trial']}"),
         ]
         for _, row in frame.iterrows()
