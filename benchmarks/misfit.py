@@ -332,7 +332,23 @@ def scans(folder):
         found |= {f"p {block}": float(p) for block, p in zip(BLOCKS, fit.goodness, strict=True)}
         found |= {"misfit": str(fit.goodness.first()), "F": float(series_ratio(fit))}
         found |= {"status": Status(int(fit.status)).name.lower(), "holds_50": bool(low <= 50.0 <= high)}
+        found["halves_cover"] = halves_cover(x) if file.stem.startswith("t") else math.nan
         yield found
+
+
+def halves_cover(x):
+    """Share of coordinates in which the centres of two halves of a scan, of radius 50, agree within their intervals.
+
+    The halves are those on both sides of the middle along each axis, of the rows, and of the distance from the pole.
+    """
+    away = x - np.median(x, axis=0)
+    along = away @ np.linalg.eigh(np.cov(away.T))[1]
+    agree = []
+    for by in (*along.T, np.arange(len(x)), np.linalg.norm(along[:, 1:], axis=1)):
+        fits = [study.fit(x[side], radius=50.0) for side in (by > np.median(by), by <= np.median(by))]
+        half = np.hypot(*(0.5 * np.ptp(fit.interval("center"), axis=-1) for fit in fits))
+        agree.append(np.abs(fits[0].center - fits[1].center) <= half)
+    return float(np.mean(agree))
 
 
 def series_ratio(fit):

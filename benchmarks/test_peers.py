@@ -77,6 +77,7 @@ CLOSED = {
     "compas": partial(peer, "compas.geometry:bestfit_sphere_numpy", lambda answer: answer[0]),
 }
 """Makers of the same algebraic fit, by the names of the packages."""
+CIRCLE = partial(peer, "circle_fit:taubinSVD", lambda answer: answer[:2])
 OURS = "study.fit, ten thousand at once"
 GROUPS = {
     "closed form, 3-D, N = 100, per fit": {
@@ -91,12 +92,7 @@ GROUPS = {
     },
     "Taubin, 2-D, N = 100, per fit": {
         f"{OURS}, taubin": "taubin",
-        "circle-fit taubinSVD, in a loop": (
-            partial(peer, "circle_fit:taubinSVD", lambda answer: answer[:2]),
-            FEW,
-            1e-8,
-            "",
-        ),
+        "circle-fit taubinSVD, in a loop": (CIRCLE, FEW, 1e-8, ""),
     },
 }
 """Rows of each group, ours first: an estimator, or a peer's maker, sets, tolerance of its centre, and the aim."""

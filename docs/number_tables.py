@@ -135,7 +135,14 @@ def certified(sets: pd.DataFrame) -> pd.DataFrame:
     return sets.groupby(["estimator", "told"], sort=False).agg(**largest).reset_index()
 
 
-DERIVED = {"findings": findings, "certified": certified}
+def coverage_short(cells: pd.DataFrame) -> pd.DataFrame:
+    """Coverage of the radius by each method: the least over all kinds of data; the mean and the least of ok fits."""
+    least = cells.query("sigma <= .5").groupby("method", sort=False)["radius"].min()
+    often = cells.query("ok >= .2 and sigma < .35").groupby("method")["radius_ok"].agg(["mean", "min"])
+    return often.join(least).loc[["interval", "corrected", "als", "mle"]].reset_index()
+
+
+DERIVED = {"findings": findings, "certified": certified, "coverage_short": coverage_short}
 """Tables that are made from a stored one when it is read, by their names in ``[tables]``."""
 
 
@@ -195,17 +202,6 @@ def readings_changed(tables: Tables) -> Rows:
         yield [f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", judged.reading(row).clause, first]
     stand = ", ".join(f"{numbers[name]} {name}" for name in sorted(judged.standing, key=numbers.get))
     yield f"Under every reading stand {len(judged.standing)} verdicts: {stand}."
-
-
-def coverage_short(tables: Tables) -> Rows:
-    """Coverage of the radius: the least over all kinds of data, and the mean and the least of ok fits."""
-    yield ["interval", "all fits: least over all kinds", "ok fits: mean", "ok fits: least"]
-    for method in ("interval", "corrected", "als", "mle"):
-        part = tables("coverage").query(f"method == '{method}'")
-        often = part.query("ok >= .2 and sigma < .35")["radius_ok"]
-        title = '`fit.interval("radius")`' if method == "interval" else f"`{method}` ± t standard errors"
-        numbers = part.query("sigma <= .5")["radius"].min(), often.mean(), often.min()
-        yield [title, *(formatted(number, ".2s") for number in numbers)]
 
 
 def coverage_summary(tables: Tables) -> Rows:

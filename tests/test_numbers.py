@@ -23,7 +23,6 @@ QUOTED = {
     "choices": ("readings", CHANGED, []),
     "readings": ("readings", "", []),
     "readings_changed": ("readings", CHANGED, []),
-    "coverage_short": ("coverage", "method == 'mle' and ok >= .2 and sigma < .35", ["radius_ok"]),
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"]),
     "coverage_cells": ("coverage", "method != 'corrected'", ["radius"]),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"]),

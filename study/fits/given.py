@@ -28,9 +28,10 @@ from numpy.typing import ArrayLike
 from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.answer import Fit, FittedPoints, ruled_status
 from study.fits.bounds import is_per_point, point_noise
-from study.fits.goodness import Goodness
+from study.fits.goodness import Goodness, number_of
 from study.fits.intervals import Intervals
 from study.fits.samples import Estimates, Samples, Status, blank
+from study.fits.structure import Structure
 from study.fits.weighted import Spheres, Weighted, center_ends, cost, covariance, profile, radius_ends, solve
 from study.text import number, with_error
 
@@ -344,9 +345,27 @@ class GivenFit(Fit):
         return (result * (self._sets.unit**2)[:, None, None]).reshape(*self.shape, *result.shape[1:])
 
     @cached_property
+    def _structure(self) -> Structure:
+        """Structure in the residuals; none where points have their own noise.
+
+        A known radius that the points refuse is a coefficient of degree 0, which joins those of degree 2 that measure
+        structure (theory 13.6).
+        """
+        seen, test, d = self._points.structure, self.radius_test, self.center.shape[-1]
+        if self._given.noise is not None:
+            return seen._replace(ratio=np.ones_like(seen.ratio))
+        with np.errstate(invalid="ignore"):  # a radius without an error
+            shift = (((test.radius - self.radius) / test.error) ** 2).reshape(-1, 1)
+        freedom = np.minimum(seen.freedom, number_of(d, 2))
+        ratio = np.sqrt((freedom * seen.ratio**2 + shift) / (freedom + 1.0))
+        wider = (test.p < _NOTICED).reshape(-1, 1) & (ratio > seen.ratio)
+        ratio, freedom = np.where(wider, ratio, seen.ratio), np.where(wider, freedom + 1.0, seen.freedom)
+        return seen._replace(ratio=ratio, freedom=freedom)
+
+    @property
     def allowance(self) -> Floats:
         """Factors on standard errors for structure in the residuals (…, d+1); 1 where points have their own noise."""
-        return super().allowance if self._given.noise is None else np.ones((*self.shape, self.center.shape[-1] + 1))
+        return self._structure.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
 
     @cached_property
     def noise_scale(self) -> Floats:
@@ -435,7 +454,7 @@ class GivenFit(Fit):
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
             ends = given_intervals(self._sets, level)
-            longer = 0.5 * (self.allowance.reshape(len(ends.radius), -1)[:, :-1] - 1.0)
+            longer = 0.5 * (self._structure.stretch(level, self._points.spare)[:, :-1] - 1.0)
             with np.errstate(invalid="ignore"):  # open ends
                 length = np.where(longer > 0.0, longer * np.ptp(ends.center, axis=2), 0.0)
             known[level] = ends._replace(center=ends.center + length[..., None] * [-1.0, 1.0])

@@ -397,3 +397,38 @@ def test_bad_input(rng, arguments, words):
     """A message names the value and the remedy."""
     with pytest.raises(ValueError, match=words):
         study.fit(rng.standard_normal((9, 3)), **arguments)
+
+
+def test_halves_of_a_sphere_with_a_form_agree(rng):
+    """Given the radius, the centres of both halves of 30 caps with a form agree within their intervals.
+
+    The form is 3 σ large and four tenths of the cap long. A tenth of the coordinates may be apart beside 5 % by level;
+    errors of white noise leave more than half of them apart.
+    """
+    agree = {"white": [], "allowed": []}
+    for _ in range(30):
+        u = sample_cap(rng, 600, np.radians(60.0), 3)
+        chord = np.maximum(2.0 - 2.0 * u @ u.T, 0.0)
+        form = np.linalg.cholesky(np.exp(-0.5 * chord / 0.42**2) + 1e-9 * np.eye(600)) @ rng.standard_normal(600)
+        x = u * (1.0 + 0.03 * form)[:, None] + 0.01 * rng.standard_normal(u.shape)
+        side = u[:, 1] > np.median(u[:, 1])
+        halves = [study.fit(x[part], radius=1.0) for part in (side, ~side)]
+        apart = np.abs(halves[0].center - halves[1].center)
+        white = [1.96 * np.sqrt(np.diag(half.own_covariance)[:3]) for half in halves]
+        allowed = [0.5 * np.ptp(half.interval("center"), axis=-1) for half in halves]
+        for name, lengths in (("white", white), ("allowed", allowed)):
+            agree[name].append(apart <= np.hypot(*lengths))
+    assert np.mean(agree["white"]) < 0.5
+    assert np.mean(agree["allowed"]) >= 0.85
+
+
+def test_a_refused_radius_counts_as_one_more_coefficient(rng):
+    """Of clean points with a wrong radius the factor is √((5 + z²)/6), z the radius' distance in its errors."""
+    u, _ = uneven(rng, 1, 200, 60.0, 1e-9, radius=1.0)
+    points = u[0] + 0.01 * rng.standard_normal(u[0].shape)
+    right, wrong = study.fit(points, radius=1.0), study.fit(points, radius=1.05)
+    assert (right.allowance == 1.0).all()
+    z = (wrong.radius_test.radius - 1.05) / wrong.radius_test.error
+    assert abs(z) > 5.0
+    np.testing.assert_allclose(wrong.allowance, np.sqrt((5.0 + z**2) / 6.0))
+    assert wrong.status == Status.MISFIT
