@@ -4,33 +4,19 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from study.recordings import markersets
 from study.recordings.formats.read import read_recording
-from study.recordings.markersets import (
-    Joint,
-    MarkerSet,
-    MarkerSetError,
-    Segment,
-    choose,
-    clusters,
-    is_output,
-    load_markerset,
-    match,
-    parse_markerset,
-    shipped,
-    spellings,
-    with_better,
-)
 from study.recordings.recording import Recording
 
-PELVIS = Segment(name="pelvis", markers=("A", "B", "C"))
+PELVIS = markersets.Segment(name="pelvis", markers=("A", "B", "C"))
 
-THIGH = Segment(name="thigh", markers=("D", "E"), parent="pelvis")
+THIGH = markersets.Segment(name="thigh", markers=("D", "E"), parent="pelvis")
 
-HIP = Joint(name="hip", parent="pelvis", child="thigh")
+HIP = markersets.Joint(name="hip", parent="pelvis", child="thigh")
 
 
 def test_what_it_holds():
-    leg = MarkerSet(name="leg", segments=(PELVIS, THIGH), joints=(HIP,))
+    leg = markersets.MarkerSet(name="leg", segments=(PELVIS, THIGH), joints=(HIP,))
     assert leg.segment("thigh") is THIGH
     assert leg.markers() == ("A", "B", "C", "D", "E")
     assert leg.markers_for(HIP) == ("D", "E")
@@ -75,7 +61,7 @@ def hip(**changes):
 def test_parts_that_do_not_fit(parts, words):
     whole = {"name": "leg", "segments": (PELVIS, THIGH), "joints": (HIP,)} | parts
     with pytest.raises(ValidationError, match=words):
-        MarkerSet(**whole)
+        markersets.MarkerSet(**whole)
 
 
 LEG = """name = "leg"
@@ -98,7 +84,7 @@ D = ["D1", "D2"]
 
 
 def test_a_file_says_it_all():
-    leg = parse_markerset(LEG)
+    leg = markersets.parse_markerset(LEG)
     assert [(s.name, s.parent, s.markers) for s in leg.segments] == [
         ("pelvis", None, ("A", "B", "C")),
         ("thigh", "pelvis", ("D", "E")),
@@ -116,7 +102,7 @@ def test_a_file_says_it_all():
             [
                 "  line 1: name: required, but missing",
                 "  line 1: nam = 'leg': unknown key; did you mean 'name'? Known are "
-                + ", ".join(MarkerSet.model_fields),
+                + ", ".join(markersets.MarkerSet.model_fields),
                 "  line 8: segments.thigh.markers = 'D': must be a list, such as [\"D\"]",
                 "  line 10: joints.hip.child: required, but missing",
                 "  line 12: joints.hip.kind = 'bal': input should be 'ball' or 'hinge'",
@@ -144,15 +130,15 @@ def test_all_faults_at_once_with_their_lines(changes, lines):
     text = LEG
     for old, new in changes.items():
         text = text.replace(old, new)
-    with pytest.raises(MarkerSetError) as caught:
-        parse_markerset(text, "leg.toml")
+    with pytest.raises(markersets.MarkerSetError) as caught:
+        markersets.parse_markerset(text, "leg.toml")
     assert str(caught.value).splitlines() == [f"leg.toml: {len(lines)} faults", *lines]
 
 
 def test_several_roots():
     """Two bodies in one set: each has a root, and joints of its own."""
     arm = '\n[segments.arm]\nmarkers = ["P", "Q", "R"]\n[segments.hand]\nparent = "arm"\nmarkers = ["S"]\n'
-    found = parse_markerset(
+    found = markersets.parse_markerset(
         LEG.replace("[joints.hip]", arm + '[joints.wrist]\nparent = "arm"\nchild = "hand"\n\n[joints.hip]')
     )
     assert [segment.name for segment in found.segments if segment.parent is None] == ["pelvis", "arm"]
@@ -170,37 +156,37 @@ def test_several_roots():
     ],
 )
 def test_what_is_no_marker_set(text, words):
-    with pytest.raises(MarkerSetError, match=words):
-        parse_markerset(text, "leg")
+    with pytest.raises(markersets.MarkerSetError, match=words):
+        markersets.parse_markerset(text, "leg")
 
 
 def test_shipped_ones_by_name():
     """Each is known by its name; what is no name is told with the known."""
-    assert [load_markerset(name).name for name in shipped()] == shipped()
+    assert [markersets.load_markerset(name).name for name in markersets.shipped()] == markersets.shipped()
     sides = (f"{s}_{j}" for s in ("left", "right") for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
     joints = {"waist", "neck", *sides}
     for name in ("cmu41", "plug-in-gait"):
-        whole = load_markerset(name)
+        whole = markersets.load_markerset(name)
         assert len(whole.segments) == 15
         assert {joint.name for joint in whole.joints} == joints
         hinges = {joint.name for joint in whole.joints if joint.kind == "hinge"}
         assert hinges == {"left_elbow", "right_elbow", "left_knee", "right_knee"}
         assert len(set(whole.markers()) - set(whole.optional)) == {"cmu41": 41, "plug-in-gait": 39}[name]
     words = r"no marker set 'cmu42': did you mean 'cmu41'\? Known are cast, cgm2, cmu41, .*; or give the path"
-    with pytest.raises(MarkerSetError, match=words):
-        load_markerset("cmu42")
+    with pytest.raises(markersets.MarkerSetError, match=words):
+        markersets.load_markerset("cmu42")
 
 
 def test_a_path(tmp_path):
     (tmp_path / "leg.toml").write_text(LEG)
-    assert load_markerset(tmp_path / "leg.toml").name == "leg"
+    assert markersets.load_markerset(tmp_path / "leg.toml").name == "leg"
     (tmp_path / "leg.toml").write_text(LEG, encoding="utf-8-sig")
-    assert load_markerset(tmp_path / "leg.toml").name == "leg"
-    with pytest.raises(MarkerSetError, match=r"none.toml: cannot be read: No such file"):
-        load_markerset(str(tmp_path / "none.toml"))
+    assert markersets.load_markerset(tmp_path / "leg.toml").name == "leg"
+    with pytest.raises(markersets.MarkerSetError, match=r"none.toml: cannot be read: No such file"):
+        markersets.load_markerset(str(tmp_path / "none.toml"))
 
 
-CMU = load_markerset("cmu41")
+CMU = markersets.load_markerset("cmu41")
 
 
 def labels_of(words):
@@ -222,7 +208,7 @@ def recording(markers, never=()):
 
 def test_all_there():
     """Markers come in the order of the set; extra ones are named."""
-    found = match(CMU, recording(["sword", *reversed(CMU.markers())]))
+    found = markersets.match(CMU, recording(["sword", *reversed(CMU.markers())]))
     assert found.recording.markers == CMU.markers()
     assert found.joints == CMU.joints
     assert (found.lacking, found.lost, found.extra) == ({}, {}, ("sword",))
@@ -235,7 +221,7 @@ def test_all_there():
 def test_what_is_lacking_and_what_can_still_be_found():
     """A hand without its marker loses the wrist alone; a segment of two markers loses the joints fixed in it."""
     there = [m for m in CMU.markers() if m not in ("LFIN", "RTHI")]
-    found = match(CMU, recording(there, never=["RBWT"]))
+    found = markersets.match(CMU, recording(there, never=["RBWT"]))
     assert found.lacking == {"pelvis": ("RBWT",), "left_hand": ("LFIN",), "right_thigh": ("RTHI",)}
     assert found.lost == {
         "left_wrist": "left_hand has none of LFIN",
@@ -249,7 +235,7 @@ def test_what_is_lacking_and_what_can_still_be_found():
 
 
 def test_a_root_of_two_markers_carries_nothing():
-    found = match(CMU, recording([m for m in CMU.markers() if m not in ("RBWT", "LBWT")]))
+    found = markersets.match(CMU, recording([m for m in CMU.markers() if m not in ("RBWT", "LBWT")]))
     assert found.lost["left_hip"] == "pelvis has 2 markers (LFWT, RFWT); its pose needs 3"
     assert "left_knee" in found.lost, "a thigh of two markers needs the hip"
     assert "neck" not in found.lost, "the thorax has markers enough of its own"
@@ -259,18 +245,20 @@ def test_a_joint_seen_by_some_of_the_childs_markers():
     """Without the markers of a joint, the child's other markers do not help."""
     parts = (j.model_copy(update={"markers": ("LANK",)}) if j.name == "left_knee" else j for j in CMU.joints)
     some = CMU.model_copy(update={"joints": tuple(parts)})
-    found = match(some, recording([m for m in CMU.markers() if m != "LANK"]))
+    found = markersets.match(some, recording([m for m in CMU.markers() if m != "LANK"]))
     assert found.lost["left_knee"] == "left_shank has none of LANK"
 
 
 def test_aliases_and_capitals():
     """Aliases are used and reported; a marker's own label goes before an alias."""
     labels = [{"LSHN": "LTIB", "C7": "c7"}.get(m, m) for m in CMU.markers()] + ["RTIB"]
-    found = match(CMU, recording(labels))
+    found = markersets.match(CMU, recording(labels))
     assert (found.labels["LSHN"], found.labels["C7"], found.labels["RSHN"]) == ("LTIB", "c7", "RSHN")
     assert found.extra == ("RTIB",)
     assert "labels: c7 is C7, LTIB is LSHN" in found.lines()
-    found = match(CMU, recording([*CMU.markers(), "LTIB"], never=["LSHN"]))  # it stands in for one never seen
+    found = markersets.match(
+        CMU, recording([*CMU.markers(), "LTIB"], never=["LSHN"])
+    )  # it stands in for one never seen
     assert found.labels["LSHN"] == "LTIB"
 
 
@@ -279,7 +267,7 @@ def test_aliases_and_capitals():
 def test_labels_are_compared_without_case_signs_and_prefix(spell, written):
     """However the labels of a set are spelt, they lead to it, with the recording's own labels."""
     labels = [spell.format(written(m)) for m in PIG_LEG]
-    found = choose(recording([*labels, "*17", "wand"]))
+    found = markersets.choose(recording([*labels, "*17", "wand"]))
     assert (found.whole.name, len(found.joints)) == ("plug-in-gait", 6)
     assert found.labels["LTHI"] == spell.format(written("LTHI"))
     assert found.extra == ("*17", "wand")
@@ -287,39 +275,40 @@ def test_labels_are_compared_without_case_signs_and_prefix(spell, written):
 
 def test_a_side_is_no_prefix_and_the_first_of_two_spellings_counts():
     """Left markers alone keep their side; of two labels of one spelling one is used, and once."""
-    assert "knee" not in spellings(["L_knee", "L_thigh", "L_toe"])
-    found = match(CMU, recording([*CMU.markers(), "C_7", "c7"]))
+    assert "knee" not in markersets.spellings(["L_knee", "L_thigh", "L_toe"])
+    found = markersets.match(CMU, recording([*CMU.markers(), "C_7", "c7"]))
     assert (found.labels["C7"], found.extra) == ("C7", ("C_7", "c7"))
-    found = match(CMU, recording(["c_7", "C.7", *(m for m in CMU.markers() if m != "C7")]))
+    found = markersets.match(CMU, recording(["c_7", "C.7", *(m for m in CMU.markers() if m != "C7")]))
     assert (found.labels["C7"], found.extra) == ("c_7", ("C.7",))
 
 
 def test_a_label_is_one_marker():
     """Of two markers that it could be, by an alias or by its spelling, it is the first; the other one is lacking."""
-    leg = MarkerSet(name="leg", segments=(PELVIS, THIGH), joints=(HIP,), aliases={"D": ("b-",), "E": ("C_",)})
-    found = match(leg, recording(["A", "b", "c"]))
+    leg = markersets.MarkerSet(
+        name="leg", segments=(PELVIS, THIGH), joints=(HIP,), aliases={"D": ("b-",), "E": ("C_",)}
+    )
+    found = markersets.match(leg, recording(["A", "b", "c"]))
     assert found.labels == {"A": "A", "B": "b", "C": "c"}
     assert found.lacking == {"thigh": ("D", "E")}
 
 
 @pytest.mark.parametrize(
-    "labels",
-    ["~ASIS ~PSIS ~TH1 ~TH2 ~TH3", "~ASI ~PSI LTH1 LTH2 LTH3", "~ASI ~PSI ~TH1 ~TH2 ~TH3 ~TB1 ~TB2 ~TB3 CLAV"],
+    "labels", ["~ASIS ~PSIS ~TH1 ~TH2 ~TH3", "~ASI ~PSI LTH1 LTH2 LTH3", "~ASI ~PSI ~TH1 ~TH2 ~TH3 ~TB1 ~TB2 ~TB3 CLAV"]
 )
 def test_a_joint_whose_markers_are_all_there_is_enough(labels):
     """A pelvis and a thigh with all their markers are found, though most of the set's joints are not."""
-    found = choose(recording(labels_of(labels)))
+    found = markersets.choose(recording(labels_of(labels)))
     assert "left_hip" in {joint.name for joint in found.joints}
-    assert clusters(found.extra) == []
+    assert markersets.clusters(found.extra) == []
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", markersets.shipped())
 def test_the_fitting_set_is_chosen(name):
     """The right set is chosen, also if the other fits with aliases, or some markers are missing."""
-    whole = load_markerset(name)
+    whole = markersets.load_markerset(name)
     markers = [marker for marker in whole.markers() if marker not in whole.optional]
-    assert choose(recording(markers)).whole.name == name
-    assert choose(recording([*markers[:-1], "extra"])).whole.name == name
+    assert markersets.choose(recording(markers)).whole.name == name
+    assert markersets.choose(recording([*markers[:-1], "extra"])).whole.name == name
 
 
 CGM_LEG = PIG_LEG + labels_of("~THAP ~THAD ~TIAP ~TIAD")
@@ -366,39 +355,41 @@ PUBLISHED = {
 def test_published_labels(source):
     """The labels that each set's publisher gives lead to the set and its joints; unlabelled points do no harm."""
     labels, name, joints = PUBLISHED[source]
-    found = choose(recording([*labels, *(f"*{i}" for i in range(60))]))
+    found = markersets.choose(recording([*labels, *(f"*{i}" for i in range(60))]))
     assert (found.whole.name, len(found.joints)) == (name, joints)
 
 
 def test_some_markers_of_another_set_are_no_match():
     """One joint of fourteen is no reason to choose a set; the message names it, and the clusters that nobody uses."""
     labels = ["C7", "T10", "CLAV", "STRN", *labels_of("~ASI ~PSI ~QQ1 ~QQ2 ~QQ3"), *(f"*{i}" for i in range(9))]
-    with pytest.raises(MarkerSetError, match="no marker set fits: with ") as caught:
-        choose(recording(labels))
+    with pytest.raises(markersets.MarkerSetError, match="no marker set fits: with ") as caught:
+        markersets.choose(recording(labels))
     assert "1 of 14 joints can be found; --markerset" in str(caught.value) or "1 of 7 joints" in str(caught.value)
     assert "unused clusters are LQQ1-LQQ3, RQQ1-RQQ3" in str(caught.value)
-    words = f"no marker set fits: with none of {', '.join(shipped())} can a joint"
-    with pytest.raises(MarkerSetError, match=words) as caught:
-        choose(recording(["A", "B"]))
+    words = f"no marker set fits: with none of {', '.join(markersets.shipped())} can a joint"
+    with pytest.raises(markersets.MarkerSetError, match=words) as caught:
+        markersets.choose(recording(["A", "B"]))
     assert "\n" not in str(caught.value)
 
 
 def test_a_better_set_and_unused_clusters():
     """A set that a user named is taken, with a word on the one that finds more, and on clusters."""
     labels = PUBLISHED["UWA, clusters"][0]
-    lines = with_better(match(load_markerset("plug-in-gait"), recording(labels))).lines()
+    lines = markersets.with_better(
+        markersets.match(markersets.load_markerset("plug-in-gait"), recording(labels))
+    ).lines()
     assert lines[-1] == "marker set cast fits better: 7 of 7 joints can be found with it"
     assert lines[-2].startswith("clusters that it does not use: LTH1-LTH3, LTB1-LTB3, RTH1-RTH3, RTB1-RTB3")
-    assert with_better(match(load_markerset("cast"), recording(labels))).remarks == ()
+    assert markersets.with_better(markersets.match(markersets.load_markerset("cast"), recording(labels))).remarks == ()
 
 
 def test_a_wrong_label_is_answered_with_the_nearest():
     labels = [{"LTHI": "LTHIGH", "RANK": "RANKL"}.get(m, m) for m in PIG_LEG]
-    lines = match(load_markerset("plug-in-gait"), recording(labels)).lines()
+    lines = markersets.match(markersets.load_markerset("plug-in-gait"), recording(labels)).lines()
     assert "segment left_thigh lacks LTHI (did you mean LTHIGH?)" in lines
     assert "segment right_shank lacks RANK (did you mean RANKL?)" in lines
     labels = ["RTHIGH" if m == "LTHI" else m for m in PIG_LEG]
-    lines = match(load_markerset("plug-in-gait"), recording(labels)).lines()
+    lines = markersets.match(markersets.load_markerset("plug-in-gait"), recording(labels)).lines()
     assert "segment left_thigh lacks LTHI" in lines, "a label of the other side is no hint"
 
 
@@ -406,33 +397,35 @@ def test_what_programs_computed_is_not_listed_one_by_one():
     """Sixty outputs of a model take a line of six and a number; markers of a set are no outputs."""
     kinds = "~HipAngles ~KneeMoment ~AnklePower ~GroundReactionForce ~NormalisedGRF ~HJC ~FEO ~TIP"
     outputs = [*labels_of(kinds), "PELO", "TRXA", "CentreOfMass", "CentreOfMassFloor", "LHJC_reg"]
-    lines = match(CMU, recording([*CMU.markers(), *outputs, "sword"])).lines()
+    lines = markersets.match(CMU, recording([*CMU.markers(), *outputs, "sword"])).lines()
     assert lines[-2] == "not in the marker set: sword"
     assert lines[-1].startswith("of another program's model, not markers: LHipAngles, LKneeMoment, ")
     assert lines[-1].endswith(f"and {len(outputs) - 6} more")
-    for name in shipped():
-        assert [marker for marker in load_markerset(name).markers() if is_output(marker)] == []
+    for name in markersets.shipped():
+        assert [marker for marker in markersets.load_markerset(name).markers() if markersets.is_output(marker)] == []
 
 
 def test_a_segment_without_any_marker_is_told_once():
     """Its joint says what it needs; only a near label is worth a second line."""
     hips = [m for m in PIG_LEG if m[1:] in ("ASI", "PSI", "THI", "KNE")]
-    lines = match(load_markerset("plug-in-gait"), recording(hips)).lines()
+    lines = markersets.match(markersets.load_markerset("plug-in-gait"), recording(hips)).lines()
     assert not any("left_shank lacks" in line for line in lines)
     assert sum("left_shank has none of LTIB, LANK" in line for line in lines) == 1
-    lines = match(load_markerset("plug-in-gait"), recording([*hips, "LANKL"])).lines()
+    lines = markersets.match(markersets.load_markerset("plug-in-gait"), recording([*hips, "LANKL"])).lines()
     assert "segment left_shank lacks LTIB, LANK (did you mean LANKL?)" in lines
 
 
 def test_numbers_at_the_end_make_clusters():
     labels = "LTH1 LTH3 x LTH2 C7 T10 T1 L1 L2 L3 thigh_1 thigh_2"
-    assert clusters(labels.split()) == ["LTH1-LTH3"]
+    assert markersets.clusters(labels.split()) == ["LTH1-LTH3"]
 
 
 def test_landmarks_are_matched_and_used_by_hinges_alone():
     """A landmark has its label, is no marker of a segment, and is gone with the other one of its pair."""
     for lacking, across in ((None, ("LLFC", "LMFC")), ("LMFC", ())):
-        found = match(load_markerset("cast"), recording([label for label in labels_of(UWA) if label != lacking]))
+        found = markersets.match(
+            markersets.load_markerset("cast"), recording([label for label in labels_of(UWA) if label != lacking])
+        )
         assert next(joint for joint in found.joints if joint.name == "left_knee").across == across
         assert set(across) <= set(found.recording.markers)
         assert not {"LLFC", "LMFC"} & set(found.markerset.markers())
@@ -442,7 +435,7 @@ def test_doubled_labels_are_lacking(tmp_path, write_c3d):
     """A label on two points is not a marker; the joints that need it cannot be found."""
     labels = [*CMU.markers(), "LFIN"]
     path = write_c3d(tmp_path / "a.c3d", labels, np.random.default_rng(1).normal(1000, 300, (42, 3, 5)))
-    found = match(CMU, read_recording(path))
+    found = markersets.match(CMU, read_recording(path))
     assert found.lacking == {"left_hand": ("LFIN",)}
     assert list(found.lost) == ["left_wrist"]
 
@@ -450,5 +443,5 @@ def test_doubled_labels_are_lacking(tmp_path, write_c3d):
 def test_shared_recordings(shared_file):
     """All labels of both recordings belong to the set."""
     for name in ("cmu_135_02.c3d", "cmu_85_02.c3d"):
-        found = choose(read_recording(shared_file(name)))
+        found = markersets.choose(read_recording(shared_file(name)))
         assert (found.whole.name, found.extra, found.lacking, found.lost) == ("cmu41", (), {}, {})

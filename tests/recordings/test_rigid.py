@@ -6,27 +6,8 @@ from scipy.signal import lfilter
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
-from study.recordings.joints.poses import (
-    PoseNoise,
-    autocorrelation_time,
-    fit_template,
-    long_run_covariance,
-    rigid_residual_operator,
-)
-from study.recordings.rigid import (
-    angles_about_center,
-    cap_angle,
-    fit_rigid_motion,
-    mean_rotated_covariance,
-    nearest_rotation,
-    relative_rotation,
-    rotation_range,
-    rotation_vectors,
-    skew,
-    to_local,
-    to_world,
-    turning_ways,
-)
+from study.recordings import rigid
+from study.recordings.joints import poses
 
 
 def course(size, frames=400):
@@ -40,7 +21,7 @@ def test_rotation_vectors():
     angles, rest = course(0.02), Rotation.from_rotvec([0.3, -0.8, 0.4])
     rotation = np.moveaxis((Rotation.from_rotvec(angles.T) * rest).as_matrix(), 0, 2)
     rotation[:, :, 7] = np.nan
-    found = rotation_vectors(rotation)
+    found = rigid.rotation_vectors(rotation)
     assert np.isnan(found[:, 7]).all()
     np.testing.assert_allclose(np.delete(found, 7, axis=1), np.delete(angles, 7, axis=1), atol=2e-4)
 
@@ -52,19 +33,19 @@ def test_angles_about_a_centre():
     y = center[:, None] + np.einsum("tij,mj->mit", Rotation.from_rotvec(angles.T).as_matrix(), arms)
     used = np.ones((2, 400), dtype=bool)
     used[1, :5] = False
-    found = angles_about_center(y, used, center)
+    found = rigid.angles_about_center(y, used, center)
     np.testing.assert_allclose(found[:, 5:], angles[:, 5:], atol=2e-4)
-    alone = angles_about_center(y[:1], used[:1], center)
+    alone = rigid.angles_about_center(y[:1], used[:1], center)
     along = arms[0] / np.linalg.norm(arms[0])
     np.testing.assert_allclose(alone, angles - np.outer(along, along @ angles), atol=2e-4)
-    assert np.isnan(angles_about_center(y, np.zeros_like(used), center)).all()
+    assert np.isnan(rigid.angles_about_center(y, np.zeros_like(used), center)).all()
 
 
 @pytest.mark.parametrize("most", [1, 2])
 def test_turning_ways(most):
     """About its greatest axis the joint turns one way in the rising half of a sine."""
     angles = course(0.3)
-    ways = turning_ways(angles, 2, most)
+    ways = rigid.turning_ways(angles, 2, most)
     assert len(ways) == most
     rising = np.gradient(angles[0]) > 0
     one, two = ways[0]
@@ -72,7 +53,7 @@ def test_turning_ways(most):
     assert max(agree, 1 - agree) > 0.95
     assert not (one & two).any()
     assert (one | two)[2:-2].mean() > 0.98
-    assert turning_ways(np.full((3, 9), np.nan), 1, 2) == []
+    assert rigid.turning_ways(np.full((3, 9), np.nan), 1, 2) == []
 
 
 @pytest.fixture
@@ -93,7 +74,7 @@ def test_agrees_with_scipy(rng, moved, m):
     """Rotations are those of scipy's Kabsch algorithm, for three markers (in a plane), four and six, with noise."""
     template = 0.1 * rng.standard_normal((m, 3))
     x, _, _ = moved(template, noise=0.01)
-    rotation, origin, known = fit_rigid_motion(template, x)
+    rotation, origin, known = rigid.fit_rigid_motion(template, x)
     assert known.all()
     for t in range(x.shape[2]):
         wanted, _ = Rotation.align_vectors(x[:, :, t] - x[:, :, t].mean(axis=0), template - template.mean(axis=0))
@@ -106,7 +87,7 @@ def test_mirrored_points(rng, moved):
     """For mirrored points the fit is the best proper rotation, as in scipy."""
     template = rng.standard_normal((5, 3))
     x, _, _ = moved(template * [1.0, 1.0, -1.0])
-    rotation, _, known = fit_rigid_motion(template, x)
+    rotation, _, known = rigid.fit_rigid_motion(template, x)
     assert known.all()
     np.testing.assert_allclose(np.linalg.det(rotation.transpose(2, 0, 1)), 1.0, atol=1e-12)
     wanted, _ = Rotation.align_vectors(x[:, :, 0] - x[:, :, 0].mean(axis=0), template - template.mean(axis=0))
@@ -117,7 +98,7 @@ def test_exact_motion_with_missing_and_unused_points(rng, moved):
     """The true motion comes back to rounding from points that are used; a frame with fewer than three is unknown."""
     template = rng.standard_normal((4, 3))
     x, turns, shifts = moved(template)
-    rotation, origin, known = fit_rigid_motion(template, x)
+    rotation, origin, known = rigid.fit_rigid_motion(template, x)
     assert known.all()
     np.testing.assert_allclose(rotation, turns, atol=1e-12)
     np.testing.assert_allclose(origin, shifts, atol=1e-12)
@@ -125,7 +106,7 @@ def test_exact_motion_with_missing_and_unused_points(rng, moved):
     used = np.ones((4, x.shape[2]), dtype=bool)
     used[3] = False
     x[0, :, 5] = np.nan
-    rotation, origin, known = fit_rigid_motion(template, x, used)
+    rotation, origin, known = rigid.fit_rigid_motion(template, x, used)
     assert list(np.flatnonzero(~known)) == [5]
     np.testing.assert_allclose(rotation[:, :, known], turns[:, :, known], atol=1e-12)
     assert np.isnan(rotation[:, :, 5]).all()
@@ -135,7 +116,7 @@ def test_exact_motion_with_missing_and_unused_points(rng, moved):
 def test_points_on_a_line(moved):
     """Points on a line leave the pose unknown, for the rotation about the line is open."""
     line = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0.001, 0]])
-    assert not fit_rigid_motion(line, moved(line)[0])[2].any()
+    assert not rigid.fit_rigid_motion(line, moved(line)[0])[2].any()
 
 
 def rotations(rng, frames=30):
@@ -148,15 +129,17 @@ def test_points_there_and_back(rng):
     axes, origins, x = rotations(rng), rng.normal(size=(3, 30)), rng.normal(size=(4, 3, 30))
     point = rng.standard_normal(3)
     repeated = np.repeat(point[:, None], 30, axis=1)
-    np.testing.assert_allclose(to_local(axes, origins, to_world(axes, origins, point)), repeated, atol=1e-12)
-    np.testing.assert_allclose(to_world(axes, origins, to_local(axes, origins, x[1])), x[1], atol=1e-12)
-    assert to_local(axes, origins, x).shape == x.shape
+    np.testing.assert_allclose(
+        rigid.to_local(axes, origins, rigid.to_world(axes, origins, point)), repeated, atol=1e-12
+    )
+    np.testing.assert_allclose(rigid.to_world(axes, origins, rigid.to_local(axes, origins, x[1])), x[1], atol=1e-12)
+    assert rigid.to_local(axes, origins, x).shape == x.shape
 
 
 def test_relative_rotation(rng):
     """The parent's rotation after the relative one is the child's."""
     parent, child = rotations(rng), rotations(rng)
-    both = np.einsum("ijt,jkt->ikt", parent, relative_rotation(parent, child))
+    both = np.einsum("ijt,jkt->ikt", parent, rigid.relative_rotation(parent, child))
     np.testing.assert_allclose(both, child, atol=1e-12)
 
 
@@ -165,15 +148,15 @@ def test_mean_rotated_covariance(rng):
     axes, root = rotations(rng), rng.standard_normal((3, 3))
     covariance = root @ root.T
     wanted = np.mean([axes[:, :, t] @ covariance @ axes[:, :, t].T for t in range(30)], axis=0)
-    np.testing.assert_allclose(mean_rotated_covariance(axes, covariance), wanted, atol=1e-12)
+    np.testing.assert_allclose(rigid.mean_rotated_covariance(axes, covariance), wanted, atol=1e-12)
 
 
 def test_nearest_rotation(rng):
     """For a sum of rotations it is the mean rotation that scipy has, and never a reflection."""
     axes = Rotation.from_rotvec(0.3 * rng.standard_normal((30, 3)))
-    found = nearest_rotation(axes.as_matrix().sum(axis=0))
+    found = rigid.nearest_rotation(axes.as_matrix().sum(axis=0))
     np.testing.assert_allclose(found, axes.mean().as_matrix(), atol=1e-12)
-    assert np.linalg.det(nearest_rotation(np.diag([1.0, 2.0, -3.0]))) > 0.0
+    assert np.linalg.det(rigid.nearest_rotation(np.diag([1.0, 2.0, -3.0]))) > 0.0
 
 
 @pytest.mark.parametrize("angle", [10.0, 60.0, 120.0])
@@ -182,7 +165,7 @@ def test_cap_angle_of_a_cap(rng, on_cap, angle):
     points, _ = on_cap(rng, 20_000, angle, radius=0.3, center=0.5)
     used = np.ones(len(points), dtype=bool)
     wanted = np.degrees(np.arccos(1 - 0.95 * (1 - np.cos(np.radians(angle)))))
-    assert np.degrees(cap_angle(points.T, used, np.full(3, 0.5))) == pytest.approx(wanted, rel=0.02)
+    assert np.degrees(rigid.cap_angle(points.T, used, np.full(3, 0.5))) == pytest.approx(wanted, rel=0.02)
 
 
 def test_unused_samples(rng, on_cap):
@@ -191,8 +174,8 @@ def test_unused_samples(rng, on_cap):
     used = np.ones(600, dtype=bool)
     used[500:] = False
     y = np.concatenate([points, -points[:100]]).T
-    assert cap_angle(y, used, np.zeros(3)) == cap_angle(points.T, used[:500], np.zeros(3))
-    assert np.isnan(cap_angle(y, np.zeros(600, dtype=bool), np.zeros(3)))
+    assert rigid.cap_angle(y, used, np.zeros(3)) == rigid.cap_angle(points.T, used[:500], np.zeros(3))
+    assert np.isnan(rigid.cap_angle(y, np.zeros(600, dtype=bool), np.zeros(3)))
 
 
 def test_rotation_range_of_a_hinge(rng):
@@ -200,8 +183,8 @@ def test_rotation_range_of_a_hinge(rng):
     angles = np.radians(rng.uniform(-50, 50, 20_000))
     axis = np.array([0.6, 0.0, 0.8])
     rotation = (Rotation.from_euler("z", 30, degrees=True) * Rotation.from_rotvec(angles[:, None] * axis)).as_matrix()
-    assert np.degrees(rotation_range(rotation.transpose(1, 2, 0))) == pytest.approx(47.5, abs=1.0)
-    assert np.isnan(rotation_range(np.full((3, 3, 4), np.nan)))
+    assert np.degrees(rigid.rotation_range(rotation.transpose(1, 2, 0))) == pytest.approx(47.5, abs=1.0)
+    assert np.isnan(rigid.rotation_range(np.full((3, 3, 4), np.nan)))
 
 
 SHAPE = np.array([[0.1, 0.12, 0.02], [0.1, -0.11, 0.0], [-0.12, 0.06, 0.01], [-0.1, -0.05, 0.06]])
@@ -231,7 +214,7 @@ def proper(found, shape):
 @pytest.mark.parametrize("gaps", [0.0, 0.3])
 def test_the_shape_comes_back(seen, gaps):
     """Without noise the shape, and not its mirror image, comes back to rounding, with gaps or without."""
-    points, _, outliers = fit_template(seen(gaps=gaps))
+    points, _, outliers = poses.fit_template(seen(gaps=gaps))
     assert proper(points, SHAPE) < 1e-6
     assert not outliers.any()
 
@@ -242,14 +225,14 @@ def test_noise_averages_out(seen):
     The largest of 12 deviates beyond 5 standard deviations: 7 in 10⁶; the bias is of second
     order, (σ/size)² of the size, 0.04 mm.
     """
-    assert proper(fit_template(seen(frames=2000, noise=0.002))[0], SHAPE) < 5 * 0.002 / np.sqrt(2000) + 5e-5
+    assert proper(poses.fit_template(seen(frames=2000, noise=0.002))[0], SHAPE) < 5 * 0.002 / np.sqrt(2000) + 5e-5
 
 
 def test_swapped_markers_are_found(seen):
     """Two markers exchanged in some frames are outliers in these frames alone, and the shape is as before."""
     x = seen(frames=500, noise=0.001)
     x[[0, 2], :, 100:130] = x[[2, 0], :, 100:130]
-    points, _, outliers = fit_template(x)
+    points, _, outliers = poses.fit_template(x)
     wrong = np.zeros((4, 500), dtype=bool)
     wrong[[0, 2], 100:130] = True
     assert (outliers[:, 100:130].sum(axis=0) >= 2).all()
@@ -261,7 +244,7 @@ def test_one_stray_marker(seen):
     """Of four markers, the displaced one is an outlier and no other."""
     x = seen(frames=400, noise=0.001)
     x[3, :, 50:60] += 0.2
-    _points, good, outliers = fit_template(x)
+    _points, good, outliers = poses.fit_template(x)
     assert outliers[3, 50:60].all()
     assert outliers.sum() == 10
     np.testing.assert_array_equal(good, ~outliers)
@@ -271,7 +254,7 @@ def test_two_markers(seen):
     """Of two markers both are outliers where their distance is wrong, for either may be."""
     x = seen(SHAPE[:2], frames=200, noise=0.001)
     x[1, :, 20:25] += 0.3
-    points, _, outliers = fit_template(x)
+    points, _, outliers = poses.fit_template(x)
     assert outliers[:, 20:25].all()
     assert outliers.sum() == 10
     np.testing.assert_allclose(pdist(points), pdist(SHAPE[:2]), atol=1e-3)
@@ -281,10 +264,10 @@ def test_marker_apart_from_the_others(seen):
     """A marker that no frame shows with the others has no place; the others have. Without samples there is no shape."""
     x = seen()
     x[3] = np.nan
-    points, *_ = fit_template(x)
+    points, *_ = poses.fit_template(x)
     assert np.isnan(points[3]).all()
     assert proper(points[:3], SHAPE[:3]) < 1e-6
-    points, good, _ = fit_template(np.full((3, 3, 10), np.nan))
+    points, good, _ = poses.fit_template(np.full((3, 3, 10), np.nan))
     assert np.isnan(points).all()
     assert not good.any()
 
@@ -293,13 +276,13 @@ def test_marker_apart_from_the_others(seen):
 def test_autocorrelation_time_of_an_autoregression(rng, phi):
     """For x' = φx + ε it is (1 + φ)/(1 - φ), to 10 % with 2·10⁵ frames (its error τ√(2·5τ/n) is 3 % at worst)."""
     series = lfilter([1.0], [1.0, -phi], rng.standard_normal((3, 200_000)), axis=1)
-    np.testing.assert_allclose(autocorrelation_time(series), (1 + phi) / (1 - phi), rtol=0.1)
+    np.testing.assert_allclose(poses.autocorrelation_time(series), (1 + phi) / (1 - phi), rtol=0.1)
 
 
 def test_short_and_empty_series():
     """Series of one frame, or of zeros, have an autocorrelation time of 1."""
-    np.testing.assert_array_equal(autocorrelation_time(np.ones((2, 1))), 1.0)
-    np.testing.assert_array_equal(autocorrelation_time(np.zeros((2, 50))), 1.0)
+    np.testing.assert_array_equal(poses.autocorrelation_time(np.ones((2, 1))), 1.0)
+    np.testing.assert_array_equal(poses.autocorrelation_time(np.zeros((2, 50))), 1.0)
 
 
 def test_covariance_of_a_sum_over_correlated_frames(rng):
@@ -317,7 +300,7 @@ def test_covariance_of_a_sum_over_correlated_frames(rng):
     sums = draw(300).sum(axis=2)
     wanted = np.cov(sums.T)
     one = draw(1)[0]
-    found, independent = long_run_covariance(one - one.mean(axis=1)[:, None])
+    found, independent = poses.long_run_covariance(one - one.mean(axis=1)[:, None])
     scale = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
     assert np.abs((found - wanted) / scale).max() < 0.5
     np.testing.assert_allclose(independent, (one - one.mean(axis=1)[:, None]) @ one.T, rtol=1e-10)
@@ -334,7 +317,7 @@ def pose_noise():
     """Make the pose noise of a template whose points are all used in all frames."""
 
     def make(template, noise, frames=1):
-        return PoseNoise.of(template, noise, np.ones((len(template), frames), bool), np.ones(frames, bool))
+        return poses.PoseNoise.of(template, noise, np.ones((len(template), frames), bool), np.ones(frames, bool))
 
     return make
 
@@ -352,11 +335,11 @@ def test_noise_of_a_point_in_noisy_axes(rng, pose_noise, template, shows):
     noise = np.repeat(sigma**2 * np.eye(3)[None], len(template), axis=0)
     noise[0] = np.diag([4.0, 1.0, 0.25]) * sigma**2
     epsilon = np.einsum("mij,mjt->mit", np.linalg.cholesky(noise), rng.standard_normal((len(template), 3, frames)))
-    rotation, origin, known = fit_rigid_motion(template, template[:, :, None] + epsilon)
+    rotation, origin, known = rigid.fit_rigid_motion(template, template[:, :, None] + epsilon)
     assert known.all()
     found = pose_noise(template, noise)
     for point in POINTS:
-        y = to_local(rotation, origin, np.repeat(point[:, None], frames, axis=1))
+        y = rigid.to_local(rotation, origin, np.repeat(point[:, None], frames, axis=1))
         wanted = found.covariance_at(point)
         assert np.abs(np.cov(y) - wanted).max() < 0.05 * np.trace(wanted)
         away = point - found.centroid[0]
@@ -371,7 +354,7 @@ def test_patterns(pose_noise):
     used[0, 2:4] = False
     known = np.array([True, True, True, True, True, False])
     noise = np.repeat(1e-6 * np.eye(3)[None], 4, axis=0)
-    found = PoseNoise.of(SHAPE, noise, used, known)
+    found = poses.PoseNoise.of(SHAPE, noise, used, known)
     assert found.pattern[5] == -1
     assert len(set(found.pattern[[0, 1, 4]])) == len(set(found.pattern[[2, 3]])) == 1
     part = pose_noise(SHAPE[1:], noise[1:])
@@ -386,12 +369,12 @@ def test_patterns(pose_noise):
 def test_cross_products_as_matrices(rng):
     """The matrix [v] gives [v] w = v × w."""
     v, w = rng.standard_normal((2, 5, 3))
-    np.testing.assert_allclose(np.einsum("nij,nj->ni", skew(v), w), np.cross(v, w), atol=1e-15)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", rigid.skew(v), w), np.cross(v, w), atol=1e-15)
 
 
 def test_rigid_residual_operator(rng):
     """It is a projection of rank 3m - 6 that removes rigid motion."""
-    left = rigid_residual_operator(SHAPE)
+    left = poses.rigid_residual_operator(SHAPE)
     np.testing.assert_allclose(left @ left, left, atol=1e-12)
     assert np.trace(left) == pytest.approx(6.0)
     turn, shift = rng.standard_normal((2, 3))

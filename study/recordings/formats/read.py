@@ -17,18 +17,7 @@ from collections import Counter
 from pathlib import Path
 
 from study.files import regular
-from study.recordings.formats.text import (
-    as_points,
-    find_axes,
-    missing_frames_note,
-    number_or_none,
-    read_columns,
-    read_rows,
-    read_table,
-    read_trc,
-    read_vicon,
-    with_all_frames,
-)
+from study.recordings.formats import text as tables
 from study.recordings.recording import FileContents, Recording, RecordingError, assemble, frames_between, printable
 
 _MOTIVE = "Format Version"
@@ -71,16 +60,16 @@ def read_motive(lines: list[str]) -> FileContents:
     for i, (owner, own) in enumerate(pairs):
         if owner in bodies:  # a segment, not a subject: it belongs to a name that is not unique
             labels[i] = own if count[own] == 1 else f"{owner} {own}"
-    numbers = read_rows(lines[axes + 1 :], axes + 2, ",", len(table[axes]))
-    numbers, lacking = with_all_frames(numbers[:, 0], numbers, axes + 2)
+    numbers = tables.read_rows(lines[axes + 1 :], axes + 2, ",", len(table[axes]))
+    numbers, lacking = tables.with_all_frames(numbers[:, 0], numbers, axes + 2)
     places = [place + axis for place, _, _ in chosen for axis in range(3)]
     keys = [cell.strip().lower() for cell in table[0]]
     given = dict(zip(keys[::2], table[0][1::2], strict=False))
     rates = (given.get(f"{of} frame rate", "") for of in ("export", "capture"))
     return FileContents(
         labels=labels,
-        points=as_points(numbers[:, places]),
-        rate=next((rate for rate in map(number_or_none, rates) if rate is not None), None),
+        points=tables.as_points(numbers[:, places]),
+        rate=next((rate for rate in map(tables.number_or_none, rates) if rate is not None), None),
         unit=given.get("length units") or None,
         notes=(*notes, *lacking),
     )
@@ -126,20 +115,20 @@ def read_qualisys(lines: list[str]) -> FileContents:
     labels = [name for name in header.get("MARKER_NAMES", []) if name]
     if not labels:
         raise RecordingError("no line MARKER_NAMES with the markers' names")
-    rate = number_or_none("".join(header.get("FREQUENCY", [])[:1]).replace(",", "."))
+    rate = tables.number_or_none("".join(header.get("FREQUENCY", [])[:1]).replace(",", "."))
     if rate is None:
         raise RecordingError("no line FREQUENCY with the frames per second")
     rows = lines[start:]
     wanted = 3 * len(labels)
     cells = max((len(row.rstrip("\r\n").split("\t")) for row in rows), default=wanted)
     extra = 2 if cells >= wanted + 2 else 0  # Frame and Time, if they were exported; a row may end in a tab
-    numbers = read_rows(rows, start + 1, "\t", wanted + extra)
+    numbers = tables.read_rows(rows, start + 1, "\t", wanted + extra)
     notes: tuple[str, ...] = ()
     if extra:
-        numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
+        numbers, notes = tables.with_all_frames(numbers[:, 0], numbers, start + 1)
     promised = "".join(header[_QUALISYS][:1])
-    notes += missing_frames_note(len(numbers), int(promised)) if promised.isdigit() else ()
-    return FileContents(labels, as_points(numbers[:, extra:]), rate, "mm", notes=notes)
+    notes += tables.missing_frames_note(len(numbers), int(promised)) if promised.isdigit() else ()
+    return FileContents(labels, tables.as_points(numbers[:, extra:]), rate, "mm", notes=notes)
 
 
 def _header(lines: list[str]) -> tuple[dict[str, list[str]], int]:
@@ -183,16 +172,16 @@ def read_text(path: Path) -> FileContents:
         raise RecordingError("not a text file")
     opening = lines[0].lstrip().lstrip('"')
     if opening.startswith("PathFileType") or path.suffix.lower() == ".trc":
-        return read_trc(lines)
+        return tables.read_trc(lines)
     if opening.startswith(_MOTIVE):
         return read_motive(lines)
     for number, line in enumerate(lines[:_OPENING_LINES]):
         if line.startswith(f"{_QUALISYS}\t"):
             return read_qualisys(lines)
         if line.strip().strip(",;\t\"'").lower() == "trajectories":
-            return read_vicon(lines, number)
-    axes = find_axes(lines)
-    return read_table(lines) if axes is None else read_columns(lines, axes)
+            return tables.read_vicon(lines, number)
+    axes = tables.find_axes(lines)
+    return tables.read_table(lines) if axes is None else tables.read_columns(lines, axes)
 
 
 FORMATS = (".c3d", ".csv", ".trc", ".tsv", ".txt")

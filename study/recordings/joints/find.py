@@ -22,16 +22,7 @@ from pathlib import Path
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import (
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    InstanceOf,
-    PlainSerializer,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
+import pydantic
 from pydantic.dataclasses import dataclass
 from threadpoolctl import threadpool_limits
 
@@ -66,31 +57,31 @@ def _to_lists(values: Floats) -> list[object]:
     return [_to_lists(row) if row.ndim else None if np.isnan(row) else float(row) for row in values]
 
 
-def _array(*shape: int) -> BeforeValidator:
+def _array(*shape: int) -> pydantic.BeforeValidator:
     """Conversion of numbers to an array of this shape."""
-    return BeforeValidator(lambda rows: np.asarray(rows, dtype=np.float64).reshape(shape))
+    return pydantic.BeforeValidator(lambda rows: np.asarray(rows, dtype=np.float64).reshape(shape))
 
 
-_Serial = PlainSerializer(_to_lists)
+_Serial = pydantic.PlainSerializer(_to_lists)
 Vector = Annotated[Floats, _array(3), _Serial]
 Matrix = Annotated[Floats, _array(3, 3), _Serial]
 Number = Annotated[
     float,
-    BeforeValidator(lambda value: float("nan") if value is None else value),
-    PlainSerializer(lambda value: None if np.isnan(value) else value),
+    pydantic.BeforeValidator(lambda value: float("nan") if value is None else value),
+    pydantic.PlainSerializer(lambda value: None if np.isnan(value) else value),
 ]
 """A number that is null in JSON where it is not known, and NaN here."""
 Status = Annotated[
     JointStatus,
-    BeforeValidator(lambda value: JointStatus[value] if isinstance(value, str) else value),
-    PlainSerializer(lambda status: status.name),
+    pydantic.BeforeValidator(lambda value: JointStatus[value] if isinstance(value, str) else value),
+    pydantic.PlainSerializer(lambda status: status.name),
 ]
-_CONFIG = ConfigDict(arbitrary_types_allowed=True, populate_by_name=True)
+_CONFIG = pydantic.ConfigDict(arbitrary_types_allowed=True, populate_by_name=True)
 
 
 def _named(name: str) -> object:
     """Mark a field that has another name in the file."""
-    return Field(validation_alias=name, serialization_alias=name)
+    return pydantic.Field(validation_alias=name, serialization_alias=name)
 
 
 def _unknown(*shape: int) -> Callable[[], Floats]:
@@ -123,7 +114,7 @@ class SegmentShape:
     misfit: Number = float("nan")
     anatomy: Matrix = field(default_factory=_unknown(3, 3))
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _fits(self) -> Self:
         if not len(self.markers) == len(self.places) == len(self.scatter):
             raise ValueError(f"{self.segment}: {len(self.markers)} markers, {len(self.places)} places")
@@ -158,7 +149,7 @@ class JointPlace:
         estimates: from its sides, the chosen one first; none in a calibration that was read or merged.
     """
 
-    joint: Annotated[Joint, PlainSerializer(lambda joint: joint.name)]
+    joint: Annotated[Joint, pydantic.PlainSerializer(lambda joint: joint.name)]
     status: Status
     reason: str
     in_parent: Vector = field(default_factory=_unknown(3))
@@ -169,9 +160,9 @@ class JointPlace:
     mean_rotation: Annotated[Matrix, _named("rest")] = field(default_factory=lambda: np.eye(3))
     trials: tuple[str, ...] = ()
     floor: Number = float("nan")
-    allowance: Floats = Field(default_factory=lambda: np.zeros((3, 3)), exclude=True, repr=False)
+    allowance: Floats = pydantic.Field(default_factory=lambda: np.zeros((3, 3)), exclude=True, repr=False)
     warnings: tuple[str, ...] = ()
-    estimates: tuple[InstanceOf[Estimate], ...] = Field(default=(), exclude=True, repr=False)
+    estimates: tuple[pydantic.InstanceOf[Estimate], ...] = pydantic.Field(default=(), exclude=True, repr=False)
 
     @property
     def estimate(self) -> Estimate | None:
@@ -223,9 +214,11 @@ class Calibration:
     markerset: MarkerSet
     shapes: Annotated[tuple[SegmentShape, ...], _named("segments")]
     joints: tuple[JointPlace, ...]
-    poses: Mapping[str, InstanceOf[SegmentPoses]] = Field(default_factory=dict, exclude=True, repr=False)
+    poses: Mapping[str, pydantic.InstanceOf[SegmentPoses]] = pydantic.Field(
+        default_factory=dict, exclude=True, repr=False
+    )
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _fits(self) -> Self:
         if [shape.segment for shape in self.shapes] != [segment.name for segment in self.markerset.segments]:
             raise ValueError("its segments are not those of its marker set")
@@ -278,7 +271,7 @@ def _by_words(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
 
 FORMAT = "sphere-fit-study calibration"
 VERSION = 1
-_MODEL = TypeAdapter(Calibration)
+_MODEL = pydantic.TypeAdapter(Calibration)
 
 
 def save_calibration(calibration: Calibration, path: str | Path) -> Path:
@@ -315,7 +308,7 @@ def load_calibration(path: str | Path) -> Calibration:
         declared = {joint.name: joint for joint in markerset.joints}
         joints = [place | {"joint": declared[place["joint"]]} for place in document["joints"]]
         return _MODEL.validate_python(document | {"markerset": markerset, "joints": joints})
-    except ValidationError as error:
+    except pydantic.ValidationError as error:
         first = error.errors()[0]
         words = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
     except (KeyError, TypeError, ValueError) as error:

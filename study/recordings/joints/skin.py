@@ -20,20 +20,12 @@ from dataclasses import replace
 import numpy as np
 
 from study.arrays import Bools, Floats, Ints
+from study.recordings import rigid
 from study.recordings.joints.center import LocalMarker, fit_center
 from study.recordings.joints.estimate import Estimate, PlaceDifference, symmetric_fit
 from study.recordings.joints.poses import SegmentPoses
 from study.recordings.markersets import Joint
 from study.recordings.recording import Recording
-from study.recordings.rigid import (
-    across,
-    angles_about_center,
-    mean_rotated_covariance,
-    relative_rotation,
-    rotation_vectors,
-    skew,
-    turning_ways,
-)
 
 _COMMON = 0.5
 """Share of the variance of the skin that is common to the markers of a segment."""
@@ -51,8 +43,8 @@ def pose_shifts(points: Floats, on_skin: Bools, place: Floats) -> Floats:
         place: of the point (3,), metres.
     """
     middle = points.mean(axis=0)
-    k = skew(points - middle)
-    shifts = np.eye(3) / len(points) - skew(place - middle) @ np.linalg.pinv(np.einsum("mij,mkj->ik", k, k)) @ k
+    k = rigid.skew(points - middle)
+    shifts = np.eye(3) / len(points) - rigid.skew(place - middle) @ np.linalg.pinv(np.einsum("mij,mkj->ik", k, k)) @ k
     return np.asarray(shifts[on_skin])
 
 
@@ -244,7 +236,7 @@ class SkinErrors:
             A difference for each axis about which the joint rotates: two, one for a hinge, fewer where a fit fails.
         """
         differences = []
-        both = turning_ways(self._angles(estimate, joint), self.lag, 2 if estimate.axis is None else 1)
+        both = rigid.turning_ways(self._angles(estimate, joint), self.lag, 2 if estimate.axis is None else 1)
         for ways in both:
             one, two = (self._refit(estimate, self.part[frames]) for frames in ways)
             if one is not None and two is not None:
@@ -271,8 +263,8 @@ class SkinErrors:
         two = two if estimate.pair is None else estimate.pair.child
         if two is not None:
             rotation = estimate.poses.rotation[:, :, self.part]
-            return rotation_vectors(relative_rotation(rotation, two.rotation[:, :, self.part]))
-        return angles_about_center(self._local(estimate), estimate.used[:, self.part], estimate.center)
+            return rigid.rotation_vectors(rigid.relative_rotation(rotation, two.rotation[:, :, self.part]))
+        return rigid.angles_about_center(self._local(estimate), estimate.used[:, self.part], estimate.center)
 
     def _local(self, estimate: Estimate) -> Floats:
         """The markers of an estimate in its axes (M, 3, frames of the part), metres."""
@@ -311,17 +303,17 @@ class SkinErrors:
         x = x - x.mean(axis=1, keepdims=True)
         one, two = estimate.poses.in_frames(self.part), estimate.pair.child.in_frames(self.part)
         both = one.known & two.known
-        rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
+        rotation = rigid.relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
         images = image_skin(self._shifts(one, estimate.center), 1.0)
-        others = mean_rotated_covariance(rotation, image_skin(self._shifts(two, estimate.pair.in_child), 0.5))
-        basis, second = across(estimate.axis), x @ x.T / max(x.shape[1], 1)
+        others = rigid.mean_rotated_covariance(rotation, image_skin(self._shifts(two, estimate.pair.in_child), 0.5))
+        basis, second = rigid.across(estimate.axis), x @ x.T / max(x.shape[1], 1)
         return [pair_skin(second, basis, own * images + other * others) for own, other in several]
 
     def _response(self, estimate: Estimate, angles: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Inverse, slopes and arms of a sphere fit for `sphere_skin`, and the markers' mean places (M, 3), metres."""
         fit = estimate.sphere
         assert fit is not None
-        basis = across(fit.axis)
+        basis = rigid.across(fit.axis)
         within = basis @ basis.T
         inverse = basis @ np.linalg.pinv(basis.T @ fit.normal @ basis, hermitian=True) @ basis.T
         slopes, arms, places = [], [], []

@@ -44,19 +44,13 @@ _AGREE = 0.99
 _SHORT = 0.005
 """Metres between points below which they show no direction."""
 _PARTS = ("thigh", "shank", "foot")
-_OWNERS = {
-    "asis": "pelvis",
-    "psis": "pelvis",
-    "sacrum": "pelvis",
-    "hip centre": "pelvis",
-    "lateral epicondyle": "thigh",
-    "medial epicondyle": "thigh",
-    "lateral malleolus": "shank",
-    "medial malleolus": "shank",
-    "heel": "foot",
-    "first metatarsal": "foot",
-    "fifth metatarsal": "foot",
+_POINTS = {
+    "pelvis": ("asis", "psis", "sacrum", "hip centre"),
+    "thigh": ("lateral epicondyle", "medial epicondyle"),
+    "shank": ("lateral malleolus", "medial malleolus"),
+    "foot": ("heel", "first metatarsal", "fifth metatarsal"),
 }
+_OWNERS = {point: part for part, points in _POINTS.items() for point in points}
 """The part of the body that each point is on."""
 _ENDS = {
     "thigh": ("lateral epicondyle", "medial epicondyle"),

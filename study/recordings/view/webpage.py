@@ -59,35 +59,19 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
         {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(lengths)}
         for name, doubt, errors, lengths in zip(shown.joints, shown.doubts, shown.errors, half, strict=True)
     ]
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "name": shown.name,
-        "source": shown.source,
-        "notes": list(shown.notes),
-        "rate": shown.rate,
-        "frames": shown.frames,
-        "unit": "m",
-        "up": "z",
-        "floor": round(shown.floor, 4),
-        "markers": list(shown.markers),
-        "joints": joints,
-        "tips": list(shown.tips),
-        "sides": list(shown.sides()),
-        "bones": [list(bone) for bone in shown.bones],
-        "roots": [list(root) for root in shown.roots],
-        "level": LEVEL,
-        "exaggeration": exaggeration(shown),
-        "step": step,
-        "origin": [round(float(x), 6) for x in origin],
-        "arrays": {
-            "markers": _base64(counts[:, : len(shown.markers)]),
-            "points": _base64(counts[:, len(shown.markers) :]),
-            "turns": _base64(_rounded(_LARGEST * shown.orientations).transpose(1, 0, 2)),
-            "flags": base64.b64encode(np.ascontiguousarray(shown.flags.T).tobytes()).decode(),
-            **{name: _base64(part) for name, part in axes.items() if (part != MISSING).any()},
-        },
+    arrays = {
+        "markers": _base64(counts[:, : len(shown.markers)]),
+        "points": _base64(counts[:, len(shown.markers) :]),
+        "turns": _base64(_rounded(_LARGEST * shown.orientations).transpose(1, 0, 2)),
+        "flags": base64.b64encode(np.ascontiguousarray(shown.flags.T).tobytes()).decode(),
+        **{name: _base64(part) for name, part in axes.items() if (part != MISSING).any()},
     }
+    document: dict[str, object] = {"format": FORMAT, "version": VERSION, "name": shown.name, "source": shown.source}
+    document |= {"notes": list(shown.notes), "rate": shown.rate, "frames": shown.frames, "unit": "m", "up": "z"}
+    document |= {"floor": round(shown.floor, 4), "markers": list(shown.markers), "joints": joints}
+    document |= {"tips": list(shown.tips), "sides": list(shown.sides()), "bones": list(map(list, shown.bones))}
+    document |= {"roots": list(map(list, shown.roots)), "level": LEVEL, "exaggeration": exaggeration(shown)}
+    return document | {"step": step, "origin": [round(float(x), 6) for x in origin], "arrays": arrays}
 
 
 def motion_text(scene: Scene, rate: float = _RATE) -> str:

@@ -451,10 +451,3 @@ def test_options_of_a_synthetic_body(works, tmp_path):
         works("synthetic", *given, flag, "--out", "a.csv")
         write_recording(synthesize(recipe)[0], tmp_path / "b.csv")
         assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
-
-
-@pytest.mark.parametrize(
-    "name", ["case_study", "fetch", "joint", "joints", "markersets", "recording", "skeleton", "synthetic"]
-)
-def test_every_command_on_recordings_has_json(name):
-    assert "as_json" in inspect.signature(getattr(commands, name)).parameters

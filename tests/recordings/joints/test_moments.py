@@ -5,13 +5,7 @@ import pytest
 
 from study.fits.moments import Moments
 from study.recordings.joints.center import LocalMarker, PooledMoments
-from study.recordings.joints.poses import (
-    PoseNoise,
-    SegmentPoses,
-    fit_poses,
-    poses_from_markers,
-    reference_frame,
-)
+from study.recordings.joints.poses import PoseNoise, SegmentPoses, fit_poses, poses_from_markers, reference_frame
 from study.recordings.markersets import load_markerset
 from study.recordings.synthetic.make import Recipe, synthesize
 

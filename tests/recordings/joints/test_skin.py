@@ -6,18 +6,10 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from study import mgdk
+from study.recordings.joints import skin
 from study.recordings.joints.estimate import USABLE
 from study.recordings.joints.find import find_joints
 from study.recordings.joints.poses import rigid_residual_operator
-from study.recordings.joints.skin import (
-    SkinErrors,
-    image_skin,
-    pair_skin,
-    pose_shifts,
-    radius_slope,
-    skin_slope,
-    sphere_skin,
-)
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording
 from study.recordings.synthetic.make import Recipe, synthesize
@@ -39,7 +31,7 @@ def response(angles, z):
     r = np.linalg.norm(ARMS, axis=1)
     normal = sum(each @ each.T / each.shape[1] / r[j] ** 2 for j, each in enumerate(z))
     slopes = np.array([each @ angles.T / each.shape[1] / r[j] for j, each in enumerate(z)])
-    return np.linalg.inv(normal), slopes, ARMS / r[:, None], [pose_shifts(FRAME, ALL, place) for place in ARMS]
+    return np.linalg.inv(normal), slopes, ARMS / r[:, None], [skin.pose_shifts(FRAME, ALL, place) for place in ARMS]
 
 
 def test_spheres_against_refits():
@@ -51,7 +43,7 @@ def test_spheres_against_refits():
     rotation = Rotation.from_rotvec(angles.T).as_matrix()
     clean = np.einsum("tij,mj->mit", rotation, ARMS)
     z = clean - clean.mean(axis=2, keepdims=True)
-    stated = sphere_skin(*response(angles, z), 0.005**2, 0.0)
+    stated = skin.sphere_skin(*response(angles, z), 0.005**2, 0.0)
     centers = []
     for _ in range(400):
         common, own = np.sqrt(0.5) * 0.005 * rng.standard_normal((2, 3, 3, 3))
@@ -66,12 +58,12 @@ def test_spheres_against_refits():
 def test_common_skin_shifts_an_image_as_a_whole():
     """The pose's skin moves a point by its mean and by its rotation; a joint among the points is not on skin."""
     place = np.array([0.0, 0.1, -0.2])
-    shifts = pose_shifts(FRAME, ALL, place)
-    np.testing.assert_allclose(image_skin(shifts, 0.0), np.eye(3))
-    middle = image_skin(pose_shifts(FRAME, ALL, FRAME.mean(axis=0)), 1.0)
+    shifts = skin.pose_shifts(FRAME, ALL, place)
+    np.testing.assert_allclose(skin.image_skin(shifts, 0.0), np.eye(3))
+    middle = skin.image_skin(skin.pose_shifts(FRAME, ALL, FRAME.mean(axis=0)), 1.0)
     np.testing.assert_allclose(middle, np.eye(3) / 4, atol=1e-12)
-    three = pose_shifts(FRAME, np.array([False, True, True, True]), place)
-    assert np.trace(image_skin(three, 1.0)) < np.trace(image_skin(shifts, 1.0))
+    three = skin.pose_shifts(FRAME, np.array([False, True, True, True]), place)
+    assert np.trace(skin.image_skin(three, 1.0)) < np.trace(skin.image_skin(shifts, 1.0))
 
 
 def test_pairs_against_least_squares():
@@ -83,7 +75,7 @@ def test_pairs_against_least_squares():
         np.linalg.lstsq(cross, -(0.01 * rng.standard_normal((3, 3)) @ angles).T.ravel(), rcond=None)[0]
         for _ in range(1000)
     ]
-    stated = pair_skin(second, np.eye(3), 0.01**2 * np.eye(3))
+    stated = skin.pair_skin(second, np.eye(3), 0.01**2 * np.eye(3))
     np.testing.assert_allclose(np.diag(stated), np.var(shifts, axis=0), rtol=4 * np.sqrt(2 / 1000))
 
 
@@ -106,7 +98,7 @@ def test_slope_is_right_on_average():
     Its relative standard error is √(2/18/60) = .043; the quadratics take up none of it. Four of these are allowed.
     """
     rng = np.random.default_rng(1)
-    found = [skin_slope(*drawn(0.01, 0.001, rng)) for _ in range(60)]
+    found = [skin.skin_slope(*drawn(0.01, 0.001, rng)) for _ in range(60)]
     assert np.mean(found) == pytest.approx(1e-4, rel=4 * 0.043)
 
 
@@ -116,9 +108,9 @@ def test_a_slope_that_few_coordinates_show():
     A segment without a pose of its own gets 1.5 times the mean of the body.
     """
     departures, angles = drawn(0.01, 0.0001, np.random.default_rng(8))
-    errors = SkinErrors(Recording("a", ("A",), np.zeros((1, 3, 600)), 100.0), {})
+    errors = skin.SkinErrors(Recording("a", ("A",), np.zeros((1, 3, 600)), 100.0), {})
     errors.departures = {"thigh": departures}
-    one, other = (errors._slope(segment, angles) / skin_slope(departures, angles) for segment in ("thigh", "arm"))
+    one, other = (errors._slope(segment, angles) / skin.skin_slope(departures, angles) for segment in ("thigh", "arm"))
     assert one == pytest.approx(stats.t(6).var())
     assert other == pytest.approx(1.5)
 
@@ -126,7 +118,7 @@ def test_a_slope_that_few_coordinates_show():
 def test_noise_alone_has_no_slope():
     """What noise of 2 mm explains by chance, a slope of .7 mm/rad, is taken off: less than half is left."""
     rng = np.random.default_rng(2)
-    found = [skin_slope(*drawn(0.0, 0.002, rng)) for _ in range(40)]
+    found = [skin.skin_slope(*drawn(0.0, 0.002, rng)) for _ in range(40)]
     by_chance = 9 * 0.002**2 / 600 / (3 * 0.3**2 / 2)
     assert np.mean(found) < 0.5 * by_chance
 
@@ -134,12 +126,12 @@ def test_noise_alone_has_no_slope():
 def test_too_little_to_measure():
     """Two markers, or frames that are too few, show no slope."""
     departures, angles = drawn(0.01, 0.001, np.random.default_rng(3))
-    assert np.isnan(skin_slope(departures[:2], angles))
-    assert np.isnan(skin_slope(departures[:, :, :50], angles[:, :50]))
+    assert np.isnan(skin.skin_slope(departures[:2], angles))
+    assert np.isnan(skin.skin_slope(departures[:, :, :50], angles[:, :50]))
     departures[0, :, 60:] = np.nan
-    assert skin_slope(departures, angles) > 0.0
+    assert skin.skin_slope(departures, angles) > 0.0
     departures[0, :, 30:] = np.nan
-    assert np.isnan(skin_slope(departures, angles))
+    assert np.isnan(skin.skin_slope(departures, angles))
 
 
 def test_angles_about_two_axes_show_a_slope_that_rounding_does_not_change(rng):
@@ -147,7 +139,7 @@ def test_angles_about_two_axes_show_a_slope_that_rounding_does_not_change(rng):
     angles = rng.standard_normal((3, 400)) * np.array([[0.3], [0.2], [0.0]])
     departures = np.einsum("mij,jt->mit", 0.005 * rng.standard_normal((4, 3, 3)), angles)
     departures += 0.001 * rng.standard_normal((4, 3, 400))
-    slopes = [skin_slope(departures, angles + 1e-16 * rng.standard_normal((3, 400))) for _ in range(5)]
+    slopes = [skin.skin_slope(departures, angles + 1e-16 * rng.standard_normal((3, 400))) for _ in range(5)]
     np.testing.assert_allclose(slopes, slopes[0], rtol=1e-9)
 
 
@@ -169,16 +161,16 @@ def test_slope_of_radii_is_right_on_average():
     Each is from six normal numbers: relative standard error √(2/6/100) = .058, of which four are allowed.
     """
     rng = np.random.default_rng(6)
-    slopes = [radius_slope(*slid(0.05, 0.0005, rng)) for _ in range(100)]
+    slopes = [skin.radius_slope(*slid(0.05, 0.0005, rng)) for _ in range(100)]
     assert np.mean(slopes) == pytest.approx(0.05**2, rel=4 * 0.058)
 
 
 def test_radii_without_skin_have_no_slope():
     """What noise explains by chance does not count; one marker shows nothing, for the centre takes its slope."""
     rng = np.random.default_rng(7)
-    assert [radius_slope(*slid(0.0, 0.002, rng)) for _ in range(20)] == [0.0] * 20
+    assert [skin.radius_slope(*slid(0.0, 0.002, rng)) for _ in range(20)] == [0.0] * 20
     radii, angles = slid(0.05, 0.001, rng)
-    assert np.isnan(radius_slope(radii[:1], angles))
+    assert np.isnan(skin.radius_slope(radii[:1], angles))
 
 
 def test_markers_that_slide_with_the_hip():

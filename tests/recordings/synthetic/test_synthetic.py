@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-import study
 from study.recordings.markersets import choose, load_markerset
 from study.recordings.recording import RecordingError
 from study.recordings.rigid import nearest_rotation
@@ -202,16 +201,6 @@ def test_joints_stay_in_their_natural_range(style):
         assert (np.ptp(found, axis=1) >= STYLES[style] * (high - low) - 1e-9).all(), part.joint
 
 
-def test_a_joint_stays_where_it_is_in_both_segments():
-    """The origin of the child is fixed in the parent's axes."""
-    rotations, origins, _ = moving(frames=50)
-    for part in PARTS[1:]:
-        child, parent = PLACE[part.name], PLACE[part.parent]
-        away = origins[child] - origins[parent]
-        seen = np.einsum("tji,jt->it", rotations[parent], away)
-        np.testing.assert_allclose(seen, np.repeat(1.75 * np.array(part.at)[:, None], 50, axis=1), atol=1e-12)
-
-
 def test_motion_is_smooth_or_independent():
     """No angle changes faster than its range times the highest frequency; angles drawn anew do, and are uniform.
 
@@ -328,38 +317,17 @@ def perfect():
     return synthesize(Recipe(frames=800, noise=0.0))
 
 
-def test_segments_are_rigid(perfect):
-    """Two markers of one segment keep the distance of the body model."""
-    recording, _ = perfect
-    for part in PARTS:
-        for a, b in itertools.pairwise(part.markers):
-            apart = np.linalg.norm(recording.of(a) - recording.of(b), axis=0)
-            wanted = 1.75 * np.linalg.norm(np.subtract(part.markers[a], part.markers[b]))
-            np.testing.assert_allclose(apart, wanted, rtol=1e-12)
-
-
-def test_joints_are_centres_of_spheres(perfect):
-    """Markers on both sides of a joint keep their distance to it, which the truth gives."""
+def test_markers_and_joints_are_fixed_in_their_segments(perfect):
+    """Segments, whose rotations are proper, carry their markers at the model's places, and joints at their ends."""
     recording, truth = perfect
-    for j, (parent, child) in enumerate(zip(truth.parents, truth.children, strict=True)):
-        for segment, shift in ((parent, truth.in_parent[j]), (child, np.zeros(3))):
-            for label in PARTS[truth.segments.index(segment)].markers:
-                apart = np.linalg.norm(recording.of(label) - truth.centers[j], axis=0)
-                offset = truth.offsets[truth.markers.index(label)] - shift
-                np.testing.assert_allclose(apart, np.linalg.norm(offset), rtol=1e-10)
-
-
-def test_an_estimator_finds_the_joints(perfect):
-    """A fit to the child's markers in the true parent's axes gives the true centre, up to rounding."""
-    recording, truth = perfect
-    for joint in ("left_hip", "right_shoulder", "neck", "left_ankle"):
-        j = truth.joints.index(joint)
-        parent = truth.segments.index(truth.parents[j])
-        label = next(iter(PARTS[truth.segments.index(truth.children[j])].markers))
-        away = recording.of(label) - truth.origins[parent]
-        seen = np.einsum("tji,jt->ti", truth.rotations[parent], away)
-        fit = study.fit(seen, "gdke")
-        np.testing.assert_allclose(fit.center, truth.in_parent[j], atol=1e-9)
+    offsets = 1.75 * np.array([place for part in PARTS for place in part.markers.values()])
+    np.testing.assert_array_equal(truth.offsets, offsets)
+    x = np.einsum("mtij,mj->mit", truth.rotations[SEGMENT], offsets) + truth.origins[SEGMENT]
+    np.testing.assert_allclose(recording.positions, x, atol=1e-12)
+    for center, at, parent, child in zip(truth.centers, truth.in_parent, truth.parents, truth.children, strict=True):
+        above, below = truth.segments.index(parent), truth.segments.index(child)
+        np.testing.assert_array_equal(center, truth.origins[below])
+        np.testing.assert_allclose((truth.rotations[above] @ at).T + truth.origins[above], center, atol=1e-12)
 
 
 def test_hinges_turn_about_their_axes(perfect):

@@ -18,16 +18,8 @@ from study.recordings import library
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.scene import skeleton_scene
 from study.recordings.synthetic.make import Recipe, synthesize
+from study.recordings.view import webpage
 from study.recordings.view.figure import half_axes
-from study.recordings.view.webpage import (
-    FORMAT,
-    MISSING,
-    THREE,
-    motion_document,
-    viewer_page,
-    write_motion,
-    write_viewer,
-)
 
 JOINT = """name => viewer.stage.joints[viewer.motion.joints.findIndex(j => j.name === name)].position.toArray()"""
 
@@ -78,7 +70,7 @@ def show(new_tab):
 @pytest.fixture(scope="module")
 def opened(show, scene, tmp_path_factory):
     """A tab with the page, and the messages of the browser."""
-    return show(write_viewer(scene, tmp_path_factory.mktemp("viewer") / "viewer.html"))
+    return show(webpage.write_viewer(scene, tmp_path_factory.mktemp("viewer") / "viewer.html"))
 
 
 @pytest.fixture
@@ -96,7 +88,7 @@ def another(tab, until, scene, tmp_path):
     """Open another motion in place of the first, which comes back at the end."""
 
     def replaced(motion):
-        tab.set_input_files("#file", write_motion(motion, tmp_path / "other.json"))
+        tab.set_input_files("#file", webpage.write_motion(motion, tmp_path / "other.json"))
         until(tab, f"viewer.motion.name === {json.dumps(motion.name)}")
 
     yield replaced
@@ -252,7 +244,7 @@ def test_two_motions(tab, until, scene, tmp_path):
     """A second motion is drawn over the first, with distances between joints of one name, or beside it, or removed."""
     shift = np.array([0.03, 0.0, 0.04])[:, None]
     other = replace(scene, centers=scene.centers + shift, ends=scene.ends + shift, places=scene.places + shift)
-    tab.set_input_files("#second", write_motion(other, tmp_path / "second.json"))
+    tab.set_input_files("#second", webpage.write_motion(other, tmp_path / "second.json"))
     until(tab, "viewer.ghost.motion !== null")
     tab.evaluate("viewer.frame = 7")
     assert re.match(r"from the other: [a-z ]+ 50 mm, [a-z ]+ 50 mm, ", tab.locator("#other").text_content())
@@ -283,7 +275,7 @@ WITHOUT_WEBGL = """const get = HTMLCanvasElement.prototype.getContext; HTMLCanva
 
 def test_without_webgl(show, scene, tmp_path):
     """A browser without WebGL draws the same on a plain canvas: as much of each colour, and the neck at its place."""
-    file, found = write_viewer(scene, tmp_path / "viewer.html"), []
+    file, found = webpage.write_viewer(scene, tmp_path / "viewer.html"), []
     for first in ("", WITHOUT_WEBGL):
         tab, said = show(file, first)
         assert tab.evaluate("viewer.stage.renderer instanceof FlatRenderer") or not first
@@ -325,7 +317,7 @@ def test_another_motion(tab, scene, another):
 )
 def test_a_file_that_is_no_motion(tab, until, scene, change, words):
     """A message gives the file and the fault; the shown motion stays."""
-    changed = change(motion_document(scene))
+    changed = change(webpage.motion_document(scene))
     text = changed if isinstance(changed, str) else json.dumps(changed)
     tab.set_input_files("#file", {"name": "bad.json", "mimeType": "application/json", "buffer": text.encode()})
     until(tab, "!document.getElementById('message').hidden")
@@ -354,7 +346,7 @@ def test_on_screens(tab, until, width, height):
 
 def test_no_script_but_its_own_runs(show, scene, tmp_path):
     """Scripts that were put into the page, as an element or as an attribute, are refused; the page works."""
-    file = write_viewer(scene, tmp_path / "viewer.html")
+    file = webpage.write_viewer(scene, tmp_path / "viewer.html")
     foreign = '<script>window.foreign = 1</script><img src="x" onerror="window.foreign = 2">\n</body>'
     file.write_text(file.read_text(encoding="utf-8").replace("</body>", foreign), encoding="utf-8")
     tab, said = show(file)
@@ -367,7 +359,7 @@ def test_no_script_but_its_own_runs(show, scene, tmp_path):
 @pytest.fixture(scope="module")
 def page(scene):
     """The page of the synthetic scene."""
-    return viewer_page(scene)
+    return webpage.viewer_page(scene)
 
 
 def embedded(page):
@@ -396,9 +388,9 @@ def test_one_file(page):
 
 def test_the_library_is_said(page, scene):
     """The page has three.js, its release as the library itself says it, and its licence; made twice, it is the same."""
-    assert viewer_page(scene) == page
-    assert f'revision:"{THREE.split(".")[1]}"' in page
-    assert f"three.js {THREE}, MIT licence" in page
+    assert webpage.viewer_page(scene) == page
+    assert f'revision:"{webpage.THREE.split(".")[1]}"' in page
+    assert f"three.js {webpage.THREE}, MIT licence" in page
     assert "Copyright © 2010-2026 three.js authors" in page
     assert "The above copyright notice and this permission notice shall be included" in page
 
@@ -406,7 +398,7 @@ def test_the_library_is_said(page, scene):
 def test_names_are_text(scene):
     """Names that look like markup stay names, in the title and in the motion."""
     name = "</script><img src=x onerror=alert(1)> & <!-- {{ 7 * 7 }}"
-    page = viewer_page(replace(scene, name=name))
+    page = webpage.viewer_page(replace(scene, name=name))
     assert "<img" not in page
     assert page.count("</script>") == 3
     assert "<title>&lt;/script&gt;&lt;img" in page
@@ -416,12 +408,14 @@ def test_names_are_text(scene):
 def test_the_motion(scene, page):
     """The page holds the scene, to a step of a tenth of a millimetre, at sixty frames per second at most."""
     document, shown = embedded(page), scene.at_most(60.0)
-    assert (document["format"], document["frames"], document["rate"]) == (FORMAT, 45, 45.0)
+    assert (document["format"], document["frames"], document["rate"]) == (webpage.FORMAT, 45, 45.0)
     assert document["step"] < 1e-4
     for name, places in (("markers", shown.places), ("points", shown.points)):
         counts = numbers(document, name).reshape(45, -1, 3).transpose(1, 2, 0)
-        assert np.array_equal(counts == MISSING, np.isnan(places))
-        found = np.where(counts == MISSING, np.nan, np.array(document["origin"])[:, None] + document["step"] * counts)
+        assert np.array_equal(counts == webpage.MISSING, np.isnan(places))
+        found = np.where(
+            counts == webpage.MISSING, np.nan, np.array(document["origin"])[:, None] + document["step"] * counts
+        )
         assert np.nanmax(abs(found - places)) <= 0.5 * document["step"] + 1e-6
     flags = numbers(document, "flags", "u1").reshape(45, -1)
     assert np.array_equal(flags.T, shown.flags)
@@ -439,7 +433,7 @@ def test_anatomical_axes_are_drawn(show, tmp_path):
     joints = library.find_joints(recording)
     drawn = draw_skeleton(joints, recording)
     scene = skeleton_scene(drawn, recording)
-    tab, said = show(write_viewer(scene, tmp_path / "viewer.html"))
+    tab, said = show(webpage.write_viewer(scene, tmp_path / "viewer.html"))
     tab.evaluate("viewer.playing = false; viewer.frame = 100")
     for number, name in enumerate(scene.joints):
         places = tab.evaluate(f"viewer.stage.triads[{number}].map(rod => rod.visible ? rod.position.toArray() : null)")
@@ -459,19 +453,19 @@ def test_anatomical_axes_are_drawn(show, tmp_path):
 
 def test_fewer_frames_and_strict_numbers(scene):
     """A page of fewer frames per second is the same motion at the same speed; one without samples is strict JSON."""
-    assert embedded(viewer_page(scene, rate=30.0))["frames"] == 30
+    assert embedded(webpage.viewer_page(scene, rate=30.0))["frames"] == 30
     places = scene.places.copy()
     places[:, :, 5:9] = np.nan
     unknown = replace(scene, places=places, errors=np.full_like(scene.errors, np.nan))
-    json.dumps(motion_document(unknown), allow_nan=False)
+    json.dumps(webpage.motion_document(unknown), allow_nan=False)
 
 
 def test_writing(scene, tmp_path):
     """Page and motion are written whole, into a folder that is made; a failure gives one line."""
-    path = write_viewer(scene, tmp_path / "new" / "viewer.html")
+    path = webpage.write_viewer(scene, tmp_path / "new" / "viewer.html")
     assert embedded(path.read_text(encoding="utf-8")) == json.loads(
-        write_motion(scene, tmp_path / "new" / "motion.json").read_text(encoding="utf-8")
+        webpage.write_motion(scene, tmp_path / "new" / "motion.json").read_text(encoding="utf-8")
     )
     assert sorted(p.name for p in (tmp_path / "new").iterdir()) == ["motion.json", "viewer.html"]
     with pytest.raises(RunError, match=r"viewer\.html: cannot be written: "):
-        write_viewer(scene, path / "viewer.html")
+        webpage.write_viewer(scene, path / "viewer.html")
