@@ -72,10 +72,13 @@ def coverage_limits():
             if kind == "near outliers":
                 points[:, : round(third * n)] += rng.standard_normal((SETS, round(third * n), 3))
             fit = study.fit(points, "robust" if kind == "near outliers" else "corrected")
-            radius, across = covered(fit.interval("radius"), 1.0), covered(fit.interval("center")[:, -1], 0.0)
+            center = covered(fit.interval("center")[:, -1], 0.0)
+            held = {"radius": covered(fit.interval("radius"), 1.0), "across": center}
             row = {"kind": kind, "samples": n, "angle": angle, "noise_over_radius": noise, "ratio": ratio, "sets": SETS}
-            row |= {"ok": fit.ok.mean(), "radius": radius.mean(), "across": across.mean()}
-            yield row | {"radius_ok": radius[fit.ok].mean(), "across_ok": across[fit.ok].mean()}
+            row |= {"ok": fit.ok.mean()} | {name: inside.mean() for name, inside in held.items()}
+            for name, inside in held.items():
+                row[f"{name}_ok"] = inside[fit.ok].mean() if fit.ok.any() else math.nan
+            yield row
 
 
 def share(hits):
