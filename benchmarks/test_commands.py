@@ -45,7 +45,7 @@ PROGRAMS = {
 AIMS = {"short commands": "0.25 s", "first answer of a program": "≤ 1.3"}
 NORMALS = 10**8
 ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "MAKE"))}
-USED = ("Makefile", "configs", "results/paper", "results/bench.csv")
+USED = ("Makefile", "configs", "figures", "results/paper", "results/bench.csv", "results/readings.csv")
 
 
 @pytest.mark.parametrize(("group", "what"), [(group, what) for group, rows in PROGRAMS.items() for what in rows])
