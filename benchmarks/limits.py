@@ -135,5 +135,7 @@ def false_alarms():
 
 if __name__ == "__main__":
     tables = {"coverage-limits": coverage_limits, "worst-cells": worst_cells, "false-alarms": false_alarms}
+    if unknown := [name for name in sys.argv[1:] if name not in tables]:
+        sys.exit(f"{', '.join(unknown)}: give any of {', '.join(tables)}, or nothing for all")
     for name in sys.argv[1:] or tables:
         store(name, tables[name]())

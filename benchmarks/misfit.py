@@ -371,6 +371,8 @@ PARTS = {
 }
 
 if __name__ == "__main__":
+    if unknown := [part for part in sys.argv[1:] if part not in PARTS and not Path(part).is_dir()]:
+        sys.exit(f"{', '.join(unknown)}: give any of {', '.join(PARTS)}, or a folder of scans")
     for part in sys.argv[1:] or PARTS:
         name, rows, sets = PARTS.get(part, ("misfit-scans", scans, part))
         store(name, rows(sets), "%.5g")

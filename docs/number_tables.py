@@ -103,8 +103,6 @@ def with_error(value: float, error: float) -> str:
     """A number with its Monte-Carlo error, to one digit of the error, or two if it begins with a one."""
     if value != value:
         return "-"
-    if value != value:
-        return "-"
     place = math.floor(math.log10(error))
     digits = max(0, -place + (error < 2.0 * 10.0**place))
     return f"{formatted(value, f'.{digits}s')} ± {formatted(error, f'.{digits}s')}"

@@ -16,6 +16,9 @@ _UNITS = "nm|um|µm|μm|mm|cm|dm|m|km|in|inch|inches|ft|feet|px|pixels?|(?:milli
 _NAME = re.compile(rf"(.*?)(?:\s*[\[({{<].*[\])}}>]|(?:\s*[_/,.-]\s*|\s+)(?:{_UNITS}))?", re.IGNORECASE)
 """A name and its unit, such as x [mm], X(m), x_mm, x mm, x/mm."""
 _LENGTH = re.compile(rf"[\[({{<]?\s*({_UNITS})\s*[\])}}>]?", re.IGNORECASE)
+_SPELLINGS = [("micro", "u"), ("µ", "u"), ("μ", "u"), ("milli", "m"), ("centi", "c"), ("kilo", "k"), ("inches", "in")]
+_SPELLINGS += [("inch", "in"), ("feet", "ft"), ("pixels", "px"), ("pixel", "px"), ("meters", "m"), ("metres", "m")]
+_SPELLINGS += [("meter", "m"), ("metre", "m")]
 _NAMED_UNIT = re.compile(rf".*[\s_/,.\-\[({{<]{_LENGTH.pattern}", re.IGNORECASE)
 _AROUND = ["pos", "position", "p", "pt", "point", "points", "coord", "coordinate", "coordinates", "koordinate"]
 _AROUND += ["loc", "location", "vertex", "axis"]
@@ -60,14 +63,20 @@ def angles(names: Sequence[str]) -> list[str]:
 
 def length_unit(cell: str) -> str:
     """The unit of length that a cell consists of, such as mm or [mm]; empty if it is anything else."""
-    unit = _LENGTH.fullmatch(cell.strip())
-    return unit[1].lower() if unit else ""
+    return _short(_LENGTH.fullmatch(cell.strip()))
 
 
 def unit_in(name: str) -> str:
     """The unit of length in the name of a column, such as mm in x [mm]; empty if there is none."""
-    unit = _NAMED_UNIT.fullmatch(name.strip())
-    return unit[1].lower() if unit else ""
+    return _short(_NAMED_UNIT.fullmatch(name.strip()))
+
+
+def _short(unit: re.Match[str] | None) -> str:
+    """The abbreviation of a unit, however it is spelt; empty without one."""
+    text = unit[1].lower() if unit else ""
+    for long, short in _SPELLINGS:
+        text = text.replace(long, short)
+    return text
 
 
 def _stem(name: str) -> str:

@@ -300,10 +300,11 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
     tables = [one.table for one in files if one.table.left]
     chosen = [f"coordinates are {', '.join(t.names)}; columns left out: {', '.join(t.left)}" for t in tables]
     yield from dict.fromkeys(chosen)
-    idle = [] if noise is None else [name for name, fit in files[0].fits.items() if not fit.noise_is_known]
+    plain = next((file.fits for file in files if file.table.noise is None), {})
+    idle = [] if noise is None else [name for name, fit in plain.items() if not fit.noise_is_known]
     if noise is not None and any(file.table.noise is not None for file in files):
         yield f"--noise {noise:g} is not used where columns (sigma, or sx, sy, sz) have the noise of each point"
-    elif idle:
+    if idle:
         yield f"--noise {noise:g} is not used by {', '.join(idle)}: the noise is found in the points"
     yield STANDARD_UNCERTAINTY
 

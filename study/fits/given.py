@@ -349,22 +349,28 @@ class GivenFit(Fit):
         """Structure in the residuals; none where points have their own noise.
 
         A known radius that the points refuse is a coefficient of degree 0, which joins those of degree 2 that measure
-        structure (theory 13.6).
+        structure, in units of the free fit's noise; the noise of this fit may hold the refused part already
+        (theory 13.6).
         """
         seen, test, d = self._points.structure, self.radius_test, self.center.shape[-1]
         if self._given.noise is not None:
             return seen._replace(ratio=np.ones_like(seen.ratio))
-        with np.errstate(invalid="ignore"):  # a radius without an error
+        with np.errstate(all="ignore"):  # a radius without an error
             shift = (((test.radius - self.radius) / test.error) ** 2).reshape(-1, 1)
-        freedom = np.minimum(seen.freedom, number_of(d, 2))
-        ratio = np.sqrt((freedom * seen.ratio**2 + shift) / (freedom + 1.0))
-        wider = (test.p < _NOTICED).reshape(-1, 1) & (ratio > seen.ratio)
+            freedom = np.minimum(seen.freedom, number_of(d, 2))
+            noise = np.sqrt(np.minimum(self._free.scale / self._spheres.scale, 1.0))[:, None]
+            ratio = np.sqrt((freedom * seen.ratio**2 + shift) / (freedom + 1.0)) * noise
+        wider = (test.p < _NOTICED).reshape(-1, 1) & (ratio > seen.ratio) & np.isfinite(ratio)
         ratio, freedom = np.where(wider, ratio, seen.ratio), np.where(wider, freedom + 1.0, seen.freedom)
         return seen._replace(ratio=ratio, freedom=freedom)
 
     @property
     def allowance(self) -> Floats:
-        """Factors on standard errors for structure in the residuals (…, d+1); 1 where points have their own noise."""
+        """Factors on standard errors for structure in the residuals, and for a known radius that the points refuse.
+
+        They are 1 where points have their own noise (…, d+1). A radius that is itself wrong moves the centre of a cap
+        along its axis by more than that.
+        """
         return self._structure.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
 
     @cached_property
@@ -384,6 +390,14 @@ class GivenFit(Fit):
             return np.asarray(np.sqrt(square * unit / given).reshape(self.shape))
 
     @cached_property
+    def _free(self) -> Spheres:
+        """The corrected fit with a free radius, in the units of the sets."""
+        free = self._sets._replace(radius=np.full_like(self._sets.radius, np.nan))
+        with np.errstate(all="ignore"):
+            sphere = solve(free, _closed(free, "gdke"), corrected=False)
+            return solve(free, sphere, corrected=True, fuller=_FULLER)
+
+    @cached_property
     def radius_test(self) -> RadiusTest:
         """The fit with a free radius, as a test of a known one: its r̂ and error, and the p value of the given r (…).
 
@@ -391,14 +405,10 @@ class GivenFit(Fit):
         the given radius. It is small where the radius is wrong, and where the points are no sphere. NaN where no radius
         was given.
         """
-        known = self._sets
-        free = known._replace(radius=np.full(len(known.radius), np.nan))
+        known, start, sphere = self._sets, self._spheres, self._free
         with np.errstate(all="ignore"):
-            start = self._spheres
-            sphere = solve(free, _closed(free, "gdke"), corrected=False)
-            sphere = solve(free, sphere, corrected=True, fuller=_FULLER)
             score = profile(known, known.radius, start).score
-            error = np.sqrt(covariance(free, sphere)[:, -1, -1])
+            error = np.sqrt(covariance(known._replace(radius=np.full_like(known.radius, np.nan)), sphere)[:, -1, -1])
             score = np.where(np.isnan(score), (known.radius - sphere.radius) / error, score)
             spare = np.maximum(known.size - start.center.shape[1] - 1, 1.0)
             exact = np.isfinite(known.scale)

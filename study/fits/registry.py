@@ -232,10 +232,10 @@ def fit(
         raise ValueError(f"points have shape {array.shape}: expected (…, n, d) with d ≥ 2")
     *lead, n, d = array.shape
     if n < d + 1:
-        hint = "; points are rows: pass the transpose" if n in (2, 3) and d > 3 else ""
+        hint = "; points are rows: swap the last two axes" if n in (2, 3) and d > 4 else ""
         needs = f"a sphere in {d} dimensions needs at least {d + 1} points"
         raise ValueError(f"points have shape {array.shape}: {needs}{hint}")
-    if not isinstance(ordered, bool | np.bool_):
+    if isinstance(ordered, str):
         raise TypeError(f"ordered = {ordered!r}: expected True or False")
     if radius is not None or scale != "given" or (noise is not None and is_per_point(np.shape(noise), n, d)):
         given = given_of(array.shape, noise, radius, scale)

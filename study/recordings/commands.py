@@ -240,10 +240,11 @@ def live(
 
     if unit not in UNITS:
         raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
-    joints, lines = _joints(parent, child, markerset), (x.decode("utf-8", "replace") for x in sys.stdin.buffer)
+    joints = _joints(parent, child, markerset)
+    piped = (line.decode("utf-8", "replace") for line in sys.stdin.buffer) if udp is None else ()
     before, zeros, unchecked = signal.signal(signal.SIGINT, _interrupt_once), "", True
     try:
-        for number, line in enumerate(lines if udp is None else lines_of_port(udp, _complain), start=1):
+        for number, line in enumerate(piped if udp is None else lines_of_port(udp, _complain), start=1):
             if not line.strip():
                 continue
             try:

@@ -99,14 +99,15 @@ def find_clusters(recording: Recording, parent: str, child: str, across: str = "
             marker that is named twice; fewer than three markers of the parent, none of the child, or one or more than
             two for the axis.
     """
-    known = {label.casefold(): label for label in reversed(recording.markers)} | {m: m for m in recording.markers}
+    folded, exact = {label.casefold(): label for label in reversed(recording.markers)}, set(recording.markers)
     clusters: list[tuple[str, ...]] = []
     unknown: dict[str, list[str]] = {}
     for option, names in ((f"--{PARENT}", parent), (f"--{CHILD}", child), ("--across", across)):
         labels = []
         for name in filter(None, (part.strip() for part in names.split(","))):
-            forms = [form for word in (name, name.rpartition(":")[2].strip()) for form in (word, word.casefold())]
-            if label := next((known[form] for form in forms if form in known), None):
+            forms = name, name.rpartition(":")[2].strip()
+            labelled = (form if form in exact else folded.get(form.casefold(), "") for form in forms)
+            if label := next(filter(None, labelled), ""):
                 labels.append(label)
             else:
                 unknown.setdefault(option, []).append(name)

@@ -402,8 +402,8 @@ def test_bad_input(rng, arguments, words):
 def test_halves_of_a_sphere_with_a_form_agree(rng):
     """Given the radius, the centres of both halves of 30 caps with a form agree within their intervals.
 
-    The form is 3 σ large and four tenths of the cap long. A tenth of the coordinates may be apart beside 5 % by level;
-    errors of white noise leave more than half of them apart.
+    The form is 3 σ large and four tenths of the cap long. With eight other seeds .89 ± .03 of the coordinates agreed,
+    and .17 ± .03 by errors of white noise: limits 3.4 and 4 deviations away.
     """
     agree = {"white": [], "allowed": []}
     for _ in range(30):
@@ -418,8 +418,8 @@ def test_halves_of_a_sphere_with_a_form_agree(rng):
         allowed = [0.5 * np.ptp(half.interval("center"), axis=-1) for half in halves]
         for name, lengths in (("white", white), ("allowed", allowed)):
             agree[name].append(apart <= np.hypot(*lengths))
-    assert np.mean(agree["white"]) < 0.5
-    assert np.mean(agree["allowed"]) >= 0.85
+    assert np.mean(agree["white"]) < 0.3
+    assert np.mean(agree["allowed"]) >= 0.8
 
 
 def test_a_refused_radius_counts_as_one_more_coefficient(rng):
@@ -430,5 +430,17 @@ def test_a_refused_radius_counts_as_one_more_coefficient(rng):
     assert (right.allowance == 1.0).all()
     z = (wrong.radius_test.radius - 1.05) / wrong.radius_test.error
     assert abs(z) > 5.0
-    np.testing.assert_allclose(wrong.allowance, np.sqrt((5.0 + z**2) / 6.0))
+    noise = min(study.fit(points).sigma / wrong.sigma, 1.0)  # that of the wrong radius holds its miss
+    np.testing.assert_allclose(wrong.allowance, noise * np.sqrt((5.0 + z**2) / 6.0), rtol=1e-3)
     assert wrong.status == Status.MISFIT
+
+
+@pytest.mark.parametrize("miss", [0.02, 0.1])
+def test_a_wrong_radius_is_as_uncertain_as_it_is_wrong(rng, miss):
+    """On whole spheres the half-width of the centre is some twice the miss, however small the noise and many points."""
+    for noise, n in ((0.002, 60), (1e-4, 60), (1e-4, 400), (1e-9, 60)):
+        u, _ = uneven(rng, 20, n, 180.0, 1e-12, radius=1.0)
+        fit = study.fit(u + noise * rng.standard_normal(u.shape), radius=1.0 + miss)
+        half = 0.5 * np.ptp(fit.interval("center"), axis=-1)
+        assert (half > 0.5 * miss).all()
+        assert (half < 5.0 * miss).all()

@@ -172,7 +172,9 @@ def test_scores_of_distances_are_normal(d, sigma):
     assert (np.abs(moments) < 4.5e-3 * np.sqrt([1.0, 2.0, 15.0, 96.0])).all()
 
 
-@pytest.mark.parametrize("case", ["ellipsoid", "cylinder", "cube", "two shells", "unequal noise", "memory"])
+@pytest.mark.parametrize(
+    "case", ["ellipsoid", "rounder ellipsoid", "cylinder", "cube", "two shells", "unequal noise", "memory"]
+)
 def test_every_misfit_is_named(case):
     """Shapes and laws of noise that fits do not show, named by their blocks in .95 of 200 sets; at most .02 are ok.
 
@@ -183,6 +185,7 @@ def test_every_misfit_is_named(case):
     a = math.pi * cube[..., 0]
     block, points = {
         "ellipsoid": ("shape", u * [1.0, 0.9, 0.8] + 0.01 * z),
+        "rounder ellipsoid": ("shape", u * [1.0, 0.95, 0.9] + 0.01 * z),
         "cylinder": ("shape", np.stack([np.cos(a), np.sin(a), cube[..., 2]], axis=-1) + 0.01 * z),
         "cube": ("shape", cube + 0.01 * z),
         "two shells": ("tails", u * rng.choice([1.0, 0.9], (200, 200, 1)) + 0.01 * z),
@@ -191,7 +194,7 @@ def test_every_misfit_is_named(case):
     }[case]
     fit = study.fit(points)
     assert at_least(fit.goodness.first() == block, 0.95)
-    assert at_most(fit.ok, 0.02)
+    assert at_most(fit.ok, 0.02) if case in ("cube", "unequal noise", "memory") else not fit.ok.any()
 
 
 def test_frame_unit_gaps_and_copies_change_nothing():
@@ -201,10 +204,12 @@ def test_frame_unit_gaps_and_copies_change_nothing():
     fit, gaps = study.fit(points), np.full((6, 90, 3), np.nan)
     gaps[:, 4:84] = points
     turn, copies = np.linalg.qr(rng.normal(size=(3, 3)))[0], np.concatenate([points, points[:, :10]], axis=1)
-    for other in (gaps, copies, 1e60 * points, points @ turn.T, points + np.array([3.0, -2.0, 5.0])):
+    turned, moved = points @ turn.T, points + np.array([3.0, -2.0, 5.0])
+    for other in (gaps, copies, 1e60 * points, turned, moved):
         again = study.fit(other)
         np.testing.assert_array_equal(again.status, fit.status)
-        np.testing.assert_allclose(again.allowance[:, -1], fit.allowance[:, -1], rtol=1e-6)
+        part = slice(3, 4) if other is turned else slice(None)  # the centre's are those of its coordinates
+        np.testing.assert_allclose(again.allowance[:, part], fit.allowance[:, part], rtol=1e-6)
         np.testing.assert_allclose(np.stack(again.goodness), np.stack(fit.goodness), rtol=1e-5)
     assert study.fit(points[0]).goodness.p.shape == ()
 
@@ -300,8 +305,9 @@ def test_errors_grow_with_the_form():
     rng = np.random.default_rng(3)
     u = on_cap(rng, 50, 300, 60.0)
     fits = [study.fit(noisy(rng, u * (1.0 + size * u[..., 1:2] ** 2))) for size in (0.04, 0.4)]
-    small, large = (np.median(fit.allowance[:, -1]) for fit in fits)
-    assert 1.0 < 1.2 * small < large
+    for part in range(4):  # of each coordinate of the centre, and of the radius
+        small, large = (np.median(fit.allowance[:, part]) for fit in fits)
+        assert 1.0 < 1.2 * small < large
     for fit in fits:
         white = np.ptp(intervals(fit.samples).radius, axis=1)
         wider = np.ptp(fit.interval("radius"), axis=1) / white

@@ -260,6 +260,15 @@ def refusal(path, columns=None):
     return said.removeprefix(f"{path}: ")
 
 
+SPELLINGS = ["x_in,y_in,z_inch", "x [mm],y [millimeter],z (millimetres)", "x µm,y μm,z um"]
+
+
+@pytest.mark.parametrize("header", SPELLINGS)
+def test_one_unit_may_be_spelt_in_several_ways(tmp_path, header):
+    (tmp_path / "p.csv").write_text(f"{header}\n{TABLE}")
+    assert read_points(tmp_path / "p.csv").points.shape[1] == 3
+
+
 FAULTS = [
     *((text, "empty") for text in ("", "\n\n", "# a comment\n  # another\n", b"\xef\xbb\xbf")),
     ("# mine\nx,y,z\n\n", "a header and no row"),

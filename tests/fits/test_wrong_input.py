@@ -361,7 +361,7 @@ def test_planes(rng, random_rotation, careful, offset, n):
 
 def test_likely_slips():
     """Coordinates in rows, and a word where there must be a truth value, are answered with the remedy."""
-    with pytest.raises(ValueError, match=r"\(3, 8\).*points are rows: pass the transpose"):
+    with pytest.raises(ValueError, match=r"\(3, 8\).*points are rows: swap the last two axes"):
         study.fit(POINTS.T)
     with pytest.raises(TypeError, match=r"ordered = 'no': expected True or False"):
         study.fit(POINTS, ordered="no")

@@ -1,6 +1,7 @@
 """`study joint` against bodies with known joints, the real functional trial, and wrong labels."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -224,6 +225,9 @@ def test_labels_with_a_prefix_and_other_letters():
     recording, _ = body()
     found = find_clusters(recording, "Bob:LASI, rasi ,lpsi,,Rpsi", "rth1,RTH2,x:rth3")
     assert found.markers() == LABELS
+    twins = replace(recording, markers=(*recording.markers[:-1], "lasi"))
+    for name, label in (("Lasi", "LASI"), ("lasi", "lasi"), ("LASI", "LASI")):  # as it is, else the first in the file
+        assert find_clusters(twins, f"{name},RASI,LPSI", "RTH1").markers()[0] == label
 
 
 @pytest.mark.parametrize(

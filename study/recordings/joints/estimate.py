@@ -476,7 +476,8 @@ class PlaceDifference:
 def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[PlaceDifference]:
     """Differences of the other estimates from the chosen one; those that cannot be compared are left out.
 
-    No frame has both of these, or they are too far apart along an axis, or their covariances are not valid.
+    Left out are those whose status or number of frames gives no valid covariance, that share no frame with the chosen
+    one, or that lie too far from it along an axis.
     """
     differences, one = [], chosen.poses
     for other in others:

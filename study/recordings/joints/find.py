@@ -58,8 +58,16 @@ def _to_lists(values: Floats) -> list[object]:
 
 
 def _array(*shape: int) -> pydantic.BeforeValidator:
-    """Conversion of numbers to an array of this shape."""
-    return pydantic.BeforeValidator(lambda rows: np.asarray(rows, dtype=np.float64).reshape(shape))
+    """Conversion of numbers to an array of this shape, in which -1 stands for any length."""
+
+    def convert(rows: object) -> Floats:
+        array = np.asarray(rows, dtype=np.float64)
+        array = array if array.size else array.reshape(*(max(length, 0) for length in shape))
+        if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
+            raise ValueError(f"shape {array.shape} where {str(shape).replace('-1', 'm')} is needed")
+        return array
+
+    return pydantic.BeforeValidator(convert)
 
 
 _Serial = pydantic.PlainSerializer(_to_lists)

@@ -35,9 +35,10 @@ def start():
     """Start the command; what is left of it at the end is killed."""
     started = []
 
-    def run(*arguments):
+    def run(*arguments, closed=False):
         pipe = subprocess.PIPE
         command = [sys.executable, "-m", "study.cli", *map(str, arguments)]
+        command = ["sh", "-c", 'exec "$@" <&-', "sh", *command] if closed else command
         started.append(subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True))
         return started[-1]
 
@@ -85,8 +86,8 @@ def test_standard_input_until_ctrl_c(start):
 
 
 def test_datagrams(start):
-    """The port is free and named before the first datagram; an empty one ends the stream."""
-    process = start(*JOINT, "--udp", 0, "--every", 1000)
+    """The port is free and named before the first datagram; an empty one ends the stream, without a standard input."""
+    process = start(*JOINT, "--udp", 0, "--every", 1000, closed=True)
     port = int(process.stderr.readline().removeprefix("listening on 127.0.0.1:"))
     given = list(lines())
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:

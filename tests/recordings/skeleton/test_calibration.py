@@ -74,6 +74,25 @@ def test_damage_is_noticed(figure_calibration, tmp_path, key, value):
         load_calibration(path)
 
 
+@pytest.mark.parametrize(
+    ("key", "change", "words"),
+    [
+        ("places", lambda rows: np.transpose(rows).tolist(), r"shape \(3, \d\) where \(m, 3\) is needed"),
+        ("places", lambda rows: np.ravel(rows).tolist(), r"shape \(\d+,\) where \(m, 3\) is needed"),
+        ("scatter", lambda row: [row], r"shape \(1, \d\) where \(m,\) is needed"),
+    ],
+)
+def test_numbers_nested_otherwise_are_refused(figure_calibration, tmp_path, key, change, words):
+    """As many numbers in another shape are no places: read, they would be scrambled."""
+    path = save_calibration(figure_calibration, tmp_path / "c.json")
+    document = json.loads(path.read_text())
+    segment = next(one for one in document["segments"] if len(one["markers"]) > 3)
+    segment[key] = change(segment[key])
+    path.write_text(json.dumps(document))
+    with pytest.raises(RecordingError, match=words):
+        load_calibration(path)
+
+
 def moved(calibration, name, in_parent):
     """The calibration with a joint at another place in its parent's axes."""
     joints = (replace(p, in_parent=np.array(in_parent)) if p.joint.name == name else p for p in calibration.joints)
