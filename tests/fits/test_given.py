@@ -402,8 +402,8 @@ def test_bad_input(rng, arguments, words):
 def test_halves_of_a_sphere_with_a_form_agree(rng):
     """Given the radius, the centres of both halves of 30 caps with a form agree within their intervals.
 
-    The form is 3 σ large and four tenths of the cap long. With eight other seeds .89 ± .03 of the coordinates agreed,
-    and .17 ± .03 by errors of white noise: limits 3.4 and 4 deviations away.
+    The form is 3 σ large and four tenths of the cap long. With 24 other seeds .88 ± .03 of the coordinates agreed, and
+    .19 ± .05 by errors of white noise: the limits are three and four deviations away.
     """
     agree = {"white": [], "allowed": []}
     for _ in range(30):
@@ -418,8 +418,8 @@ def test_halves_of_a_sphere_with_a_form_agree(rng):
         allowed = [0.5 * np.ptp(half.interval("center"), axis=-1) for half in halves]
         for name, lengths in (("white", white), ("allowed", allowed)):
             agree[name].append(apart <= np.hypot(*lengths))
-    assert np.mean(agree["white"]) < 0.3
-    assert np.mean(agree["allowed"]) >= 0.8
+    assert np.mean(agree["white"]) < 0.4
+    assert np.mean(agree["allowed"]) >= 0.78
 
 
 def test_a_refused_radius_counts_as_one_more_coefficient(rng):
