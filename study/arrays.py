@@ -19,6 +19,7 @@ _LENGTH = re.compile(rf"[\[({{<]?\s*({_UNITS})\s*[\])}}>]?", re.IGNORECASE)
 _SPELLINGS = [("micro", "u"), ("µ", "u"), ("μ", "u"), ("milli", "m"), ("centi", "c"), ("kilo", "k"), ("inches", "in")]
 _SPELLINGS += [("inch", "in"), ("feet", "ft"), ("pixels", "px"), ("pixel", "px"), ("meters", "m"), ("metres", "m")]
 _SPELLINGS += [("meter", "m"), ("metre", "m")]
+"""Spellings of units, or of parts of them, and what is short for them; a plural stands before its singular."""
 _NAMED_UNIT = re.compile(rf".*[\s_/,.\-\[({{<]{_LENGTH.pattern}", re.IGNORECASE)
 _AROUND = ["pos", "position", "p", "pt", "point", "points", "coord", "coordinate", "coordinates", "koordinate"]
 _AROUND += ["loc", "location", "vertex", "axis"]
