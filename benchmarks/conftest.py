@@ -5,7 +5,6 @@ unit's, both the fastest of many rounds in the same run. ``extra_info["items"]``
 ``extra_info["aim"]`` what the ratio should be. No ratio fails a test: machines differ, and this one may be busy.
 """
 
-import os
 import platform
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import pandas as pd
 import pytest
 
 from study import instruction_set
+from study.simulation.runs.provenance import machine
 
 # before numba is there: what is timed is the code that the command runs
 instruction_set.fix()
@@ -32,13 +32,9 @@ def timed(benchmark):
     return run
 
 
-def machine():
+def where():
     """What the numbers were measured on."""
-    name = platform.processor() or platform.machine()
-    if Path("/proc/cpuinfo").exists():
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        name = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), name)
-    return f"{name}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    return "{processor}, {cores} cores, Python {python}".format(**machine(), python=platform.python_version())
 
 
 def rows(benchmarks):
@@ -49,7 +45,7 @@ def rows(benchmarks):
         own = cost[b.fullname]
         row = {"group": b.group, "what": b.extra_info["what"], "cost": f"{own:.4g}", "measured": "ns"}
         row["ratio"] = f"{own / unit[b.group]:.3g}" if b.group in unit else ""
-        yield row | {"aim": b.extra_info["aim"], "machine": machine()}
+        yield row | {"aim": b.extra_info["aim"], "machine": where()}
 
 
 def pytest_terminal_summary(terminalreporter, config):
@@ -59,7 +55,7 @@ def pytest_terminal_summary(terminalreporter, config):
     if not timed:
         return
     table = pd.DataFrame(rows(timed))
-    terminalreporter.section(f"ratios · {machine()}")
+    terminalreporter.section(f"ratios · {where()}")
     for group, part in table.groupby("group", sort=False):
         shown = part[["what", "cost", "measured", "ratio", "aim"]].to_string(index=False, header=False)
         terminalreporter.write_line(f"{group}\n{shown}")

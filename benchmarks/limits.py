@@ -18,7 +18,7 @@ import sys
 
 import numpy as np
 from scipy.optimize import brentq
-from studies import caps, clean, covered, store
+from studies import caps, clean, covered, share, store
 
 import study
 from study.fits import Samples
@@ -81,12 +81,6 @@ def coverage_limits():
             yield row
 
 
-def share(hits):
-    """A share and its Monte-Carlo error."""
-    value = float(np.mean(hits))
-    return {"value": value, "error": math.sqrt(value * (1.0 - value) / len(hits))}
-
-
 def errors(fit):
     """Distances of the centres from the truth, infinite where there is none."""
     distance = np.linalg.norm(fit.center, axis=1)
@@ -99,19 +93,17 @@ def worst_cells():
     for d, n, angle, noise, sets in COVERAGE:
         fit = study.fit(caps(rng, sets, n, angle, noise, d))
         place = {"dimension": d, "samples": n, "angle": angle, "noise": noise, "sets": sets, "ok": fit.ok.mean()}
-        for name, ends, truth in (
-            ("radius", fit.interval("radius"), 1.0),
-            ("center", fit.interval("center")[:, 0], 0.0),
-        ):
-            yield place | {"kind": name} | share(covered(ends, truth))
-            yield place | {"kind": f"{name}, ok"} | share(covered(ends, truth)[fit.ok])
+        held = {"radius": covered(fit.interval("radius"), 1.0), "center": covered(fit.interval("center")[:, 0], 0.0)}
+        for name, inside in held.items():
+            yield place | {"kind": name} | share("value", inside)
+            yield place | {"kind": f"{name}, ok"} | share("value", inside[fit.ok])
     for other, n, angle, noise, sets in BESIDE:
         points = caps(rng, sets, n, angle, noise)
         fit = study.fit(points)
         one, two = errors(fit), errors(study.fit(points, other))
         again = [np.median(one[k]) / np.median(two[k]) for k in rng.integers(sets, size=(200, sets))]
         place = {"dimension": 3, "samples": n, "angle": angle, "noise": noise, "sets": sets, "ok": fit.ok.mean()}
-        yield place | {"kind": other, "value": np.median(one) / np.median(two), "error": np.std(again)}
+        yield place | {"kind": other, "value": np.median(one) / np.median(two), "value_error": np.std(again)}
     for angle, where in CLUSTERS:
         points = caps(rng, 400, 100, angle, 0.02)
         points[:, :40] = [where, 0.0, 0.0] + 0.02 * rng.standard_normal((400, 40, 3))
@@ -119,18 +111,18 @@ def worst_cells():
             fit = study.fit(points, name)
             place = {"dimension": 3, "samples": 100, "angle": angle, "noise": 0.02, "sets": 400, "ok": fit.ok.mean()}
             place |= {"cluster": where, "estimator": name, "flagged": fit.outliers.any(axis=1).mean()}
-            yield place | {"kind": "cluster", "median_error": np.median(errors(fit))} | share(errors(fit) > 0.1)
+            yield (
+                place | {"kind": "cluster", "median_error": np.median(errors(fit))} | share("value", errors(fit) > 0.1)
+            )
 
 
 def false_alarms():
     """The number of data sets in which a point is named, and their share."""
     for d, n, angle, noise, sets in ALARMS:
         state = lanes(17, "false alarms", d, n, angle, noise)
-        alarms = sum(int(outliers(Samples(x)).any(axis=1).sum()) for x in clean(state, sets, n, angle, noise, d))
-        part = alarms / sets
-        error = math.sqrt(max(part, 1.0 / sets) * (1.0 - part) / sets)
+        alarms = np.concatenate([outliers(Samples(x)).any(axis=1) for x in clean(state, sets, n, angle, noise, d)])
         row = {"dimension": d, "samples": n, "angle": angle, "noise_over_radius": noise, "sets": sets}
-        yield row | {"alarms": alarms, "share": part, "share_error": error}
+        yield row | {"alarms": alarms.sum()} | share("share", alarms)
 
 
 if __name__ == "__main__":

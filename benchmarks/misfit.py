@@ -8,12 +8,14 @@ of a part (`power`) makes that part alone. A folder of scans (x, y, z in a row, 
 
 import math
 import sys
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import t as student
-from studies import ROOT, clean, covered, store
+from studies import ROOT, clean, covered, share, store
 
 import study
 from study import Status
@@ -27,12 +29,16 @@ SEED, SETS, POWER_SETS = 17, 4000, 200
 SIZES, NOISES = (50, 200, 1000), (0.01, 0.05)
 
 
+def about_axis(across, angle, height):
+    """Points (n, 3) by their distance from the third axis, angle about it, and height."""
+    return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
+
+
 def on_cap(rng, n, degrees):
     """Directions (n, 3) uniform on a cap about the first axis."""
     height = 1.0 - rng.uniform(size=n) * 2.0 * math.sin(math.radians(degrees) / 2.0) ** 2
     angle = rng.uniform(0.0, 2.0 * math.pi, n)
-    across = np.sqrt(np.maximum(1.0 - height**2, 0.0))
-    return np.column_stack([height, across * np.cos(angle), across * np.sin(angle)])
+    return np.roll(about_axis(np.sqrt(np.maximum(1.0 - height**2, 0.0)), angle, height), 1, axis=1)
 
 
 def cube(rng, n):
@@ -44,34 +50,25 @@ def cube(rng, n):
 
 def cylinder(rng, n, turn):
     """Points on a cylinder of radius 1 and height 2, of a share of a turn."""
-    angle = rng.uniform(0.0, 2.0 * math.pi * turn, n)
-    return np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-1.0, 1.0, n)])
+    return about_axis(1.0, rng.uniform(0.0, 2.0 * math.pi * turn, n), rng.uniform(-1.0, 1.0, n))
 
 
 def cone(rng, n):
     """Points on a cone of half-angle 45° and height 1."""
-    height, angle = np.sqrt(rng.uniform(size=n)), rng.uniform(0.0, 2.0 * math.pi, n)
-    return np.column_stack([height * np.cos(angle), height * np.sin(angle), height])
-
-
-def paraboloid(rng, n):
-    """Points on z = ρ² over the unit disc."""
-    x = cone(rng, n)
-    x[:, 2] **= 2
-    return x
+    height = np.sqrt(rng.uniform(size=n))
+    return about_axis(height, rng.uniform(0.0, 2.0 * math.pi, n), height)
 
 
 def helix(rng, n):
     """Points of two turns of a helix, in order."""
     angle = np.linspace(0.0, 4.0 * math.pi, n)
-    return np.column_stack([np.cos(angle), np.sin(angle), angle / (2.0 * math.pi)])
+    return about_axis(1.0, angle, angle / (2.0 * math.pi))
 
 
 def torus(rng, n):
     """Points on the outer part of a torus of radii 1 and .5."""
     a, b = rng.uniform(-1.0, 1.0, n), rng.uniform(-1.0, 1.0, n)
-    away = 1.0 + 0.5 * np.cos(b)
-    return np.column_stack([away * np.cos(a), away * np.sin(a), 0.5 * np.sin(b)])
+    return about_axis(1.0 + 0.5 * np.cos(b), a, 0.5 * np.sin(b))
 
 
 SHAPES = {
@@ -86,7 +83,7 @@ SHAPES = {
     "half a cylinder": lambda rng, n: cylinder(rng, n, 0.5),
     "60° of a cylinder": lambda rng, n: cylinder(rng, n, 1.0 / 6.0),
     "cone": cone,
-    "paraboloid": paraboloid,
+    "paraboloid": lambda rng, n: cone(rng, n) ** [1.0, 1.0, 2.0],
     "torus patch": torus,
     "helix": helix,
     "spheres of 1 and .9": lambda rng, n: on_cap(rng, n, 180.0) * rng.choice([1.0, 0.9], (n, 1)),
@@ -104,7 +101,7 @@ def path(n, reach):
     """Directions of a smooth path within ± reach degrees."""
     t, reach = np.linspace(0.0, 6.0 * math.pi, n), math.radians(reach)
     a, b = reach * np.sin(t), reach * np.sin(1.31 * t + 0.4)
-    return np.column_stack([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), np.sin(b)])
+    return about_axis(np.cos(b), a, np.sin(b))
 
 
 def on_a_path(memory):
@@ -149,25 +146,20 @@ LAWS = {
 }
 
 
-def row(kind, name, n, s, answer, **more):
-    """A row of the table: share rejected at the level 1 %, and named by each block."""
-    first, sets = answer.first(), len(answer.p)
-    rejected = float(np.mean(answer.p < 0.01))
-    shares = {f"first {block}": float(np.mean(first == block)) for block in BLOCKS}
-    known = {"kind": kind, "name": name, "samples": n, "sigma": s, "sets": sets}
-    return {**known, **more, "rejected": rejected, "rejected_error": error_of(rejected, sets), **shares}
+def among(hits, chosen):
+    """Share of hits among the chosen sets; NaN if there are none."""
+    return np.mean(hits[chosen]) if chosen.any() else math.nan
 
 
-def error_of(share, sets):
-    """Standard error of a share, that of one hit at least."""
-    held = min(max(share, 1.0 / sets), 1.0 - 1.0 / sets)
-    return math.sqrt(held * (1.0 - held) / sets)
+def rejections(answer):
+    """Share rejected at the level of 1 %, and named by each block."""
+    return share("rejected", answer.p < 0.01) | {f"first {name}": np.mean(answer.first() == name) for name in BLOCKS}
 
 
 def statuses(status):
     """Shares of the statuses that say what the test of fit sees."""
     names = (Status.OK, Status.MISFIT, Status.OUTLIERS, Status.HINGE)
-    return {member.name.lower(): float(np.mean(status == member)) for member in names}
+    return {member.name.lower(): np.mean(status == member) for member in names}
 
 
 def level(sets):
@@ -177,36 +169,31 @@ def level(sets):
         count = sets if cell.samples < 10_000 or cell.sigma < SMALL else sets // 10  # which take minutes
         fits = [study.fit(x.swapaxes(1, 2)) for x in clean(state, count, cell.samples, cell.angle, cell.sigma)]
         answer = Goodness(*(np.concatenate(block) for block in zip(*(fit.goodness for fit in fits), strict=True)))
-        white = [intervals(fit.samples) for fit in fits]
-        bounded = np.concatenate([ends.identified for ends in white])
+        looks = [intervals(fit.samples) for fit in fits]
+        bounded, white = (np.concatenate([getattr(look, name) for look in looks]) for name in ("identified", "radius"))
         ok, status = (np.concatenate([getattr(fit, name) for fit in fits]) for name in ("ok", "status"))
-        ends = [np.concatenate(part) for part in ([w.radius for w in white], [fit.interval("radius") for fit in fits])]
-        inside = [covered(radius, 1.0) for radius in ends]
-        more = {"bounded": float(bounded.mean()), **statuses(status)}
-        more |= {"covers_white": float(inside[0].mean()), "covers": float(inside[1].mean())}
-        more["ok_covers"] = float(inside[1][ok].mean()) if ok.any() else math.nan
-        more["wider"] = float(np.mean((ends[0] != ends[1]).any(axis=1)))
-        yield row("clean", f"cap {cell.angle:g}°, kappa {cell.kappa:g}", cell.samples, cell.sigma, answer, **more)
+        allowed = np.concatenate([fit.interval("radius") for fit in fits])
+        row = {"kind": "clean", "name": f"cap {cell.angle:g}°, kappa {cell.kappa:g}", "samples": cell.samples}
+        row |= {"sigma": cell.sigma, "sets": len(ok), "bounded": bounded.mean(), **statuses(status)}
+        row |= {"covers_white": covered(white, 1.0).mean(), "covers": covered(allowed, 1.0).mean()}
+        row |= {"ok_covers": among(covered(allowed, 1.0), ok), "wider": np.mean((white != allowed).any(axis=1))}
+        yield row | rejections(answer)
 
 
 def power(sets):
     """A row for each shape and law of noise, with the share that is ok and coverage of the radius."""
-    for number, (kind, name, draw) in enumerate(
-        [("shape", k, lambda rng, n, s, f=f: f(rng, n) + s * rng.normal(size=(n, 3))) for k, f in SHAPES.items()]
-        + [("noise", k, f) for k, f in LAWS.items()]
-    ):
-        for n in SIZES:
-            for s in NOISES:
-                rng = np.random.default_rng([SEED, number, n, round(1000 * s)])
-                x = np.stack([draw(rng, n, s) for _ in range(sets)])
-                fit = study.fit(x, ordered="path" in name)
-                white = intervals(fit.samples)
-                kept = white.identified & (fit.goodness.p >= 0.01)
-                more = {"ok": float(white.identified.mean()), "ok_not_rejected": float(kept.mean())}
-                if kind == "noise":
-                    more["covers"] = float(covered(white.radius, 1.0).mean())
-                    more["covers_allowed"] = float(covered(fit.interval("radius"), 1.0).mean())
-                yield row(kind, name, n, s, fit.goodness, **more)
+    laws = [("shape", k, lambda rng, n, s, f=f: f(rng, n) + s * rng.normal(size=(n, 3))) for k, f in SHAPES.items()]
+    laws += [("noise", k, f) for k, f in LAWS.items()]
+    for (number, (kind, name, draw)), n, s in product(enumerate(laws), SIZES, NOISES):
+        rng = np.random.default_rng([SEED, number, n, round(1000 * s)])
+        fit = study.fit(np.stack([draw(rng, n, s) for _ in range(sets)]), ordered="path" in name)
+        white = intervals(fit.samples)
+        row = {"kind": kind, "name": name, "samples": n, "sigma": s, "sets": sets, "ok": white.identified.mean()}
+        row["ok_not_rejected"] = np.mean(white.identified & (fit.goodness.p >= 0.01))
+        if kind == "noise":
+            row["covers"] = covered(white.radius, 1.0).mean()
+            row["covers_allowed"] = covered(fit.interval("radius"), 1.0).mean()
+        yield row | rejections(fit.goodness)
 
 
 def form_on(u, length):
@@ -237,35 +224,30 @@ def best_test(rng, u, covariance, size, sets=1000):
     q, pull = vectors.T @ (left.T @ noise), np.linalg.pinv(X)[0]
     half = student.ppf(0.975, n - 4) * np.linalg.norm(pull) * np.sqrt((q**2).mean(axis=0))
     unseen = statistic(q) <= limit
-    covers = float(np.mean((np.abs(pull @ noise) <= half)[unseen])) if unseen.any() else math.nan
-    return float(np.mean(~unseen)), covers
+    return np.mean(~unseen), among(np.abs(pull @ noise) <= half, unseen)
+
+
+def formed(rng, n, angle, length, size):
+    """Points (n, 3) with a form on a cap; the directions, the form's covariance and its size."""
+    u = on_cap(rng, n, angle)
+    covariance = form_on(u, length * math.radians(angle))
+    r = 1.0 + 0.01 * size * np.linalg.cholesky(covariance) @ rng.normal(size=n)
+    return u * r[:, None] + 0.01 * rng.normal(size=(n, 3)), (u, covariance, size)
+
+
+def walked(rng, n, reach, memory):
+    """Points (n, 3) on a path, with noise that remembers."""
+    return path(n, reach) + 0.01 * ar1(rng, n, memory), None
 
 
 def structured():
-    """Laws of structured noise: name, whether rows are in order, numbers of points, and a function that makes them.
-
-    It gives points (n, 3) and, of a form on directions, those directions, their covariance and the size.
-    """
-    for angle in (30.0, 60.0, 120.0):
-        for length in (0.15, 0.4, 1.0):
-            for size in (0.3, 1.0, 3.0):
-
-                def formed(rng, n, angle=angle, length=length, size=size):
-                    u = on_cap(rng, n, angle)
-                    covariance = form_on(u, length * math.radians(angle))
-                    r = 1.0 + 0.01 * size * np.linalg.cholesky(covariance) @ rng.normal(size=n)
-                    return u * r[:, None] + 0.01 * rng.normal(size=(n, 3)), (u, covariance, size)
-
-                yield f"form, {angle:g}°, length {length:g}, size {size:g}", False, (500,), formed
-    for reach in (20.0, 45.0, 90.0):
-        for memory in (0.5, 0.8, 0.95):
-
-            def walked(rng, n, reach=reach, memory=memory):
-                return path(n, reach) + 0.01 * ar1(rng, n, memory), None
-
-            for ordered in (True, False):
-                order = "in order" if ordered else "order not given"
-                yield f"path of ± {reach:g}°, memory {memory:g}, {order}", ordered, (100, 300, 1000, 3000), walked
+    """Laws of structured noise: name, whether rows are in order, numbers of points, and a function that makes them."""
+    for angle, length, size in product((30.0, 60.0, 120.0), (0.15, 0.4, 1.0), (0.3, 1.0, 3.0)):
+        law = partial(formed, angle=angle, length=length, size=size)
+        yield f"form, {angle:g}°, length {length:g}, size {size:g}", False, (500,), law
+    for reach, memory, ordered in product((20.0, 45.0, 90.0), (0.5, 0.8, 0.95), (True, False)):
+        name = f"path of ± {reach:g}°, memory {memory:g}, {'in order' if ordered else 'order not given'}"
+        yield name, ordered, (100, 300, 1000, 3000), partial(walked, reach=reach, memory=memory)
 
 
 def errors(sets):
@@ -276,48 +258,40 @@ def errors(sets):
             drawn = [draw(rng, n) for _ in range(sets)]
             fit = study.fit(np.stack([points for points, _ in drawn]), ordered=ordered)
             inside = covered(fit.interval("radius"), 1.0)
-            center = covered(fit.interval("center"), 0.0).mean(axis=1)
-            result = {"name": name, "samples": n, "sets": sets, **statuses(fit.status)}
-            result |= {"covers_white": float(covered(intervals(fit.samples).radius, 1.0).mean())}
-            result |= {"covers": float(inside.mean()), "covers_error": error_of(inside.mean(), sets)}
-            result["covers_or_doubted"] = float((inside | ~fit.ok).mean())
-            for part, holds in (("ok_covers", inside), ("ok_covers_center", center)):
-                result[part] = float(holds[fit.ok].mean()) if fit.ok.any() else math.nan
+            row = {"name": name, "samples": n, "sets": sets, **statuses(fit.status)}
+            row |= {"covers_white": covered(intervals(fit.samples).radius, 1.0).mean(), **share("covers", inside)}
+            row |= {"covers_or_doubted": np.mean(inside | ~fit.ok), "ok_covers": among(inside, fit.ok)}
+            row["ok_covers_center"] = among(covered(fit.interval("center"), 0.0).mean(axis=1), fit.ok)
             if drawn[0][1] is not None:
                 best = np.mean([best_test(rng, *known) for _, known in drawn[:5]], axis=0)
-                result |= dict(zip(("best_seen", "best_unseen_covers"), map(float, best), strict=True))
-            yield result
+                row["best_seen"], row["best_unseen_covers"] = best
+            yield row
 
 
 def belt(rng, n, reach, width):
     """Directions (n, 3) of an arc of ± reach degrees on a great circle, or of a belt about it."""
     a, b = (np.radians(rng.uniform(-half, half, n)) for half in (reach, width))
-    return np.column_stack([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)])
+    return about_axis(np.cos(b), a, np.sin(b))
 
 
 def hinges(sets):
     """A row for each arc, belt and cap: share that is named a hinge, and of bounded intervals among the others."""
-    belts = [
-        (f"± {reach:g}°, belt ± {width:g}°", lambda rng, n, r=reach, w=width: belt(rng, n, r, w))
-        for reach in (30, 45, 90, 180)
-        for width in (0, 1, 3)
+    laws = [
+        (f"± {reach:g}°, belt ± {width:g}°", partial(belt, reach=reach, width=width))
+        for reach, width in product((30, 45, 90, 180), (0, 1, 3))
     ]
-    wide = [(f"belt ± {width:g}°", lambda rng, n, w=width: belt(rng, n, 180, w)) for width in (6, 12, 25)]
-    caps = [(f"cap {angle:g}°", lambda rng, n, a=angle: on_cap(rng, n, a)) for angle in (20, 45, 90, 180)]
-    for number, (name, draw) in enumerate(belts + wide + caps):
-        for n in (30, 100, 300, 3000):
-            for s in (0.003, 0.01, 0.03):
-                rng = np.random.default_rng([SEED, 300 + number, n, round(1000 * s)])
-                count = (5 if name.startswith("cap") and n < 300 else 1) * (sets if n < 3000 else sets // 4)
-                fit = study.fit(np.stack([draw(rng, n) + s * rng.normal(size=(n, 3)) for _ in range(count)]))
-                named, open_ended = fit.status == Status.HINGE, np.isinf(fit.interval("radius")[:, 1])
-                found = {"name": name, "samples": n, "sigma": s, "sets": count, **statuses(fit.status)}
-                found |= {"hinge_error": error_of(found["hinge"], count), "bounded": float((~open_ended).mean())}
-                found["covers_radius"] = float(covered(fit.interval("radius"), 1.0).mean())
-                found["covers_center"] = float(covered(fit.interval("center"), 0.0).mean())
-                away = np.abs(fit.circle.radius - 1.0) <= 1.96 * fit.circle.radius_error
-                found["circle_covers"] = float(away[named].mean()) if named.any() else math.nan
-                yield found
+    laws += [(f"belt ± {width:g}°", partial(belt, reach=180, width=width)) for width in (6, 12, 25)]
+    laws += [(f"cap {angle:g}°", partial(on_cap, degrees=angle)) for angle in (20, 45, 90, 180)]
+    for (number, (name, draw)), n, s in product(enumerate(laws), (30, 100, 300, 3000), (0.003, 0.01, 0.03)):
+        rng = np.random.default_rng([SEED, 300 + number, n, round(1000 * s)])
+        count = (5 if name.startswith("cap") and n < 300 else 1) * (sets if n < 3000 else sets // 4)
+        fit = study.fit(np.stack([draw(rng, n) + s * rng.normal(size=(n, 3)) for _ in range(count)]))
+        named, circle = fit.status == Status.HINGE, fit.circle
+        row = {"name": name, "samples": n, "sigma": s, "sets": count, **statuses(fit.status), **share("hinge", named)}
+        row["bounded"] = np.isfinite(fit.interval("radius")[:, 1]).mean()
+        row |= {f"covers_{name}": covered(fit.interval(name), t).mean() for name, t in (("radius", 1), ("center", 0))}
+        row["circle_covers"] = among(np.abs(circle.radius - 1.0) <= 1.96 * circle.radius_error, named)
+        yield row
 
 
 def scans(folder):
@@ -325,15 +299,14 @@ def scans(folder):
     for file in sorted(Path(folder).glob("*SPH*.xyz")):
         x = np.genfromtxt(file, delimiter="," if file.stem.startswith("t") else None)[:, :3] * 1000.0
         fit = study.fit(x, "corrected" if file.stem.startswith("t") else "robust")
-        found = {"name": file.stem, "samples": int(fit.count), "radius": float(fit.radius)}
         low, high = fit.interval("radius")
-        white = float(np.sqrt(fit.own_covariance[3, 3]))
-        found |= {"error_white": white, "error": float(fit.standard_errors[3]), "low": float(low), "high": float(high)}
-        found |= {f"p {block}": float(p) for block, p in zip(BLOCKS, fit.goodness, strict=True)}
-        found |= {"misfit": str(fit.goodness.first()), "F": float(series_ratio(fit))}
-        found |= {"status": Status(int(fit.status)).name.lower(), "holds_50": bool(low <= 50.0 <= high)}
-        found["halves_cover"] = halves_cover(x) if file.stem.startswith("t") else math.nan
-        yield found
+        row = {"name": file.stem, "samples": fit.count, "radius": fit.radius}
+        row |= {"error_white": np.sqrt(fit.own_covariance[3, 3]), "error": fit.standard_errors[3]}
+        row |= {"low": low, "high": high, **{f"p {k}": p for k, p in zip(BLOCKS, fit.goodness, strict=True)}}
+        row |= {"misfit": fit.goodness.first(), "F": series_ratio(fit)}
+        row |= {"status": Status(int(fit.status)).name.lower(), "holds_50": low <= 50.0 <= high}
+        row["halves_cover"] = halves_cover(x) if file.stem.startswith("t") else math.nan
+        yield row
 
 
 def halves_cover(x):
@@ -348,7 +321,7 @@ def halves_cover(x):
         fits = [study.fit(x[side], radius=50.0) for side in (by > np.median(by), by <= np.median(by))]
         half = np.hypot(*(0.5 * np.ptp(fit.interval("center"), axis=-1) for fit in fits))
         agree.append(np.abs(fits[0].center - fits[1].center) <= half)
-    return float(np.mean(agree))
+    return np.mean(agree)
 
 
 def series_ratio(fit):

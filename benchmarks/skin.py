@@ -1,6 +1,6 @@
 """Coverage of the joints' errors on synthetic bodies whose skin moves, by law of the skin and range of motion.
 
-    python benchmarks/skin.py --bodies 200 --out results/skin.csv
+    python benchmarks/skin.py     # stores results/skin.csv
 
 A body has 41 markers, 1 mm of noise, 10 % gaps, 16 seconds at 50 frames per second, and skin of 5 to 30 mm at the ends
 of its joints' ranges, evenly over the bodies of a cell. Where only markers over joints slide, it is 10 to 30 mm, and
@@ -11,12 +11,12 @@ standard error, mm; and the standard errors of the shares, from the scatter betw
 true axis. A joint without an estimate counts as doubted and has no region.
 """
 
-import argparse
-from pathlib import Path
+from itertools import product
 
 import numpy as np
 import pandas as pd
 from scipy import stats
+from studies import store
 
 from study.recordings.joints.estimate import USABLE
 from study.recordings.joints.find import find_joints
@@ -28,6 +28,8 @@ LEAST, GREATEST = 0.005, 0.030
 LEAST_SLIDE = 0.010
 HINGES = ("left_elbow", "right_elbow", "left_knee", "right_knee")
 FAR = 0.02
+BODIES = 200
+"""Bodies of a cell."""
 
 
 def compared(joint, truth):
@@ -48,12 +50,12 @@ def compared(joint, truth):
     return row | {"off": np.linalg.norm(off), "covered": covered, "error": estimate.standard_error}
 
 
-def cell(law, gait, bodies, every=1):
-    """The joints of the bodies of a cell, or of every fifth, say, a row each."""
+def joints_of(law, gait):
+    """The joints of the bodies of a cell, a row each."""
     markers, least = ("rizzoli", LEAST_SLIDE) if law == "slide" else ("cmu41", LEAST)
     markerset, rows = load_markerset(markers), []
-    for body in range(0, bodies, every):
-        skin = {} if law == "none" else {"soft_tissue": least + (GREATEST - least) * (body + 0.5) / bodies, "skin": law}
+    for body in range(BODIES):
+        skin = {} if law == "none" else {"soft_tissue": least + (GREATEST - least) * (body + 0.5) / BODIES, "skin": law}
         recipe = Recipe(800, 50.0, seed=1 + body, gaps=0.1, gait=gait, markers=markers, **skin)
         recording, truth = synthesize(recipe)
         rows += [{"body": body} | compared(joint, truth) for joint in find_joints(markerset, recording).joints]
@@ -63,53 +65,24 @@ def cell(law, gait, bodies, every=1):
 def mean_by_body(joints, values):
     """Mean of a value of each joint, and its standard error: joints of one body are not independent."""
     values = values.astype(float)
-    mean, bodies = values.mean(), joints["body"].nunique()
+    mean = values.mean()
     residuals = (values - mean).groupby(joints["body"]).sum() / values.notna().sum()
-    return mean, np.sqrt((residuals**2).sum() * bodies / max(bodies - 1, 1))
+    return mean, np.sqrt((residuals**2).sum() * BODIES / (BODIES - 1))
 
 
-def summary(law, gait, joints):
-    """The row of a cell, from its joints."""
-    hinges = joints["joint"].isin(HINGES)
-    covered, covered_se = mean_by_body(joints, joints["covered"])
-    undoubted, undoubted_se = mean_by_body(joints, joints["undoubted"])
-    far, far_se = mean_by_body(joints, joints["undoubted"] & (joints["off"] > FAR))
-    undoubted_covered, undoubted_covered_se = mean_by_body(joints, joints["covered"].where(joints["undoubted"]))
-    return {
-        "skin": law,
-        "motion": "gait" if gait else "functional",
-        "bodies": joints["body"].nunique(),
-        "covered": covered,
-        "covered_hinges": joints.loc[hinges, "covered"].mean(),
-        "without_estimate": joints["covered"].isna().mean(),
-        "undoubted": undoubted,
-        "undoubted_far": far,
-        "undoubted_covered": undoubted_covered,
-        "median_off_mm": 1000 * joints["off"].median(),
-        "median_error_mm": 1000 * joints["error"].median(),
-        "covered_se": covered_se,
-        "undoubted_se": undoubted_se,
-        "undoubted_far_se": far_se,
-        "undoubted_covered_se": undoubted_covered_se,
-    }
-
-
-def main():
-    parser = argparse.ArgumentParser(description="coverage of joints' errors where skin moves")
-    parser.add_argument("--bodies", type=int, default=200, help="bodies in each cell")
-    parser.add_argument("--every", type=int, default=1, help="take every fifth of these bodies, say")
-    parser.add_argument("--skin", choices=LAWS, action="append", help="laws [default: all]")
-    parser.add_argument("--motion", choices=("functional", "gait"), action="append", help="ranges [default: both]")
-    parser.add_argument("--out", type=Path, help="CSV file, to which rows are added")
-    chosen = parser.parse_args()
-    for motion in chosen.motion or ("functional", "gait"):
-        for law in chosen.skin or LAWS:
-            joints = cell(law, motion == "gait", chosen.bodies, chosen.every)
-            row = pd.DataFrame([summary(law, motion == "gait", joints)])
-            print(row.round(3).to_string(index=False), flush=True)
-            if chosen.out:
-                row.to_csv(chosen.out, mode="a", header=not chosen.out.exists(), index=False, float_format="%.4g")
+def cells():
+    """The row of each cell."""
+    for motion, law in product(("functional", "gait"), LAWS):
+        joints = joints_of(law, motion == "gait")
+        covered, undoubted = joints["covered"], joints["undoubted"]
+        row = {"skin": law, "motion": motion, "bodies": BODIES, "without_estimate": covered.isna().mean()}
+        row["covered_hinges"] = covered[joints["joint"].isin(HINGES)].mean()
+        row |= {f"median_{name}_mm": 1000 * joints[name].median() for name in ("off", "error")}
+        shares = {"covered": covered, "undoubted": undoubted, "undoubted_covered": covered.where(undoubted)}
+        for name, values in (shares | {"undoubted_far": undoubted & (joints["off"] > FAR)}).items():
+            row[name], row[f"{name}_se"] = mean_by_body(joints, values)
+        yield row
 
 
 if __name__ == "__main__":
-    main()
+    store("skin", cells(), "%.4g")

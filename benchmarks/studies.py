@@ -4,6 +4,7 @@ import math
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from study.fits import cap
@@ -47,6 +48,12 @@ def clean(state, sets, n, angle, noise, dimension=3):
 def covered(ends, truth):
     """True where intervals (…, 2) hold the truth."""
     return (ends[..., 0] <= truth) & (truth <= ends[..., 1])
+
+
+def share(name, hits):
+    """A share, and its standard error, that of one hit at least."""
+    held = np.clip(np.mean(hits), 1.0 / len(hits), 1.0 - 1.0 / len(hits))
+    return {name: np.mean(hits), f"{name}_error": math.sqrt(held * (1.0 - held) / len(hits))}
 
 
 def store(name, rows, form=None):
