@@ -15,16 +15,6 @@ THIGH = markersets.Segment(name="thigh", markers=("D", "E"), parent="pelvis")
 HIP = markersets.Joint(name="hip", parent="pelvis", child="thigh")
 
 
-def test_what_it_holds():
-    leg = markersets.MarkerSet(name="leg", segments=(PELVIS, THIGH), joints=(HIP,))
-    assert leg.segment("thigh") is THIGH
-    assert leg.markers() == ("A", "B", "C", "D", "E")
-    assert leg.markers_for(HIP) == ("D", "E")
-    assert leg.markers_for(HIP.model_copy(update={"markers": ("E",)})) == ("E",)
-    with pytest.raises(KeyError):
-        leg.segment("foot")
-
-
 def thigh(**changes):
     return {"segments": (PELVIS, THIGH.model_copy(update=changes))}
 
@@ -83,17 +73,6 @@ D = ["D1", "D2"]
 """
 
 
-def test_a_file_says_it_all():
-    leg = markersets.parse_markerset(LEG)
-    assert [(s.name, s.parent, s.markers) for s in leg.segments] == [
-        ("pelvis", None, ("A", "B", "C")),
-        ("thigh", "pelvis", ("D", "E")),
-    ]
-    (hip,) = leg.joints
-    assert (hip.name, hip.parent, hip.child, hip.markers, hip.kind) == ("hip", "pelvis", "thigh", ("E",), "ball")
-    assert leg.aliases == {"D": ("D1", "D2")}
-
-
 @pytest.mark.parametrize(
     ("changes", "lines"),
     [
@@ -135,16 +114,6 @@ def test_all_faults_at_once_with_their_lines(changes, lines):
     assert str(caught.value).splitlines() == [f"leg.toml: {len(lines)} faults", *lines]
 
 
-def test_several_roots():
-    """Two bodies in one set: each has a root, and joints of its own."""
-    arm = '\n[segments.arm]\nmarkers = ["P", "Q", "R"]\n[segments.hand]\nparent = "arm"\nmarkers = ["S"]\n'
-    found = markersets.parse_markerset(
-        LEG.replace("[joints.hip]", arm + '[joints.wrist]\nparent = "arm"\nchild = "hand"\n\n[joints.hip]')
-    )
-    assert [segment.name for segment in found.segments if segment.parent is None] == ["pelvis", "arm"]
-    assert [joint.name for joint in found.joints] == ["wrist", "hip"]
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -161,7 +130,7 @@ def test_what_is_no_marker_set(text, words):
 
 
 def test_shipped_ones_by_name():
-    """Each is known by its name; what is no name is told with the known."""
+    """Each is known by its name; sets of the whole body have its segments, joints and hinges."""
     assert [markersets.load_markerset(name).name for name in markersets.shipped()] == markersets.shipped()
     sides = (f"{s}_{j}" for s in ("left", "right") for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
     joints = {"waist", "neck", *sides}
@@ -172,18 +141,12 @@ def test_shipped_ones_by_name():
         hinges = {joint.name for joint in whole.joints if joint.kind == "hinge"}
         assert hinges == {"left_elbow", "right_elbow", "left_knee", "right_knee"}
         assert len(set(whole.markers()) - set(whole.optional)) == {"cmu41": 41, "plug-in-gait": 39}[name]
-    words = r"no marker set 'cmu42': did you mean 'cmu41'\? Known are cast, cgm2, cmu41, .*; or give the path"
-    with pytest.raises(markersets.MarkerSetError, match=words):
-        markersets.load_markerset("cmu42")
 
 
-def test_a_path(tmp_path):
+def test_a_file_with_a_byte_order_mark(tmp_path):
     (tmp_path / "leg.toml").write_text(LEG)
-    assert markersets.load_markerset(tmp_path / "leg.toml").name == "leg"
     (tmp_path / "leg.toml").write_text(LEG, encoding="utf-8-sig")
     assert markersets.load_markerset(tmp_path / "leg.toml").name == "leg"
-    with pytest.raises(markersets.MarkerSetError, match=r"none.toml: cannot be read: No such file"):
-        markersets.load_markerset(str(tmp_path / "none.toml"))
 
 
 CMU = markersets.load_markerset("cmu41")
@@ -438,10 +401,3 @@ def test_doubled_labels_are_lacking(tmp_path, write_c3d):
     found = markersets.match(CMU, read_recording(path))
     assert found.lacking == {"left_hand": ("LFIN",)}
     assert list(found.lost) == ["left_wrist"]
-
-
-def test_shared_recordings(shared_file):
-    """All labels of both recordings belong to the set."""
-    for name in ("cmu_135_02.c3d", "cmu_85_02.c3d"):
-        found = markersets.choose(read_recording(shared_file(name)))
-        assert (found.whole.name, found.extra, found.lacking, found.lost) == ("cmu41", (), {}, {})

@@ -104,6 +104,7 @@ def by_c3d(path, motion, glb):
         reader = c3d.Reader(file)
         points = np.array([points for _, points, _ in reader.read_frames()])
         labels = [label.strip() for label in reader.point_labels]
+        assert (reader.point_rate, reader.get_string("POINT:UNITS").strip()) == (motion.skeleton.rate, "mm")
     places = np.where(points[:, :, 3:4] < 0, np.nan, points[:, :, :3]) / 1000
     return dict(zip(labels, places.transpose(1, 2, 0), strict=True))
 
@@ -112,7 +113,8 @@ def by_trc(path, motion, glb):
     """Joints by the package trc-data-reader."""
     data = TRCData()
     data.load(path)
-    assert (data["NumFrames"], data["Units"]) == (motion.skeleton.frames, "mm")
+    assert (data["NumFrames"], data["DataRate"], data["Units"]) == (motion.skeleton.frames, motion.skeleton.rate, "mm")
+    np.testing.assert_allclose(data["Time"], np.arange(motion.skeleton.frames) / motion.skeleton.rate, atol=1e-6)
     return {label: np.array(data[label]).T / 1000 for label in data["Markers"]}
 
 
@@ -264,15 +266,6 @@ def test_a_hierarchy_without_its_root(figure, figure_calibration, exported, tmp_
         write_file(exported(rest, figure_calibration), path)
     assert path.read_text() == "older"
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
-
-
-def test_planned_files(tmp_path):
-    """Names of files stay; ends alone are files in the folder of the results."""
-    source = tmp_path / "walk.c3d"
-    source.touch()
-    plan = planned_files("a/b.trc, glb,MOT", tmp_path / "out", "walk", source)
-    assert [str(path) for path in plan] == ["a/b.trc", f"{tmp_path}/out/walk.glb", f"{tmp_path}/out/walk.MOT"]
-    assert planned_files("", tmp_path, "walk", source) == []
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,11 @@
 """Tests of write."""
 
-import socket
 import sys
 import threading
-import warnings
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-import c3d
 import numpy as np
 import pytest
-from trc import TRCData
 
 from study.recordings.formats.read import read_recording
 from study.recordings.formats.write import CMU, WRITERS, DownloadError, fetch, write_recording
@@ -65,8 +61,8 @@ def body(tmp_path_factory, small):
     return write_recording(small(frames=200), tmp_path_factory.mktemp("library") / "a.c3d").read_bytes()
 
 
-def get(server, folder, name="60_08", base=None):
-    return fetch("cmu", name, base=base or server.base, folder=folder)
+def get(server, folder, name="60_08"):
+    return fetch("cmu", name, base=server.base, folder=folder)
 
 
 def test_a_recording_is_fetched_once(server, tmp_path, small, body):
@@ -92,7 +88,7 @@ def test_a_recording_is_fetched_once(server, tmp_path, small, body):
 )
 def test_names_of_the_library(server, tmp_path, body, name, place):
     server.body = body
-    get(server, tmp_path, name, base=server.base + "/")
+    fetch("cmu", name, base=server.base + "/", folder=tmp_path)
     assert server.asked == [f"/subjects/{place}"]
 
 
@@ -110,8 +106,6 @@ def test_the_environments_address_and_the_users_cache_folder(server, tmp_path, b
 def test_a_name_that_no_recording_has(server, tmp_path, name):
     with pytest.raises(RecordingError, match="cannot be a recording of cmu; give a name such as 60_08"):
         get(server, tmp_path, name)
-    with pytest.raises(RecordingError, match="no library 'accad': known are cmu"):
-        fetch("accad", "60_08", folder=tmp_path)
     assert server.asked == []
 
 
@@ -136,19 +130,12 @@ def test_the_server_sends_something_else(server, tmp_path, body):
     refused(server, tmp_path, f"{other}not a C3D file")
 
 
-def test_there_is_no_server(server, tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))  # bound, but nothing listens
-        base = f"http://127.0.0.1:{free.getsockname()[1]}"
-        refused(server, tmp_path, r"cannot be reached, or broke off \(.*refused.*\); check the network", base)
-
-
-def refused(server, folder, words, base=None, kind=DownloadError):
+def refused(server, folder, words, kind=DownloadError):
     """The message is one line that begins with the address; the cache stays empty."""
     with pytest.raises(RecordingError, match=words) as caught:
-        get(server, folder / "cache", base=base)
+        get(server, folder / "cache")
     assert type(caught.value) is kind
-    assert str(caught.value).startswith(f"{base or server.base}/60/60_08.c3d: ")
+    assert str(caught.value).startswith(f"{server.base}/60/60_08.c3d: ")
     assert "\n" not in str(caught.value)
     assert not (folder / "cache").exists() or not list((folder / "cache").iterdir())
 
@@ -178,22 +165,6 @@ def test_there_and_back(tmp_path, ending, tolerance):
     assert write_recording(recording, path).read_bytes() == before
 
 
-def test_another_library_reads_what_was_written(tmp_path, small):
-    """Units are millimetres; a missing sample has a negative residual."""
-    recording = small()
-    path = write_recording(recording, tmp_path / "a.c3d")
-    with open(path, "rb") as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # c3d warns that there are no analog data
-        reader = c3d.Reader(file)
-        frames = np.array([points for _, points, _ in reader.read_frames()])
-    assert [label.strip() for label in reader.point_labels] == list(recording.markers)
-    assert (reader.point_rate, reader.get_string("POINT:UNITS").strip()) == (100.0, "mm")
-    np.testing.assert_array_equal((frames[:, :, 3] < 0).T, ~recording.seen())
-    seen = recording.seen().T
-    wanted = 1000 * recording.positions.transpose(2, 0, 1)
-    np.testing.assert_allclose(frames[:, :, :3][seen], wanted[seen], rtol=1e-6)
-
-
 def test_the_residual_of_a_missing_sample(tmp_path, small):
     """In the bytes it is -1, beside zeros; readers that go by residuals would take anything else for a place."""
     recording = small()
@@ -204,17 +175,6 @@ def test_the_residual_of_a_missing_sample(tmp_path, small):
     assert not samples[~recording.seen().T][:, :3].any()
 
 
-def test_a_trc_with_gaps_for_another_reader(tmp_path):
-    """Millimetres, and nan for a missing sample: readers that split rows at white space would lose an empty cell."""
-    positions = np.array([[[0.1, np.nan], [0.2, np.nan], [0.3, np.nan]], [[1.0, 1.5], [2.0, 2.5], [3.0, 3.5]]])
-    path = write_recording(Recording("walk", ("A", "B"), positions, 50.0), tmp_path / "new.trc")
-    data = TRCData()
-    data.load(path)
-    assert (data["Markers"], data["DataRate"], data["Units"], data["Time"]) == (["A", "B"], 50.0, "mm", [0.0, 0.02])
-    np.testing.assert_allclose(data["A"], 1000 * positions[0].T)
-    np.testing.assert_allclose(data["B"], 1000 * positions[1].T)
-
-
 def test_a_table_for_people(tmp_path):
     recording = Recording("walk", ("A",), np.array([[[1.0, np.nan], [2.0, np.nan], [-0.5, np.nan]]]), 100.0)
     text = write_recording(recording, tmp_path / "walk.csv").read_text()
@@ -222,8 +182,6 @@ def test_a_table_for_people(tmp_path):
 
 
 def test_where_nothing_can_be_written(tmp_path, small):
-    with pytest.raises(RecordingError, match=r"a recording is written to a file whose name ends in .c3d, .trc, .csv"):
-        write_recording(small(), tmp_path / "walk.bvh")
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match="cannot be written: "):
         write_recording(small(), tmp_path / "file" / "walk.c3d")
