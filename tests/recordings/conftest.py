@@ -4,10 +4,12 @@ import warnings
 from pathlib import Path
 
 import c3d
+import ezc3d
 import numpy as np
 import pytest
 
 from study.recordings.formats.read import read_recording
+from study.recordings.formats.write import write_recording
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints
 from study.recordings.markersets import choose, load_markerset
@@ -114,6 +116,27 @@ def write_c3d():
         return path
 
     return write
+
+
+def write_rich_c3d(recording, path):
+    """Write a C3D file of a recording with two analog channels, an event and a force plate's parameter, by ezc3d."""
+    file = ezc3d.c3d(str(write_recording(recording, path)))
+    analog = file["parameters"]["ANALOG"]
+    analog["RATE"]["value"], analog["LABELS"]["value"] = [10 * recording.rate], ["Fz1", "EMG"]
+    analog["UNITS"]["value"] = ["N", "V"]
+    file["data"]["analogs"] = np.random.default_rng(1).normal(size=(1, 2, 10 * recording.frames))
+    file.add_parameter("POINT", "LONG_FRAMES", [float(recording.frames)])
+    file.add_parameter("EVENT", "LABELS", ["Foot Strike"])
+    file.add_parameter("EVENT", "TIMES", np.array([[0.0], [0.31]]))
+    file.add_parameter("FORCE_PLATFORM", "TYPE", [2])
+    file.write(str(path))
+    return path
+
+
+@pytest.fixture(scope="session")
+def write_rich():
+    """The function `write_rich_c3d`."""
+    return write_rich_c3d
 
 
 def true_skeleton(recording, truth, joints=None, **changes):

@@ -98,22 +98,6 @@ def study_directions(rng, count):
     return x / np.linalg.norm(x, axis=1, keepdims=True)
 
 
-def test_parts_that_merge():
-    """Two fits that grew are one fit of all their points; another dimension is refused."""
-    points = np.random.default_rng(1).standard_normal((60, 3))
-    one, two, both = study.Incremental(3), study.Incremental(3), study.Incremental(3)
-    one.merge(two)
-    assert one.moments is None
-    one.update(points[:20])
-    two.update(points[20:])
-    one.merge(two)
-    both.update(points)
-    als = study.ESTIMATORS["als"]
-    np.testing.assert_allclose(one.fit(als).center, both.fit(als).center, atol=1e-12)
-    with pytest.raises(ValueError, match="dimension 2 cannot be added to points of 3"):
-        one.merge(study.Incremental(2))
-
-
 @pytest.mark.parametrize("repeat", [1, 6])
 def test_errors_are_those_of_the_jackknife(repeat):
     """Squared errors of 24 streams are as stated, be each frame new or there six times (false alarms: 1 in 1000)."""

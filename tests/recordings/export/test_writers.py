@@ -30,20 +30,9 @@ from study.recordings.synthetic.make import Recipe, synthesize
 
 
 @pytest.fixture
-def rich(motion, tmp_path):
-    """A C3D file of the motion's markers with two analog channels, an event and a force plate's parameter."""
-    path = write_recording(motion.recording, tmp_path / "rich.c3d")
-    file = ezc3d.c3d(str(path))
-    frames = motion.recording.frames
-    file["parameters"]["ANALOG"]["RATE"]["value"] = [10 * motion.recording.rate]
-    file["parameters"]["ANALOG"]["LABELS"]["value"] = ["Fz1", "EMG"]
-    file["parameters"]["ANALOG"]["UNITS"]["value"] = ["N", "V"]
-    file["data"]["analogs"] = np.random.default_rng(1).normal(size=(1, 2, 10 * frames))
-    file.add_parameter("EVENT", "LABELS", ["Foot Strike"])
-    file.add_parameter("EVENT", "TIMES", np.array([[0.0], [0.31]]))
-    file.add_parameter("FORCE_PLATFORM", "TYPE", [2])
-    file.write(str(path))
-    return path
+def rich(motion, tmp_path, write_rich):
+    """A C3D file of the motion's markers with more than markers in it."""
+    return write_rich(motion.recording, tmp_path / "rich.c3d")
 
 
 def test_all_else_in_the_file_stays(motion, exported, figure_calibration, rich, tmp_path):

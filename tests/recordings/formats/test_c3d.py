@@ -7,7 +7,6 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import ezc3d
 import numpy as np
 import pytest
 
@@ -216,18 +215,10 @@ def places(path):
 
 
 @pytest.fixture
-def rich(tmp_path):
+def rich(tmp_path, write_rich):
     """A C3D file with analog channels, longer parameters and room at its end."""
     positions = np.random.default_rng(5).normal(size=(4, 3, FRAMES))
-    path = write_recording(Recording("rich", ("A", "B", "C", "D"), positions, 100.0), tmp_path / "rich.c3d")
-    file = ezc3d.c3d(str(path))
-    file["parameters"]["ANALOG"]["RATE"]["value"] = [200.0]
-    file["parameters"]["ANALOG"]["LABELS"]["value"] = ["Fz"]
-    file["parameters"]["ANALOG"]["UNITS"]["value"] = ["N"]
-    file["data"]["analogs"] = np.zeros((1, 1, 2 * FRAMES))
-    file.add_parameter("POINT", "LONG_FRAMES", [float(FRAMES)])
-    file.write(str(path))
-    return path
+    return write_rich(Recording("rich", ("A", "B", "C", "D"), positions, 100.0), tmp_path / "rich.c3d")
 
 
 def changed(path, *fields):

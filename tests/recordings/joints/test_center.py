@@ -67,14 +67,6 @@ def test_with_isotropic_noise_it_is_mgdk(rng, on_cap):
     assert found.axis is None
 
 
-def test_without_noise_it_is_exact(leg):
-    """Without noise centre and radii are exact to rounding."""
-    markers, pose = leg(200, 0.0, (30, 15, 15))
-    found = fit_center(markers, pose)
-    np.testing.assert_allclose(found.center, CENTER, atol=1e-9)
-    np.testing.assert_allclose(found.radii, np.linalg.norm(LEG, axis=1), atol=1e-9)
-
-
 def test_size_zero_is_gdke(rng, on_cap):
     """With size 0 nothing is taken off, which is the algebraic fit of one marker."""
     points, _ = on_cap(rng, 200, 50.0, noise=0.05)
@@ -271,16 +263,6 @@ def limbs(rng):
         return parent, child, joint.T, world.apply(AXIS).T
 
     return make
-
-
-def test_without_noise_it_is_exact_symmetric_fit(limbs):
-    """Without noise both places are exact and the gap is 0, to rounding."""
-    parent, child, joint, _ = limbs(100, 0.0, (40, 20, 20))
-    found = symmetric_fit(parent, child)
-    np.testing.assert_allclose(parent.to_world(found.in_parent), joint, atol=1e-7)
-    np.testing.assert_allclose(child.to_world(found.in_child), joint, atol=1e-7)
-    assert found.gap < 1e-7
-    assert not found.hinge
 
 
 def test_unbiased_and_its_covariance_right(limbs):

@@ -396,13 +396,3 @@ def test_axis_of_contradictory_sides(kata_joints):
     np.testing.assert_array_equal(doubted.axis_in_child, forearm.axis)
     assert np.abs(agreed.axis_in_child @ forearm.axis) < 0.98  # the rotations of both segments show another axis
     assert np.linalg.norm(doubted.axis_in_parent) == pytest.approx(1.0)
-
-
-def test_a_real_ankle(kata_joints):
-    """An ankle's two estimates are more than a centimetre apart, and its error covers that."""
-    ankle = kata_joints["right_ankle"]
-    other = next(each for each in ankle.estimates[1:] if each.side == "child")
-    apart = ankle.estimate.poses.to_world(ankle.estimate.center) - other.poses.to_world(other.center)
-    assert np.sqrt(np.nanmean((apart**2).sum(axis=0))) > 0.01
-    assert ankle.estimate.standard_error > 0.01
-    assert ankle.status not in USABLE

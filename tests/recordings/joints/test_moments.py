@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from study.fits.moments import Moments
 from study.recordings.joints.center import LocalMarker, PooledMoments
-from study.recordings.joints.poses import PoseNoise, SegmentPoses, fit_poses, poses_from_markers, reference_frame
+from study.recordings.joints.poses import PoseNoise, fit_poses, poses_from_markers, reference_frame
 from study.recordings.markersets import load_markerset
 from study.recordings.synthetic.make import Recipe, synthesize
 
@@ -20,24 +19,6 @@ def frame_noise(rng, frames, tilt=0.0, shift=0.0, cross=False):
 def moments(y, used, pose, own, size):
     """Moments of one marker."""
     return PooledMoments([LocalMarker(y, used, own)], [0], pose, size)
-
-
-def test_without_pose_noise_they_are_plain_moments(rng):
-    """For an exact pose they are those of `Moments`, divided by n, of the samples that are used."""
-    y = rng.standard_normal((3, 300)) + 5.0
-    used = rng.random(300) < 0.7
-    found = moments(y, used, frame_noise(rng, 300), 0.01, 1.0)
-    plain = Moments.of(np.ascontiguousarray(y[:, used])[None])
-    n = used.sum()
-    assert found.n == n
-    np.testing.assert_allclose(found.mean, plain.mean, rtol=1e-13)
-    np.testing.assert_allclose(found.c, plain.second / n, rtol=1e-12)
-    np.testing.assert_allclose(found.s, plain.third / n, rtol=1e-9, atol=1e-12)
-    assert found.variance == pytest.approx(plain.fourth / n - np.trace(plain.second[0] / n) ** 2)
-    np.testing.assert_allclose(found.f[0], 0.01 * np.eye(3), atol=1e-17)
-    np.testing.assert_allclose(found.fz, 0.0, atol=1e-15)
-    assert found.zfz == pytest.approx(0.01 * np.trace(plain.second[0]) / n)
-    assert found.squared_noise(np.ones(3)) == pytest.approx(3 * 0.01**2)
 
 
 def test_the_noise_is_that_of_the_formula(rng):
@@ -91,34 +72,6 @@ def figure():
     """A noisy figure and its marker set."""
     recording, truth = synthesize(Recipe(frames=600, noise=0.002, gaps=0.1))
     return load_markerset("cmu41"), recording, truth
-
-
-def test_poses_from_markers(figure):
-    """Segments with three markers have poses; those with two or one say how many they have."""
-    markerset, recording, _ = figure
-    poses = poses_from_markers(markerset, recording)
-    assert {name for name, each in poses.items() if isinstance(each, SegmentPoses)} == {
-        "pelvis", "thorax", "head", "left_forearm", "right_forearm", "left_foot", "right_foot",
-    }  # fmt: skip
-    assert poses["left_hand"] == "left_hand has 1 point (LFIN); its pose needs 3"
-    assert "2 points (RTHI, RKNE)" in poses["right_thigh"]
-
-
-def test_poses_follow_the_segment(figure):
-    """Rotations differ from the true ones by a constant rotation, within the poses' noise; the reference has none.
-
-    The largest of 600 angles about the mean is below five standard deviations of the worst axis.
-    """
-    markerset, recording, truth = figure
-    poses = poses_from_markers(markerset, recording, reference=7)["pelvis"]
-    true = truth.rotations[truth.segments.index("pelvis")]
-    relative = np.einsum("tji,jkt->tik", true, poses.rotation)[poses.known]
-    u, _, vt = np.linalg.svd(relative.mean(axis=0))
-    off = np.einsum("ji,tjk->tik", u @ vt, relative)
-    angle = np.arccos(np.clip((np.trace(off, axis1=1, axis2=2) - 1) / 2, -1, 1))
-    assert angle.max() < 5 * poses.noise.worst_angles.max()
-    assert np.median(angle) > 0.2 * poses.noise.worst_angles.max()
-    np.testing.assert_allclose(poses.rotation[:, :, 7], np.eye(3), atol=1e-12)
 
 
 def test_sigma_and_scatter(figure):

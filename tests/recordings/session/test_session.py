@@ -393,15 +393,3 @@ def test_an_exchange_in_a_real_recording(shared_file):
     seen = ~np.isnan(recording.positions).any(axis=1)
     words = f"LTH1 and LTH2 exchange their labels in {(frames & seen[:3].all(axis=0)).mean():.0%}"[:40]
     assert words in exchange(whole.segment("left_thigh").markers, wrong)
-
-
-@pytest.mark.parametrize("who", [1, 2, 3])
-def test_a_session_accepts_its_own_walks(who, body_session, body_trial):
-    """Markers put on again by 1 to 10 mm are the same subject; bodies 5 % larger or smaller are others."""
-    trials, static = body_session(who)
-    calibration = calibrate_session(load_markerset("rizzoli"), trials, static).calibration
-    for replaced in (0.001, 0.01):
-        walk = body_trial("walk", list(OWN), 1000 * who + 50, who, frames=400, reach=0.4, replaced=replaced)
-        assert not other_subject(calibration, walk)
-        for size in (0.95, 1.05):
-            assert other_subject(calibration, replace(walk, positions=size * walk.positions))

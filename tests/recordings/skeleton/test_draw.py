@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from study.recordings.joints.estimate import USABLE
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.skeleton.calibrate import calibrate, hull_distances, hull_doubt, other_subject, with_checks
+from study.recordings.skeleton.calibrate import calibrate, hull_distances, hull_doubt, with_checks
 from study.recordings.skeleton.draw import Flag, InterpolatedRotation, complete_poses, draw_skeleton
 from study.recordings.skeleton.scene import frame_errors, skeleton_scene, skeleton_table
 from study.recordings.synthetic.make import Recipe, synthesize
@@ -209,18 +209,6 @@ def test_a_joint_that_leaves_the_body_is_doubted(still):
     assert doubted == {"waist"}
 
 
-def test_another_recording_of_the_same_subject_and_of_another(figure_calibration):
-    """A calibration fits other motion of the same body, and not a body 5 cm smaller; the message names segments."""
-    same, truth = synthesize(Recipe(frames=800, seed=2))
-    skeleton = draw_skeleton(figure_calibration, same)
-    assert other_subject(figure_calibration, same) == ""
-    assert np.median(errors(skeleton, truth, "left_ankle")) < 0.005
-    other, _ = synthesize(Recipe(frames=800, seed=2, height=1.70))
-    words = other_subject(figure_calibration, other)
-    assert "does not show the subject" in words
-    assert "its segments are 3% smaller" in words
-
-
 @pytest.mark.parametrize("frames", [1, 3])
 def test_hardly_any_frames(still, frames):
     """One frame can be drawn with a calibration, but gives none."""
@@ -244,18 +232,6 @@ def test_nothing_seen(still):
         draw_skeleton(calibrate(empty, CMU41), recording)
     with pytest.raises(RecordingError, match="0 or more"):
         draw_skeleton(calibration, recording, bridge=-1.0)
-
-
-def test_a_body_that_does_not_move():
-    """Where no marker moves, joints have a reason and are drawn nowhere unless their place is known."""
-    recording, _ = synthesize(Recipe(frames=200, noise=0.0, reach=0.0))
-    calibration = calibrate(recording, CMU41)
-    skeleton = draw_skeleton(calibration, recording)
-    for place, center in zip(calibration.joints, skeleton.centers, strict=True):
-        assert place.status.name not in ("OK", "HINGE")
-        assert place.reason
-        if not place.known:
-            assert np.isnan(center).all()
 
 
 PLACES = np.array([[0.0, 0.1, -0.3]])
