@@ -52,6 +52,9 @@ def test_uncertainties(points):
     axes, quantile = fit.ellipsoid(0.9), 3 * stats.f.ppf(0.9, 3, fit.count - 4)
     expected = quantile[:, None, None] * fit.covariance[:, :3, :3]
     np.testing.assert_allclose(axes @ axes.swapaxes(1, 2), expected, rtol=1e-9, atol=1e-12)
+    known = study.fit(points[0], "mle", 0.05)  # whose noise has no degrees of freedom
+    axes, expected = known.ellipsoid(0.9), stats.chi2.ppf(0.9, 3) * known.covariance[:, :3, :3]
+    np.testing.assert_allclose(axes @ axes.swapaxes(1, 2), expected, rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(fit.expanded_uncertainty(), 2.0 * fit.standard_errors)
     np.testing.assert_array_equal(fit.expanded_uncertainty(3), 3.0 * fit.standard_errors)
     for covariance, correlation in zip(fit.covariance, fit.correlation, strict=True):
@@ -71,6 +74,8 @@ def test_indexing(points, index):
         one, two = getattr(part, name), getattr(alone, name)
         assert one.shape == two.shape, name
         np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-15, err_msg=name)
+    for of in ("radius", "center"):
+        np.testing.assert_array_equal(part.interval(of), alone.interval(of))
 
 
 def test_masks_lengths_and_loops(points):

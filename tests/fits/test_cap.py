@@ -15,19 +15,11 @@ from study.fits.random import lanes
 
 EPS = np.finfo(float).eps
 
-ANGLES = [20.0, 90.0, 150.0, 180.0]
-
 DIMENSIONS = [2, 3, 4, 7]
 
 
-def area_below(theta, d):
-    """∫₀^θ sin^(d-2), in closed form: the cap's area up to a factor."""
-    c = np.cos(theta)
-    return {2: theta, 3: 1 - c, 4: (2 * theta - np.sin(2 * theta)) / 4, 7: 8 / 15 - c + 2 * c**3 / 3 - c**5 / 5}[d]
-
-
 @pytest.mark.parametrize("d", [*DIMENSIONS, 12])
-@pytest.mark.parametrize("angle", [1e-7, 1e-3, *ANGLES])
+@pytest.mark.parametrize("angle", [1e-7, 1e-3, 20.0, 90.0, 150.0, 180.0])
 def test_unit_vectors_within_the_angle(rng, angle, d):
     """Every direction has norm 1 to rounding and lies within the angle of the first axis."""
     phi = math.radians(angle)
@@ -36,16 +28,6 @@ def test_unit_vectors_within_the_angle(rng, angle, d):
     assert np.abs(np.linalg.norm(u, axis=1) - 1).max() < 8 * EPS
     across = np.linalg.norm(u[:, 1:], axis=1)
     assert np.all(np.arctan2(across, u[:, 0]) <= phi * (1 + 8 * EPS))
-
-
-@pytest.mark.parametrize("d", DIMENSIONS)
-@pytest.mark.parametrize("angle", ANGLES)
-def test_uniform_by_area(rng, angle, d):
-    """The area below a direction is a uniform share of the cap's (Kolmogorov-Smirnov, false alarms 1e-6 a case)."""
-    phi = math.radians(angle)
-    u = sample_cap(rng, 20_000, phi, d)
-    theta = np.arctan2(np.linalg.norm(u[:, 1:], axis=1), u[:, 0])
-    assert stats.kstest(area_below(theta, d) / area_below(phi, d), "uniform").pvalue > 1e-6
 
 
 @pytest.mark.parametrize("d", DIMENSIONS)

@@ -214,12 +214,6 @@ def test_many_points(rng, on_cap):
     assert np.hypot(distance, height).max() == pytest.approx(farthest)
 
 
-def test_names_are_not_taken_for_formulas(cap):
-    """A column may be called $x or a_{."""
-    points = cap(d=2)
-    draw(prepare(points, {"als": study.fit(points, "als")}, ["$x$ in $", "a_{^"])).draw_without_rendering()
-
-
 @pytest.mark.parametrize("d", [2, 3])
 def test_equal_bytes_twice(cap, tmp_path, d):
     """The same points give the same files, and no date is in them, which is never the same twice."""

@@ -62,13 +62,6 @@ def test_no_neighbour_is_narrower(rng, on_cap, d, n, angle):
     assert zone.width < study.fit(points, "mle").form_error
 
 
-def test_known_zone():
-    """Four points, two on each of two circles about the origin, alternating: their zone is between the circles."""
-    zone = study.minimum_zone([[1.25, 0.0], [0.0, 1.0], [-1.25, 0.0], [0.0, -1.0]])
-    np.testing.assert_allclose([*zone.center, zone.radius, zone.width], [0.0, 0.0, 1.125, 0.25], atol=1e-12)
-    assert zone.optimal
-
-
 def test_motion_and_unit(rng, on_cap, random_rotation):
     """A moved set in another unit has the moved zone; sets of a batch do not affect each other."""
     points = on_cap(rng, 25, 100, noise=0.02, sets=3)[0]

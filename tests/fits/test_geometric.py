@@ -59,16 +59,6 @@ def test_radius_and_noise_belong_to_the_centre(rng, on_cap):
     assert fit.iterations.max() <= 8
 
 
-def test_no_worse_than_the_others_or_the_truth(rng, on_cap):
-    """F at the answer is not above F at the truth or at any other estimator's answer."""
-    points = on_cap(rng, 15, 70.0, noise=0.05, sets=300)[0]
-    fits = {name: study.fit(points, name, noise=0.05) for name in study.ESTIMATORS}
-    for t, sample in enumerate(points):
-        best = criterion(sample, fits["mle"].center[t])
-        for center in [np.zeros(3), *(fit.center[t] for fit in fits.values())]:
-            assert best <= criterion(sample, center) * (1 + 1e-12)
-
-
 def test_sample_at_the_centre(rng, on_cap):
     """A sample at the centre, where a distance has no derivative, does no harm."""
     points = np.vstack([on_cap(rng, 40)[0], np.zeros((1, 3))])
@@ -203,13 +193,10 @@ def test_a_far_sphere_that_is_no_better_than_a_plane_is_not_ok(rng, on_cap, samp
     assert set(np.unique(fit.own_status[far])) == {Status.AT_BOUND}
 
 
-def covariance(rng=None):
-    """A noise covariance of eigenvalues 1, .32, .1; its main axis 20° off the cap's, or rotated at random."""
-    if rng is None:
-        cos, sin = np.cos(np.radians(20)), np.sin(np.radians(20))
-        basis = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    else:
-        basis = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+def covariance():
+    """A noise covariance of eigenvalues 1, .32, .1; its main axis 20° off the cap's."""
+    cos, sin = np.cos(np.radians(20)), np.sin(np.radians(20))
+    basis = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return basis @ np.diag([1.0, 0.32, 0.1]) @ basis.T
 
 
@@ -271,22 +258,3 @@ def test_moment_equations(rng, on_cap, angle):
     error = (found.mean(axis=0) - sigma) / 0.3**2
     assert np.abs(error).max() < 0.04
     assert np.abs(np.diag(error)[1:]).max() < 0.0135
-
-
-@pytest.mark.parametrize(("angle", "scale", "n"), [(90.0, 0.1, 20_000), (60.0, 0.05, 20_000), (180.0, 0.1, 5000)])
-def test_any_orientation(rng, on_cap, angle, scale, n):
-    """In any orientation of Σ the median error is within 1.5 of `ugdk` with the true Σ, and not above that of `als`.
-
-    The ratios are 1.0 ± .1 (ten seeds) and .13; on the whole sphere, where isotropic estimators are right, 1.01 ± .02.
-    """
-    errors = {"ugdk_cov": [], "ugdk": [], "als": []}
-    for _ in range(8):
-        sigma = scale**2 * covariance(rng)
-        points, directions = on_cap(rng, n, angle, noise=sigma, sets=6)
-        bound = root_bound(directions, sigma)
-        for name, ratios in errors.items():
-            fit = study.fit(points, name, sigma if name == "ugdk" else None)
-            ratios.append(np.linalg.norm(fit.center, axis=1) / bound)
-    median = {name: np.median(np.concatenate(ratios)) for name, ratios in errors.items()}
-    assert median["ugdk_cov"] < 1.5 * median["ugdk"]
-    assert median["ugdk_cov"] < 1.1 * median["als"]

@@ -17,6 +17,7 @@ from study.fits.cap import sample_cap
 from study.fits.corrected import corrected
 from study.fits.goodness import columns, harmonics, lengths, wave_moments
 from study.fits.intervals import intervals
+from study.fits.robust import FALSE_ALARMS
 from study.fits.structure import quick_look, structure
 
 
@@ -358,6 +359,15 @@ def test_outliers_are_a_status(n, degrees, sigma, moved, far, named):
     if n == 60:
         assert (fit.own_status == Status.OK).all()
         assert study.fit(points, "robust").ok.mean() >= 0.95
+
+
+@pytest.mark.parametrize("n", [60, 200])
+def test_clean_sets_are_searched_for_outliers_hardly_more_often_than_one_is_named(n):
+    """Grubbs' rule lets through at least the 1 % of 4000 clean sets in which the search names a point, and no 2 %."""
+    rng = np.random.default_rng(n)
+    extreme = structure(Samples(noisy(rng, on_cap(rng, 4000, n)).swapaxes(1, 2))).extreme
+    assert at_least(extreme, FALSE_ALARMS)
+    assert at_most(extreme, 2.0 * FALSE_ALARMS)
 
 
 @pytest.mark.parametrize(("n", "moved", "angle"), [(12, 2, 180), (15, 2, 60), (20, 3, 180)])

@@ -37,29 +37,6 @@ def weighed(markers, sigma, weights):
     return np.linalg.solve(left, right)
 
 
-def misread(markers, sigma):
-    """Eq. 22 as printed, read in its two ways: ½S of the last marker only; the sum of ½S outside the inverse."""
-    parts = [moments(points) for points in markers]
-    matrix = sum(c - sigma for _, c, _, _ in parts)
-    first = sum((c - sigma) @ mean for mean, c, _, _ in parts)
-    outside = np.linalg.solve(matrix, first) + sum(s / 2 for _, _, s, _ in parts)
-    return np.linalg.solve(matrix, first + parts[-1][2] / 2), outside
-
-
-def test_equation_22_and_its_misreadings(rng):
-    """The corrected eq. 22 finds the centre; both readings of the print err over ten times as much (theory §2)."""
-    errors = {"mgdk": [], "last": [], "outside": []}
-    for _ in range(40):
-        markers, _ = drawn(rng, [2000] * 3, [0.5, 0.8, 1.0], 0.02, center=0.3)
-        center = mgdk(markers, 0.02, weighted=False).center
-        np.testing.assert_allclose(center, weighed(markers, 0.02**2 * np.eye(3), [1, 1, 1]), rtol=0, atol=1e-12)
-        for name, found in zip(errors, [center, *misread(markers, 0.02**2 * np.eye(3))], strict=True):
-            errors[name].append(np.linalg.norm(found - 0.3))
-    rmse = {name: np.sqrt(np.mean(np.square(values))) for name, values in errors.items()}
-    assert rmse["mgdk"] < 0.003
-    assert min(rmse["last"], rmse["outside"]) > 10 * rmse["mgdk"]
-
-
 @pytest.mark.parametrize("d", [2, 3, 5])
 def test_pooled_least_squares(rng, d):
     """Without noise to subtract it is one linear system, |x|² = 2c·x + k_p, with an intercept for each marker."""
@@ -223,9 +200,6 @@ def test_statuses(rng):
             assert np.isnan(fit.center).all()
             assert fit.radii.shape == (len(markers),)
             assert np.isnan(fit.covariance).all()
-    hidden = mgdk([good, 2 * good], 3.0)
-    assert hidden.status is Status.NOT_POSITIVE_DEFINITE
-    assert hidden.condition > 1.0
 
 
 def test_a_point_at_the_center(rng):

@@ -1,6 +1,6 @@
 """Joint moments against the points themselves, and against arithmetic of 60 digits.
 
-Centred moments against exact rational arithmetic, and the exactness of merging.
+Centred moments against exact rational arithmetic.
 """
 
 import math
@@ -177,19 +177,3 @@ def test_rounding_does_not_add_up(value):
     _, second, _, fourth = parts(of(points))
     np.testing.assert_allclose(np.trace(second), float(8192 * term), rtol=64 * EPS)
     np.testing.assert_allclose(fourth, float(8192 * term**2), rtol=64 * EPS)
-
-
-@pytest.mark.parametrize("n", [5, 513, 1025])
-@pytest.mark.parametrize("apart", [0.0, 1.0, 100.0])
-def test_merge_equals_the_whole(rng, n, apart):
-    """Two parts of any sizes, near or far from each other, merge into the moments of the whole, and stay unchanged."""
-    for cut in {1, n - 1, *rng.integers(1, n, 3).tolist()}:
-        points = rng.standard_normal((n, 3)) + 3.0
-        points[cut:] += apart
-        one, two = of(points[:cut]), of(points[cut:])
-        before = [part.copy() for part in (*one, *two)]
-        merged = one.merge(two)
-        assert merged.n[0] == n
-        assert_exact(parts(merged), points, 1e-14)
-        for part, copy in zip((*one, *two), before, strict=True):
-            np.testing.assert_array_equal(part, copy)
