@@ -109,21 +109,6 @@ def test_distance_is_the_median_over_frames_with_both():
     assert only == ("LHJC", 2.0, 3)
 
 
-def test_a_line_and_json(hip):
-    """One line; the JSON has the same numbers, in metres."""
-    _, _, found = hip
-    line, values = joint_line(found), json.loads(joint_json(found))
-    assert "\n" not in line
-    assert line.startswith("walk: ok; centre (")
-    assert line.endswith(f"doubts: {values['doubts'][0]}")
-    assert f"± {1000 * values['error']:.1f} mm" in line
-    assert ", ".join(f"{1000 * x:.1f}" for x in values["center"]) in line
-    assert values["ok"] is False  # another program's centre contradicts it
-    assert (values["status"], values["axis"]) == ("ok", None)
-    assert list(values["parent_markers"]) == PARENT.split(",")
-    assert [each["label"] for each in values["compared"]] == ["R_HipCentre", "lhjc"]
-
-
 def test_a_ball_that_moved_as_a_hinge_is_not_ok():
     """Its place along the axis shows in nothing; as a hinge it is ok, with the true axis, and no other place counts."""
     axis = np.array([0.0, 0.6, 0.8])

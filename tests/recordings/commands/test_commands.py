@@ -395,6 +395,10 @@ def test_one_joint(call, works, read, refused, body, tmp_path):
     values = read("joint", body, *NECK)
     assert (values["recording"], values["ok"], values["kind"]) == ("body", True, "ball")
     assert values["frames"] > 300
+    assert f"± {1000 * values['error']:.1f} mm" in line
+    assert ", ".join(f"{1000 * x:.1f}" for x in values["center"]) in line
+    assert (values["status"], values["axis"], values["doubts"], values["compared"]) == ("ok", None, [], [])
+    assert list(values["parent_markers"]) == NECK[1].split(",")
     code, said, complained = call("joint", body, *PELVIS)
     assert (code, complained) == (3, "")
     assert "doubts: " in said

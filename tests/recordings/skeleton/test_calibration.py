@@ -61,33 +61,25 @@ def test_other_files_are_refused(text, words, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "value"),
-    [("covariance", [[1.0]]), ("status", "FINE"), ("joint", "tail"), ("in_child", [1.0, 2.0]), ("in_parent", [])],
-)
-def test_damage_is_noticed(figure_calibration, tmp_path, key, value):
-    """A matrix of the wrong size, and an unknown joint or status, are refused."""
-    path = save_calibration(figure_calibration, tmp_path / "c.json")
-    document = json.loads(path.read_text())
-    document["joints"][0][key] = value
-    path.write_text(json.dumps(document))
-    with pytest.raises(RecordingError, match="damaged"):
-        load_calibration(path)
-
-
-@pytest.mark.parametrize(
-    ("key", "change", "words"),
+    ("section", "key", "change", "words"),
     [
-        ("places", lambda rows: np.transpose(rows).tolist(), r"shape \(3, \d\) where \(m, 3\) is needed"),
-        ("places", lambda rows: np.ravel(rows).tolist(), r"shape \(\d+,\) where \(m, 3\) is needed"),
-        ("scatter", lambda row: [row], r"shape \(1, \d\) where \(m,\) is needed"),
+        ("joints", "covariance", lambda _: [[1.0]], "damaged"),
+        ("joints", "status", lambda _: "FINE", "damaged"),
+        ("joints", "joint", lambda _: "tail", "damaged"),
+        ("joints", "in_child", lambda _: [1.0, 2.0], "damaged"),
+        ("joints", "in_parent", lambda _: [], "damaged"),
+        # as many numbers in another shape are no places: read, they would be scrambled
+        ("segments", "places", lambda rows: np.transpose(rows).tolist(), r"shape \(3, \d\) where \(m, 3\) is needed"),
+        ("segments", "places", lambda rows: np.ravel(rows).tolist(), r"shape \(\d+,\) where \(m, 3\) is needed"),
+        ("segments", "scatter", lambda row: [row], r"shape \(1, \d\) where \(m,\) is needed"),
     ],
 )
-def test_numbers_nested_otherwise_are_refused(figure_calibration, tmp_path, key, change, words):
-    """As many numbers in another shape are no places: read, they would be scrambled."""
+def test_damage_is_noticed(figure_calibration, tmp_path, section, key, change, words):
+    """A matrix of the wrong size or shape, and an unknown joint or status, are refused."""
     path = save_calibration(figure_calibration, tmp_path / "c.json")
     document = json.loads(path.read_text())
-    segment = next(one for one in document["segments"] if len(one["markers"]) > 3)
-    segment[key] = change(segment[key])
+    part = next(one for one in document[section] if section == "joints" or len(one["markers"]) > 3)
+    part[key] = change(part[key])
     path.write_text(json.dumps(document))
     with pytest.raises(RecordingError, match=words):
         load_calibration(path)
