@@ -91,7 +91,12 @@ def _plain(value: object) -> object:
 
 def paragraphs(thing: object) -> list[str]:
     """The paragraphs of a docstring, each in one line."""
-    return [re.sub(r"[ \n]+", " ", part) for part in re.split(r"\n\s*\n", inspect.getdoc(thing) or "")]
+    return [one_line(part) for part in re.split(r"\n\s*\n", inspect.getdoc(thing) or "")]
+
+
+def one_line(text: str) -> str:
+    """A text that stands in several lines of a program, in one."""
+    return re.sub(r"[ \n]+", " ", text.strip(" \n"))
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:

@@ -59,7 +59,9 @@ def save(run: Run, claims: pd.DataFrame) -> None:
         return
     data = {column.name: claims[column.name].to_numpy() for column in schemas.CLAIMS}
     with writing(run.folder):
-        run.save("claims", schemas.table(schemas.CLAIMS, data))
+        run.forget("claims")
+        run.join("claims", schemas.CLAIMS, [schemas.table(schemas.CLAIMS, data)], {})
+        run.record("claims")
 
 
 def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, object]:

@@ -15,7 +15,7 @@ import pandas as pd
 import scipy
 
 from study.arrays import Floats
-from study.fits.cap import CapMoments, cap_moments
+from study.fits.cap import cap_moments
 from study.simulation.analysis.theory import bound_shares, kappa, median_at_bound, median_attainable, ugdk_variance
 from study.simulation.claims import claim as shared
 from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
@@ -56,13 +56,13 @@ class GdkeBiasOrder(Claim):
     name, section, figure = "gdke-bias-order", "4.4, 10", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "exponent of σ in GDKE's bias along the cap's axis, before it saturates"
-    answer = (
-        "as an upper bound: the bias grows as σ to the power {0:power}, {1:power} and {2:power} on three caps, "
-        "which is of the order of the variance."
-    )
+    answer = """
+        as an upper bound: the bias grows as σ to the power {0:power}, {1:power} and {2:power} on three caps, which is
+        of the order of the variance.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("efficiency", "error_1")
+        errors = evidence.errors("efficiency")
         angles = sorted({float(angle) for angle in errors["angle"].unique()} - {shared.WHOLE})
         if not (angles and shared.has_estimators(errors, "gdke", "mle")):
             return [Number.unknown("exponent of σ in GDKE's bias")]
@@ -109,19 +109,19 @@ class GdkeBiasStays(Claim):
 
     name, section, figure = "gdke-bias-stays", "4.4", "fig3_gdke_ellipse"
     reads = ("ellipse/errors", "power-law/errors")
-    quantity = (
-        "GDKE's bias over its scatter and the coverage of its ellipses in the setting of figure 3; its bias against N"
-    )
-    answer = (
-        "the bias is {0:times} the scatter, {1:share} of the 95 % ellipses hold the true centre, and at the "
-        "largest number of samples the bias is {2:times} that at the smallest."
-    )
+    quantity = """
+        GDKE's bias over its scatter and the coverage of its ellipses in the setting of figure 3; its bias against N
+    """
+    answer = """
+        the bias is {0:times} the scatter, {1:share} of the 95 % ellipses hold the true centre, and at the largest
+        number of samples the bias is {2:times} that at the smallest.
+    """
     heads = ("GDKE is biased, and more points do not help.", "GDKE's bias.", "GDKE's bias.")
     story = "The bias is {0:times} its scatter, and {1:share} of its 95 % ellipses hold the truth."
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        ellipse = evidence.errors("ellipse", "error", "error_1", "error_2")
-        grid = shared.rows_of(evidence.errors("power-law", "error_1"), "gdke")
+        ellipse = evidence.errors("ellipse")
+        grid = shared.rows_of(evidence.errors("power-law"), "gdke")
         cell = shared.rows_of(ellipse, "gdke")
         of_mle = shared.rows_of(ellipse, "mle")
         bias, held = _axis_bias(cell), [_covered(shared.center_errors(rows), len(rows)) for rows in (cell, of_mle)]
@@ -158,8 +158,14 @@ _SAFE = 20.0
 """Least κ = (v/σ²) √(N/2) for which the large-sample formula of theory (5.3) is compared."""
 
 
-def _variance_ratio(part: pd.DataFrame, moments: CapMoments) -> Measure:
-    """Variance of the axis error over its bound, from the median of the absolute error: no mean need exist."""
+def _variance_ratio(part: pd.DataFrame, angle: float, noise: float) -> Measure:
+    """Variance of the axis error over its bound, from the median of the absolute error: no mean need exist.
+
+    It is unknown on the whole sphere, and where the large-sample formula does not hold.
+    """
+    moments = cap_moments(math.radians(angle), 3)
+    if angle == shared.WHOLE or kappa(noise, float(part["samples"].max()), moments) < _SAFE:
+        return UNKNOWN
     axis, _ = bound_shares(moments, 3)
     scaled = (part["error_1"].abs() / (part["bound"] * math.sqrt(axis))).fillna(math.inf)
     root = shared.median(scaled)
@@ -178,19 +184,13 @@ class UgdkEfficient(Claim):
     name, section, figure = "ugdk-efficient", "10.1", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "UGDK's variance along the cap's axis over the bound's, by medians, N = 1000"
-    answer = (
-        "UGDK's variance along the axis is up to {0:times} the bound's; at the smallest noise it is {2:times} the "
-        "bound's."
-    )
+    answer = """
+        UGDK's variance along the axis is up to {0:times} the bound's; at the smallest noise it is {2:times} the
+        bound's.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("efficiency", "error_1", "bound")
-        samples = float(errors["samples"].max())
-        results = []
-        for angle, noise, part in shared.cells(errors, "ugdk"):
-            moments = cap_moments(math.radians(angle), 3)
-            if angle < shared.WHOLE and kappa(noise, samples, moments) >= _SAFE and len(part) >= shared.LEAST:
-                results.append(shared.CellMeasure(_variance_ratio(part, moments), angle, noise, len(part)))
+        results = shared.in_cells(evidence.errors("efficiency"), "ugdk", _variance_ratio)
         if not results:
             return [Number.unknown("UGDK's variance over the bound")]
         most = shared.greatest(results)
@@ -227,13 +227,13 @@ class BoundForAll(Claim):
     name, section, figure = "bound-for-all", "4.2", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "least root mean square error over √tr CRLB among MLE, GDKE and UGDK, in cells where it exists"
-    answer = (
-        "the least root mean square error is {0:times} the bound; where the bias is not significant it is "
-        "{2:times} the bound."
-    )
+    answer = """
+        the least root mean square error is {0:times} the bound; where the bias is not significant it is {2:times} the
+        bound.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("efficiency", "error", "error_1", "bound")
+        errors = evidence.errors("efficiency")
         results: list[tuple[Measure, str, int, float]] = []
         for name in _COMPARED:
             for angle, noise, part in shared.cells(errors, name):
@@ -283,32 +283,29 @@ class GdkeEvenData(Claim):
     name, section, figure = "gdke-even-data", "5", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "GDKE's median error over bound for σ ≤ .3 r, by cap"
-    answer = (
-        "on the whole sphere GDKE errs up to {0:times} as far as an efficient estimator; on the smallest cap its "
-        "error is up to {last:times} the bound."
-    )
+    answer = """
+        on the whole sphere GDKE errs up to {0:times} as far as an efficient estimator; on the smallest cap its error is
+        up to {last:times} the bound.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("efficiency", "error", "error_1", "bound")
         efficient = math.sqrt(scipy.special.chdtri(3, 0.5) / 3.0)  # three equal variances, as on the whole sphere
-        rows = shared.rows_of(errors, "gdke")
+        rows = shared.rows_of(evidence.errors("efficiency"), "gdke")
         rows = rows[shared.relative_noise(rows) <= 0.32]
+        results = shared.in_cells(rows, "gdke", lambda part, *_: shared.median(shared.error_over(part, "bound")))
         words = "GDKE's median error over that of an efficient estimator, greatest for σ ≤ .3 r"
-        levels: dict[float, list[tuple[Measure, pd.DataFrame]]] = {}
-        for angle, _, part in shared.cells(rows, "gdke"):
-            levels.setdefault(angle, []).append((shared.median(shared.error_over(part, "bound")), part))
-        greatest = {angle: max(level, key=lambda entry: entry[0].value) for angle, level in levels.items()}
-        if shared.WHOLE not in levels:
+        sphere = [at for at in results if at.angle == shared.WHOLE]
+        if not sphere:
             return [Number.unknown(f"{words}, whole sphere")]
-        most, sphere = greatest.pop(shared.WHOLE)[0], [part for _, part in levels[shared.WHOLE]]
-        few, pull = min(map(len, sphere)), max(map(_pull, sphere), key=abs)
+        pull = max((_pull(part) for angle, _, part in shared.cells(rows, "gdke") if angle == shared.WHOLE), key=abs)
+        few, most = min(at.trials for at in sphere), shared.greatest(sphere).measure
         numbers = [
             Number.of(f"{words}, whole sphere", Measure(*(v / efficient for v in most)), few),
             Number("GDKE's bias there over its Monte-Carlo error, furthest from 0", pull, 1.0, few),
         ]
-        for angle, (measure, part) in sorted(greatest.items(), reverse=True):
-            words = f"GDKE's median error over bound, greatest for φ = {angle:g}°"
-            numbers.append(Number.of(words, measure, len(part)))
+        for angle in sorted({at.angle for at in results} - {shared.WHOLE}, reverse=True):
+            worst = shared.greatest(at for at in results if at.angle == angle)
+            numbers.append(worst.number(f"GDKE's median error over bound, greatest for φ = {angle:g}°"))
         return numbers
 
     def judge(self, numbers: list[Number]) -> Verdict:
@@ -327,17 +324,14 @@ class GdkeEvenData(Claim):
 # efficient where the noise is below the radius -----------------------------------------------------------------------
 
 
-def _over_attainable(evidence: Evidence, estimator: str) -> list[shared.CellMeasure]:
-    """Median error over that of a Gaussian at the attainable bound, in each condition with σ < r."""
-    results = []
-    for angle, noise, part in shared.cells(evidence.errors("efficiency", "error", "bound"), estimator):
-        error = shared.median(shared.error_over(part, "bound"))
-        if noise < 1.0 and not math.isnan(error.value):
-            unit = median_attainable(angle, noise, 3)
-            if math.isnan(unit):  # the noise hides the cap, and the attainable bound cannot be formed
-                unit = median_at_bound(cap_moments(math.radians(angle), 3), 3)
-            results.append(shared.CellMeasure(shared.ratio(error, Measure(unit, 0.0)), angle, noise, len(part)))
-    return results
+def _over_attainable(part: pd.DataFrame, angle: float, noise: float) -> Measure:
+    """Median error over that of a Gaussian at the attainable bound; unknown unless σ < r."""
+    if noise >= 1.0:
+        return UNKNOWN
+    unit = median_attainable(angle, noise, 3)
+    if math.isnan(unit):  # the noise hides the cap, and the attainable bound cannot be formed
+        unit = median_at_bound(cap_moments(math.radians(angle), 3), 3)
+    return shared.ratio(shared.median(shared.error_over(part, "bound")), Measure(unit, 0.0))
 
 
 class EfficientBelowDistance(Claim):
@@ -351,13 +345,14 @@ class EfficientBelowDistance(Claim):
     name, section, figure = "efficient-below-distance", "abstract", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "UGDK's median error over that of a Gaussian at the attainable bound, for σ < r, N = 1000"
-    answer = (
-        "with noise below the radius UGDK's median error is up to {0:times} that of an efficient estimator; it is "
-        "efficient in {2:share} of the conditions."
-    )
+    answer = """
+        with noise below the radius UGDK's median error is up to {0:times} that of an efficient estimator; it is
+        efficient in {2:share} of the conditions.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        results, of_mle = _over_attainable(evidence, "ugdk"), _over_attainable(evidence, "mle")
+        errors = evidence.errors("efficiency")
+        results, of_mle = (shared.in_cells(errors, name, _over_attainable) for name in ("ugdk", "mle"))
         words = "UGDK's median error over that at the attainable bound"
         if not (results and of_mle):
             return [Number.unknown(words)]

@@ -13,24 +13,24 @@ quotients and extremes that are made of them.
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator
 from enum import StrEnum
-from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 from pandas.api import types
 from pydantic import Field
 
-from study.arrays import Bools, Floats, Ints
+from study.arrays import Bools, Floats
 from study.files import RunError
 from study.fits import Status
 from study.simulation.experiment.conditions import RADIUS, STATED_VARIANCE, STORED
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import FAR, UNKNOWN, Measure, mean, power_law, quantile, share
-from study.text import paragraphs
+from study.text import one_line, paragraphs
 from study.toml import Frozen
 
 Average = Callable[[Floats, int], Measure]
@@ -39,8 +39,10 @@ Average = Callable[[Floats, int], Measure]
 _OF_MLE, _OF_LLS = ("mle", "mle_centroid", "mle_mirror", "mle_early"), ("lls", "lls_nr", "lls_nr_raw", "lls_single")
 NAMED = frozenset(("gdke", "ugdk", "ugdk_cov", "als", *_OF_MLE, *_OF_LLS))
 """Estimators that claims name. Rows of the others are not read: they are half of the largest table."""
-_ALWAYS = ("cell", "trial", *(condition.name for condition in STORED), "estimator", "status")
-"""Columns of an error table that every claim may use."""
+_CONDITIONS = (condition.name for condition in STORED)
+_COLUMNS = ("cell", "trial", *_CONDITIONS, "estimator", "error", "error_1", "error_2", "bound", "noise_variance")
+_COLUMNS += ("status", "condition", "iterations")
+"""Columns of an error table that claims use."""
 
 _COSTS = ("flops_per_sample", "paper_flops", "scalar_seconds", "vector_seconds")
 """Columns of a cost table that hold numbers."""
@@ -148,8 +150,6 @@ class Evidence:
             self.runs[name] = run
         self.cost, self.recordings, self.rules = cost, recordings, rules or Rules()
         self._read: dict[tuple[str, str], pd.DataFrame] = {}
-        self._order: dict[str, Ints] = {}
-        self._joints: dict[str, list[JointMarkers]] = {}
 
     def table(self, config: str, name: str) -> pd.DataFrame:
         """A table of the run of a config, read once.
@@ -161,34 +161,19 @@ class Evidence:
             self._read[config, name] = self._stored(config, name)
         return self._read[config, name]
 
-    def errors(self, config: str, *columns: str) -> pd.DataFrame:
-        """The error table of the run of a config: cell by cell for each of the estimators that claims name.
-
-        Args:
-            config: its name.
-            columns: columns beside the conditions, the estimator and the status. Each is read once, and the order of
-                the rows is the same for all: a table of millions of rows is not read whole.
+    def errors(self, config: str) -> pd.DataFrame:
+        """The error table of the run of a config: estimator by estimator of those that claims name, and cell by cell.
 
         Raises:
             TableMissing: as `table`.
         """
-        known = self._read.get((config, "errors"), pd.DataFrame())
-        missing = [name for name in (columns if len(known.columns) else [*_ALWAYS, *columns]) if name not in known]
-        if missing:
-            table = self._stored(config, "errors", missing, NAMED)
-            if config not in self._order:
-                self._order[config] = self._ordered(table.reset_index(drop=True))
-            table = table.take(self._order[config]).reset_index(drop=True)
-            known = table if known.empty else known.assign(**{name: table[name] for name in missing})
-            self._read[config, "errors"] = known
-        return known
-
-    def _ordered(self, table: pd.DataFrame) -> Ints:
-        """The rows that count: estimator by estimator, and cell by cell."""
-        if self.rules.fits == "ok":
-            ok = table["status"] == Status.OK
-            table = table[ok.groupby([table["cell"], table["trial"]], observed=True).transform("all")]
-        return table[["estimator", "cell"]].sort_values(["estimator", "cell"], kind="stable").index.to_numpy()
+        if (config, "errors") not in self._read:
+            table = self._stored(config, "errors", _COLUMNS, NAMED)
+            if self.rules.fits == "ok":
+                ok = table["status"] == Status.OK
+                table = table[ok.groupby([table["cell"], table["trial"]], observed=True).transform("all")]
+            self._read[config, "errors"] = table.sort_values(["estimator", "cell"], kind="stable", ignore_index=True)
+        return self._read[config, "errors"]
 
     @property
     def fits(self) -> str:
@@ -215,9 +200,7 @@ class Evidence:
         Raises:
             TableMissing: as `table`.
         """
-        if config not in self._joints:
-            self._joints[config] = list(joint_markers(self.errors(config), self.table(config, "points")))
-        return self._joints[config]
+        return list(joint_markers(self.errors(config), self.table(config, "points")))
 
     def costs(self) -> pd.DataFrame:
         """The cost table.
@@ -252,7 +235,7 @@ def read_cost(path: Path | None) -> pd.DataFrame | None:
     if not path.is_file():
         raise RunError(f"{path}: no cost table; {remedy}")
     try:
-        table: pd.DataFrame = schemas.read(path)
+        table: pd.DataFrame = pq.read_table(path).to_pandas()
     except (OSError, pa.ArrowException, ValueError, KeyError, TypeError):  # the last two: garbled text on columns
         raise RunError(f"{path}: not a cost table: damaged, or not parquet; {remedy}") from None
     odd = [name for name in _COSTS if name not in table or not types.is_numeric_dtype(table[name])]
@@ -347,6 +330,11 @@ class Claim:
     heads: tuple[str, ...] = ()
     story: str = ""
 
+    def __init_subclass__(cls) -> None:
+        """Join the lines of sentences that are given in several."""
+        for name in ("quantity", "answer", "story"):
+            setattr(cls, name, one_line(getattr(cls, name, "")))
+
     def measure(self, evidence: Evidence) -> list[Number]:
         """Turn the tables into numbers, the headline first."""
         raise NotImplementedError
@@ -391,19 +379,18 @@ def evaluate(claims: Iterable[Claim], evidence: Evidence) -> list[Finding]:
         A finding per claim. A claim is not evaluated if a table is missing, or holds too few trials or conditions for
         one of the claim's numbers; the finding gives the reason.
     """
-    findings = []
-    for claim in claims:
-        try:
-            numbers = claim.measure(evidence)
-        except TableMissing as missing:
-            findings.append(Finding(claim, Verdict.NOT_EVALUATED, [], str(missing)))
-            continue
-        if unknown := [number.words for number in numbers if math.isnan(number.value)]:
-            reason = f"too few trials or conditions in the tables for: {'; '.join(unknown)}"
-            findings.append(Finding(claim, Verdict.NOT_EVALUATED, numbers, reason))
-        else:
-            findings.append(Finding(claim, claim.judge(numbers), numbers))
-    return findings
+    return [_judged(claim, evidence) for claim in claims]
+
+
+def _judged(claim: Claim, evidence: Evidence) -> Finding:
+    try:
+        numbers = claim.measure(evidence)
+    except TableMissing as missing:
+        return Finding(claim, Verdict.NOT_EVALUATED, [], str(missing))
+    if unknown := [number.words for number in numbers if math.isnan(number.value)]:
+        reason = f"too few trials or conditions in the tables for: {'; '.join(unknown)}"
+        return Finding(claim, Verdict.NOT_EVALUATED, numbers, reason)
+    return Finding(claim, claim.judge(numbers), numbers)
 
 
 def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
@@ -462,7 +449,7 @@ def on_par(most: Number, least_noise: Number) -> Verdict:
 
 
 def rows_of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
-    """The rows of one estimator; nothing is copied where they stand together.
+    """The rows of one estimator.
 
     Raises:
         LookupError: if the estimator is not in `NAMED`, so that its rows were not read.
@@ -470,12 +457,7 @@ def rows_of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
     if estimator not in NAMED:
         words = f"its rows are not read; a claim on it adds it to NAMED in {Path(__file__).name}"
         raise LookupError(f"{estimator}: {words}")
-    names = errors["estimator"].astype("category").cat
-    if estimator not in names.categories:
-        return errors.iloc[:0]
-    where = np.flatnonzero(names.codes == names.categories.get_loc(estimator))
-    together = len(where) > 0 and where[-1] - where[0] == len(where) - 1
-    return errors.iloc[where[0] : where[-1] + 1] if together else errors.iloc[where]
+    return errors[errors["estimator"] == estimator]
 
 
 def has_estimators(errors: pd.DataFrame, *estimators: str) -> bool:
@@ -486,14 +468,9 @@ def has_estimators(errors: pd.DataFrame, *estimators: str) -> bool:
 def cells(errors: pd.DataFrame, estimator: str) -> Iterator[tuple[float, float, pd.DataFrame]]:
     """Angle, σ/r and rows of an estimator in each condition of a grid, in the order of angle and σ/r."""
     rows = rows_of(errors, estimator)
-    angle, noise = rows["angle"].to_numpy(), relative_noise(rows)
-    changes = (angle[1:] != angle[:-1]) | (noise[1:] != noise[:-1])
-    places = [0, *np.flatnonzero(changes) + 1, len(rows)] if len(rows) else []
-    blocks: dict[tuple[float, float], list[pd.DataFrame]] = {}
-    for start, end in pairwise(places):
-        blocks.setdefault((float(angle[start]), float(noise[start])), []).append(rows.iloc[start:end])
-    for (at, level), parts in sorted(blocks.items(), key=lambda block: block[0]):
-        yield at, level, parts[0] if len(parts) == 1 else pd.concat(parts)
+    at: Any
+    for at, part in rows.groupby([rows["angle"], relative_noise(rows)]):
+        yield float(at[0]), float(at[1]), part
 
 
 def relative_noise(errors: pd.DataFrame) -> Floats:
@@ -581,6 +558,15 @@ class CellMeasure(NamedTuple):
     def number(self, words: str) -> Number:
         """The measure with its name."""
         return Number.of(words, self.measure, self.trials)
+
+
+def in_cells(
+    errors: pd.DataFrame, estimator: str, of: Callable[[pd.DataFrame, float, float], Measure]
+) -> list[CellMeasure]:
+    """A measure of an estimator's rows, angle and σ/r in each condition of a grid in which it is known."""
+    conditions = cells(errors, estimator)
+    results = [CellMeasure(of(rows, angle, noise), angle, noise, len(rows)) for angle, noise, rows in conditions]
+    return [at for at in results if not math.isnan(at.measure.value)]
 
 
 def greatest(results: Iterable[CellMeasure]) -> CellMeasure:

@@ -105,7 +105,7 @@ class IncrementalCost(Claim):
 
 def _passes(evidence: Evidence) -> tuple[Floats, float]:
     """The number of passes of each of MLE's fits where σ < 1, and the operations of a pass over those of GDKE."""
-    fits = rows_of(evidence.errors("paper", "iterations"), "mle")
+    fits = rows_of(evidence.errors("paper"), "mle")
     counts = fits["iterations"].to_numpy(dtype=float)[fits["noise"] < 1.0]
     return counts, _over_gdke(evidence.costs(), "mle", *_COUNTED).value
 
@@ -141,10 +141,10 @@ class Speed(Claim):
     name, section = "speed", "10"
     reads = ("cost", "paper/errors", "paper/timings")
     quantity = "operations and seconds of LLS and MLE over GDKE"
-    answer = (
-        "LLS takes {0:times} the operations of GDKE, MLE {1:times}; by the paper's own formulas LLS takes "
-        "{4:times} as many for a thousand samples, which is within the criterion."
-    )
+    answer = """
+        LLS takes {0:times} the operations of GDKE, MLE {1:times}; by the paper's own formulas LLS takes {4:times} as
+        many for a thousand samples, which is within the criterion.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
         costs, timings = evidence.costs(), evidence.table("paper", "timings")
@@ -184,10 +184,10 @@ class SpeedAbstract(Claim):
     name, section = "speed-abstract", "abstract, 10.1"
     reads = ("cost", "paper/errors")
     quantity = "operations of LLS, and of the longest fit of MLE, over GDKE's"
-    answer = (
-        "LLS takes {0:times} the operations of GDKE, and {2:times} by the paper's own formulas; the longest fit of "
-        "MLE takes {1:times}."
-    )
+    answer = """
+        LLS takes {0:times} the operations of GDKE, and {2:times} by the paper's own formulas; the longest fit of MLE
+        takes {1:times}.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
         return [over_gdke(evidence, "lls"), mle_over_gdke(evidence, longest=True), formula(evidence)]

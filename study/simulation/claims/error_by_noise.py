@@ -15,7 +15,7 @@ from study.simulation.analysis.summary import decade
 from study.simulation.analysis.theory import gdke_leaves
 from study.simulation.claims import claim as shared
 from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
-from study.simulation.statistics import UNKNOWN
+from study.simulation.statistics import UNKNOWN, Measure
 
 _OTHERS = ("mle", "lls", "gdke")
 _PAPERS = (*_OTHERS, "ugdk")
@@ -44,13 +44,13 @@ class OneLine(Claim):
     name, section, figure = "one-line", "4.1", "fig2_error"
     reads = ("paper/errors", "efficiency/errors")
     quantity = "exponents of σ in the median error over r"
-    answer = (
-        "over the paper's range MLE's median error grows as σ to the power {0:power}; where GDKE's bias dominates, "
-        "GDKE's as σ to the power {4:power}."
-    )
+    answer = """
+        over the paper's range MLE's median error grows as σ to the power {0:power}; where GDKE's bias dominates, GDKE's
+        as σ to the power {4:power}.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        paper, grid = evidence.errors("paper", "error"), evidence.errors("efficiency", "error")
+        paper, grid = evidence.errors("paper"), evidence.errors("efficiency")
         words = f"exponent of σ in {{}}'s {evidence.rules.average} error over r, {{}}"
         numbers = []
         for name in _PAPERS:
@@ -60,16 +60,13 @@ class OneLine(Claim):
         angle = float(grid["angle"].min())
         moments = cap_moments(math.radians(angle), 3)
         leaves = gdke_leaves(float(grid["samples"].max()), moments)
-        rows = shared.rows_of(grid, "gdke")
-        at = shared.relative_noise(rows)
-        rows = rows[(rows["angle"] == angle) & (at >= 1.5 * leaves) & (at <= 0.25 * math.sqrt(moments.along))]
         where = f"φ = {angle:g}°, 1.5 s* ≤ σ ≤ √v/4, where the bias dominates"
-        numbers.append(_slope(evidence, words.format("GDKE", where), rows, shared.relative_noise(rows)))
-        for name in ("mle", "ugdk"):
+        ranges = [("gdke", where, angle, 1.5 * leaves, 0.25 * math.sqrt(moments.along))]
+        ranges += [(name, "φ = 90°, r/10 ≤ σ ≤ r", 90.0, 0.099, 1.01) for name in ("mle", "ugdk")]
+        for name, where, half_angle, low, high in ranges:
             rows = shared.rows_of(grid, name)
             at = shared.relative_noise(rows)
-            rows = rows[(rows["angle"] == 90.0) & (at > 0.099) & (at < 1.01)]
-            where = "φ = 90°, r/10 ≤ σ ≤ r"
+            rows = rows[(rows["angle"] == half_angle) & (at >= low) & (at <= high)]
             numbers.append(_slope(evidence, words.format(name.upper(), where), rows, shared.relative_noise(rows)))
         return numbers
 
@@ -140,23 +137,23 @@ class UgdkClosest(Claim):
     name, section, figure = "ugdk-closest", "4.1", "fig2_error"
     reads = ("paper/errors",)
     quantity = "errors of the four methods on the same points, by decade of σ/r"
-    answer = (
-        "UGDK is clearly the closest in {0:share} of the decades of noise, and another method is clearly closer in "
-        "{1:share}."
-    )
+    answer = """
+        UGDK is clearly the closest in {0:share} of the decades of noise, and another method is clearly closer in
+        {1:share}.
+    """
     heads = (
         "The paper's main claim holds{otherwise}.",
         "The paper's main claim holds in part{otherwise}.",
         "The paper's main claim does not hold{otherwise}.",
     )
-    story = (
-        "It says that UGDK comes closest to the Cramér-Rao bound. UGDK is clearly the closest in {0:share} of the "
-        "decades of noise; another method is clearly closer in {1:share}. With noise above the radius it errs "
-        "{2:times} as far as the best of the others."
-    )
+    story = """
+        It says that UGDK comes closest to the Cramér-Rao bound. UGDK is clearly the closest in {0:share} of the decades
+        of noise; another method is clearly closer in {1:share}. With noise above the radius it errs {2:times} as far as
+        the best of the others.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        return compared(evidence, evidence.errors("paper", "error", "bound"))
+        return compared(evidence, evidence.errors("paper"))
 
     def judge(self, numbers: list[Number]) -> Verdict:
         """In a decade one method is clearly closer than another if it errs less in more trials, by three
@@ -183,20 +180,17 @@ class GdkeOnPar(Claim):
     answer = "GDKE's median error is up to {0:times} MLE's; at the smallest noise it is {1:times} MLE's."
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        grid = evidence.errors("efficiency", "error")
-        averages = {
-            name: {
-                (angle, noise): (evidence.average(shared.error_over(part, "radius")), len(part))
-                for angle, noise, part in shared.cells(grid, name)
-            }
-            for name in ("gdke", "mle")
-        }
-        results = [
-            shared.CellMeasure(shared.ratio(ours, averages["mle"][at][0]), *at, trials)
-            for at, (ours, trials) in averages["gdke"].items()
-            if at in averages["mle"]
-        ]
-        results = [at for at in results if not math.isnan(at.measure.value)]
+        grid = evidence.errors("efficiency")
+
+        def average(part: pd.DataFrame, *_: float) -> Measure:
+            return evidence.average(shared.error_over(part, "radius"))
+
+        of_mle = {(at.angle, at.relative_noise): at.measure for at in shared.in_cells(grid, "mle", average)}
+
+        def over_mle(part: pd.DataFrame, angle: float, noise: float) -> Measure:
+            return shared.ratio(average(part), of_mle.get((angle, noise), UNKNOWN))
+
+        results = shared.in_cells(grid, "gdke", over_mle)
         words = f"GDKE's {evidence.rules.average} error over MLE's"
         if not results:
             return [Number.unknown(words)]
@@ -231,13 +225,13 @@ class TroublesBeyondRadius(Claim):
     name, section, figure = "troubles-beyond-radius", "6", "fig2_error"
     reads = ("paper/errors",)
     quantity = "share of trials with σ ≥ r in which each of the four methods errs by more than half the radius"
-    answer = (
-        "with noise above the radius MLE errs by more than half the radius in {0:share} of the trials, LLS in "
-        "{1:share}, GDKE in {2:share} and UGDK in {3:share}."
-    )
+    answer = """
+        with noise above the radius MLE errs by more than half the radius in {0:share} of the trials, LLS in {1:share},
+        GDKE in {2:share} and UGDK in {3:share}.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("paper", "error")
+        errors = evidence.errors("paper")
         numbers = []
         for name in _PAPERS:
             rows = shared.rows_of(errors, name)
@@ -268,13 +262,13 @@ class NoiseRanges(Claim):
     name, section, figure = "noise-ranges", "4.1, 10", "fig2_error"
     reads = ("paper/errors",)
     quantity = "shares of decades of σ/r in which UGDK is clearly closer, and clearly farther, over either range"
-    answer = (
-        "over section 10's range UGDK is clearly the closest in {0:share} of the decades and clearly farther in "
-        "{1:share}; over section 4.1's in {2:share} and {3:share}."
-    )
+    answer = """
+        over section 10's range UGDK is clearly the closest in {0:share} of the decades and clearly farther in
+        {1:share}; over section 4.1's in {2:share} and {3:share}.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("paper", "error", "bound")
+        errors = evidence.errors("paper")
         inside = errors[(errors["noise"] >= _NARROW[0]) & (errors["noise"] <= _NARROW[1])]
         if not shared.has_estimators(inside, *_PAPERS):
             return [Number.unknown("UGDK beside the others over section 10's range of noise")]

@@ -66,18 +66,18 @@ class MleOutliers(Claim):
     name, section, figure = "mle-outliers", "4.1", "fig2_error"
     reads = ("starts/errors",)
     quantity = "MLE's outliers with an error of about the radius, and the error at the best minimum from three starts"
-    answer = (
-        "of the trials with noise around the radius, {0:share} are such outliers; the best of three starts mends "
-        "{1:share} of them."
-    )
+    answer = """
+        of the trials with noise around the radius, {0:share} are such outliers; the best of three starts mends
+        {1:share} of them.
+    """
     heads = ("MLE's outliers come from other minima.", "Most of MLE's outliers do not come from other minima.", "")
-    story = (
-        "With noise around the radius {0:share} of its fits are off by about the radius; the best of three starts "
-        "mends {1:share} of them."
-    )
+    story = """
+        With noise around the radius {0:share} of its fits are off by about the radius; the best of three starts mends
+        {1:share} of them.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("starts", "error", "bound", "noise_variance")
+        errors = evidence.errors("starts")
         far = evidence.rules.far
         words = f"trials, .1 r ≤ σ ≤ 10 r, in which MLE's error is .3 r to 3 r and above {far:g} bounds"
         starts = ("mle", "mle_centroid", "mle_mirror")
@@ -145,16 +145,16 @@ class LlsOutliersSmall(Claim):
     name, section, figure = "lls-outliers-small", "4.1", "fig2_error"
     reads = ("outliers/errors", "paper/errors")
     quantity = "outliers of LLS that GDKE does not have on the same points, caps of up to 5°"
-    answer = (
-        "of LLS's fits there, {1:share} are outliers if small singular values are cut, as in Numerical Recipes, "
-        "and {0:share} if not."
-    )
+    answer = """
+        of LLS's fits there, {1:share} are outliers if small singular values are cut, as in Numerical Recipes, and
+        {0:share} if not.
+    """
     heads = ("LLS's outliers come from a cut of small singular values.", "LLS's outliers.", "")
     story = "On tiny caps with tiny noise {1:share} of its fits are outliers with the cut, {0:share} without."
 
     def measure(self, evidence: Evidence) -> list[Number]:
         far = evidence.rules.far
-        errors, paper = (evidence.errors(config, "error", "bound") for config in ("outliers", "paper"))
+        errors, paper = (evidence.errors(config) for config in ("outliers", "paper"))
         if not (shared.has_estimators(errors, *_VERSIONS, "gdke") and shared.has_estimators(paper, "lls", "gdke")):
             return [Number.unknown("outliers of LLS")]
         noise = _noise(errors)
@@ -193,7 +193,7 @@ class LlsOutliersPlace(Claim):
 
     def measure(self, evidence: Evidence) -> list[Number]:
         far = evidence.rules.far
-        errors = evidence.errors("outliers", "error", "bound")
+        errors = evidence.errors("outliers")
         if not shared.has_estimators(errors, "lls_nr", "lls_nr_raw", "gdke"):
             return [Number.unknown("error of LLS outliers over the radius")]
         relative = _over(errors, "radius")
@@ -230,7 +230,7 @@ class LlsOutliersLarge(Claim):
 
     def measure(self, evidence: Evidence) -> list[Number]:
         far = evidence.rules.far
-        errors, paper = (evidence.errors(config, "error", "bound") for config in ("outliers", "paper"))
+        errors, paper = (evidence.errors(config) for config in ("outliers", "paper"))
         ours = shared.has_estimators(errors, "lls", "lls_single", "gdke")
         if not (ours and shared.has_estimators(paper, "lls", "gdke")):
             return [Number.unknown("outliers of LLS")]

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 from pandas.api import types
 
 from study.arrays import Floats
 from study.files import InputError
 from study.simulation.claims import claim as shared
 from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
-from study.simulation.runs import schemas
 from study.simulation.statistics import Measure, mean, share
 
 
@@ -42,7 +42,7 @@ class ErrorAsPowerOfN(Claim):
     answer = "the median error of UGDK falls as N to the power {0:power}, GDKE's as N to the power {2:power}."
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("power-law", "error")
+        errors = evidence.errors("power-law")
         return [
             _exponent(evidence, errors, "ugdk"),
             *shared.only_known(*(_exponent(evidence, errors, name) for name in ("mle", "gdke"))),
@@ -141,10 +141,10 @@ class TwoAnswers(Claim):
 
     name, section = "two-answers", "9.1"
     reads = ("case-study",)
-    quantity = (
-        "share of spreads of a centimetre or more above 200 samples, of hinges and of other joints, every axis "
-        "fitted as in the paper"
-    )
+    quantity = """
+        share of spreads of a centimetre or more above 200 samples, of hinges and of other joints, every axis fitted as
+        in the paper
+    """
     answer = "{0:share} of the spreads of hinges are a centimetre or more, and {1:share} of those of other joints."
 
     def measure(self, evidence: Evidence) -> list[Number]:
@@ -213,7 +213,7 @@ def _read(folder: Path) -> pd.DataFrame:
     path, command = folder / _SCATTER, f"`study case-study FILE --out {folder}`"
     remedy, again = f"{command} writes one", f"run the case study again: {command}"
     try:
-        scatter: pd.DataFrame = schemas.read(path)
+        scatter: pd.DataFrame = pq.read_table(path).to_pandas()
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{folder}: not the folder of a case study, as it has no {_SCATTER}; {remedy}") from None
     except (OSError, ValueError, KeyError, TypeError):  # the last two if the text about the columns is garbled

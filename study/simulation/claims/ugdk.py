@@ -71,7 +71,7 @@ class UgdkBias(Claim):
     answer = "UGDK's bias goes as N to the power {0:power}, GDKE's as N to the power {1:power}."
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("bias", "error", "error_1")
+        errors = evidence.errors("bias")
         both, ugdk = _both_ok(errors), shared.rows_of(errors, "ugdk")
         last = shared.rows_of(both, "ugdk")
         last = last[last["samples"] == last["samples"].max()]
@@ -106,8 +106,8 @@ class UgdkError(Claim):
     answer = "at σ = .02 r the median error goes as N to the power {0:power}; where σ ≥ r, as N to the power {2:power}."
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        grid = shared.rows_of(evidence.errors("power-law", "error"), "ugdk")
-        paper = shared.rows_of(evidence.errors("paper", "error", "bound"), "ugdk")
+        grid = shared.rows_of(evidence.errors("power-law"), "ugdk")
+        paper = shared.rows_of(evidence.errors("paper"), "ugdk")
         average, word = evidence.average, evidence.rules.average
         relative = shared.relative_noise(paper)
         small, large = relative < 0.01, relative >= 1.0
@@ -148,13 +148,13 @@ class Figure4Setting(Claim):
     name, section, figure = "figure-4-setting", "6", "fig4_ugdk_ellipse"
     reads = ("ellipse/errors",)
     quantity = "ρ(Σ̂C⁻¹) and coverage over repetitions of the figure's data"
-    answer = (
-        "{0:share} of the trials have a smaller ρ than the paper's, {1:share} have ρ < 1, and {2:share} of the "
-        "ellipses hold the true centre."
-    )
+    answer = """
+        {0:share} of the trials have a smaller ρ than the paper's, {1:share} have ρ < 1, and {2:share} of the ellipses
+        hold the true centre.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        cell = shared.rows_of(evidence.errors("ellipse", "error_1", "error_2", "condition"), "ugdk")
+        cell = shared.rows_of(evidence.errors("ellipse"), "ugdk")
         condition, trials = cell["condition"].to_numpy(), len(cell)
         errors = shared.center_errors(cell)
         held = int(np.sum(inside(errors, np.array([robust_sd(e) for e in errors.T]), _LEVEL)))
@@ -241,14 +241,14 @@ class NoiseFromThePoints(Claim):
     name, section = "noise-from-the-points", "11"
     reads = ("efficiency/errors", "anisotropic/errors", "markers/errors", "markers/points")
     quantity = "noise estimated from the fitted points over the true noise; errors with estimated and with known Σ"
-    answer = (
-        "ALS's noise variance is {0:times} the true one, and UGDK with a Σ estimated from the points errs up to "
-        "{1:times} as far as with the true Σ."
-    )
+    answer = """
+        ALS's noise variance is {0:times} the true one, and UGDK with a Σ estimated from the points errs up to {1:times}
+        as far as with the true Σ.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        isotropic = shared.rows_of(evidence.errors("efficiency", "noise_variance"), "als")
-        anisotropic = evidence.errors("anisotropic", "error", "noise_variance")
+        isotropic = shared.rows_of(evidence.errors("efficiency"), "als")
+        anisotropic = evidence.errors("anisotropic")
         relative = shared.relative_noise(isotropic)
         isotropic = isotropic[(relative >= 0.03) & (relative < 0.05)]  # one level is enough: the others share its draws
         many = anisotropic[anisotropic["samples"] == anisotropic["samples"].max()]
@@ -319,10 +319,10 @@ class MarkersAveraged(Claim):
     name, section, figure = "markers-averaged", "7", "fig6_mgdk"
     reads = ("markers/errors", "markers/points", "mgdk/errors", "mgdk/points")
     quantity = "error of the fit to all markers over errors of single markers, at radii .1, .5 and 2 and several noises"
-    answer = (
-        "the fit to all markers errs {0:times} as far as the best marker alone, and less than the worst in "
-        "{1:share} of the trials."
-    )
+    answer = """
+        the fit to all markers errs {0:times} as far as the best marker alone, and less than the worst in {1:share} of
+        the trials.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
         known, circles = evidence.joints("markers"), evidence.joints("mgdk")
@@ -374,10 +374,10 @@ class MarkersPositiveDefinite(Claim):
     name, section = "markers-positive-definite", "7"
     reads = ("markers/errors", "markers/points")
     quantity = "share of trials in which Σ_p (C_p - Σ̂) is positive definite, and in which every C_p - Σ̂ is"
-    answer = (
-        "where every marker's matrix is positive definite, the sum is in {0:share} of the trials; that premise "
-        "holds in {1:share} of them, and the sum is positive definite in {3:share}."
-    )
+    answer = """
+        where every marker's matrix is positive definite, the sum is in {0:share} of the trials; that premise holds in
+        {1:share} of them, and the sum is positive definite in {3:share}.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
         summed, single, names = [], [], []

@@ -306,7 +306,7 @@ def test_too_few_trials_or_estimators(find, error_rows, claim, names, trials):
 
 def test_an_estimator_whose_rows_are_not_read_is_an_error(small):
     """A claim on an estimator that claims do not name fails with the remedy, instead of finding too few trials."""
-    other = claim(lambda evidence: module.rows_of(evidence.errors("small", "error"), "pratt"))
+    other = claim(lambda evidence: module.rows_of(evidence.errors("small"), "pratt"))
     with pytest.raises(LookupError, match=r"pratt: its rows are not read; a claim on it adds it to NAMED in claim\.py"):
         evaluate([other], Evidence([small]))
 

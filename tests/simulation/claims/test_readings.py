@@ -113,9 +113,9 @@ def test_rules(error_rows, scores):
     def evidence(**rules):
         return Evidence([Stored("power-law", {"errors": table}, set())], rules=Rules(**rules))
 
-    errors = evidence().errors("power-law", "error")
+    errors = evidence().errors("power-law")
     assert len(rows_of(errors, "mle")) == 1200
-    left = evidence(fits="ok").errors("power-law", "error")
+    left = evidence(fits="ok").errors("power-law")
     assert len(rows_of(left, "mle")) == len(rows_of(left, "ugdk")) == 3 * 360
     values = np.concatenate([spread, [1e9]])
     assert evidence().average(values).value == pytest.approx(1.0, rel=0.01)
