@@ -1,8 +1,8 @@
 """Files that are there whole or not at all, their digests, the lock of a run's folder, and rows of a table by number.
 
-A file is written under a temporary name, synced, and renamed. A digest is the SHA-256 of a file's bytes; it is
-remembered as long as the file stays as it is, since the tables of five million fits take a fifth of a second each time.
-A folder has one writer at a time, named in its lock; the system releases the lock when the writer dies.
+A file is written under a temporary name, synced, and renamed. A digest is the SHA-256 of a file's bytes: of the tables
+of five million fits it takes a fifth of a second. A folder has one writer at a time, named in its lock; the system
+releases the lock when the writer dies.
 Pipes and devices are refused, since to read one may take for ever.
 """
 
@@ -13,7 +13,6 @@ import json
 import os
 import socket
 import stat
-import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
@@ -89,12 +88,6 @@ def write(path: Path, data: bytes) -> None:
     """Write a file."""
     with replacing(path) as temporary, open(temporary, "wb") as file:
         file.write(data)
-
-
-def write_table(path: Path, table: pa.Table) -> None:
-    """Write a table as parquet."""
-    with replacing(path) as temporary:
-        pq.write_table(table, temporary, **_encoding(table.schema))
 
 
 def join(path: Path, schema: pa.Schema, tables: Iterable[pa.Table]) -> None:
@@ -197,10 +190,6 @@ def stored_csv(path: Path, columns: Sequence[str], what: str, as_text: bool = Fa
     return table
 
 
-_SETTLED = 0.1
-"""A file that did not change for so many seconds gets another time stamp at its next change; clocks are finer."""
-
-
 def of_file(path: Path) -> str | None:
     """SHA-256 of a file's bytes, hexadecimal; None if there is no such file.
 
@@ -208,10 +197,8 @@ def of_file(path: Path) -> str | None:
         RunError: if it cannot be read.
     """
     try:
-        stat = os.stat(regular(path))
-        if time.time() - max(stat.st_mtime, stat.st_ctime) < _SETTLED:
-            return _computed(path)
-        return _remembered(os.path.abspath(path), stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+        with open(regular(path), "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -221,16 +208,6 @@ def of_file(path: Path) -> str | None:
 def of_json(content: Mapping[str, object]) -> str:
     """SHA-256 of a JSON object, hexadecimal; the order of its keys counts."""
     return hashlib.sha256(json.dumps(content, ensure_ascii=False).encode(errors="surrogatepass")).hexdigest()
-
-
-@lru_cache(maxsize=1024)
-def _remembered(path: str, inode: int, size: int, modified: int, changed: int) -> str:
-    return _computed(Path(path))
-
-
-def _computed(path: Path) -> str:
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 _NAME = ".lock"

@@ -141,26 +141,21 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
     if (expected := places[-1][2] if places else 0) != table.count:
         results[main].faults.append(f"{table.count:,} rows are stored, and {expected:,} belong to the config")
         return results
-    failures = run.arrow("failures") if "failures" in others else None
     use = chosen(seed, places, share)
     for unit, begin, end in use:
-        mine = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
-        if unit.cells:
-            mine &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.cells])
-        stored = {name: pq.read_table(run.path(name), filters=mine) for name in others if name != "failures"}
-        if failures is not None:
-            stored["failures"] = failures.filter(mine)
-            if "worker" in pc.unique(stored["failures"]["cause"].cast(pa.string())).to_pylist():
-                for name in others:
-                    results[name].rows += stored[name].num_rows
-                continue
-        computed = tables(study, compute(study, unit))
+        stored = {name: pq.read_table(run.path(name), filters=parts.of_batch(unit)) for name in others}
+        if "failures" in others and "worker" in stored["failures"]["cause"].to_pylist():
+            for name in others:
+                results[name].rows += stored[name].num_rows
+            continue
+        computed, stored[main] = tables(study, compute(study, unit)), table.rows(begin, end)
         for name, result in results.items():
-            empty = schemas.schema(columns[name]).empty_table()
-            rows = schemas.table(columns[name], computed[name]) if computed[name] else empty
+            rows = schemas.schema(columns[name]).empty_table()
+            if computed[name]:
+                rows = schemas.table(columns[name], computed[name])
             if name != "points":
-                rows = rows.take(pa.array(parts.order(study.estimators, unit, rows)))
-            result.compare(table.rows(begin, end) if name == main else stored[name], _of_cells(rows, trials))
+                rows = rows.take(parts.order(study.estimators, unit, rows))
+            result.compare(stored[name], _of_cells(rows, trials))
     for name in others if len(use) == len(places) else ():  # of some units nothing can be said about all rows
         results[name].count(pq.read_metadata(run.path(name)).num_rows, "unit")
     return results

@@ -270,7 +270,7 @@ def _within(unit: Batch, stage: Batch) -> Iterator[Batch]:
 
 
 class TimeBudget:
-    """Seconds from now; once spent, it stays spent.
+    """Seconds from now.
 
     Args:
         seconds: how many; None for no limit.
@@ -278,12 +278,9 @@ class TimeBudget:
     """
 
     def __init__(self, seconds: float | None = None, clock: Callable[[], float] = time.monotonic) -> None:
-        self.seconds = seconds
-        self._clock = clock
+        self.seconds, self._clock = seconds, clock
         self._end = math.inf if seconds is None else clock() + seconds
-        self._spent = False
 
     def spent(self) -> bool:
         """Tell whether the time is over."""
-        self._spent = self._spent or self._clock() >= self._end
-        return self._spent
+        return self._clock() >= self._end

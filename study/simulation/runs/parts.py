@@ -34,7 +34,7 @@ from study.arrays import Ints
 from study.files import RunError, explained, write
 from study.fits import ESTIMATORS
 from study.simulation import statistics
-from study.simulation.experiment.compute import Columns, Errors, Result, compute, lost, stack
+from study.simulation.experiment.compute import Columns, Errors, Result, compute, lost
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.runs import schemas
@@ -48,26 +48,29 @@ _SHARE = 0.01
 _SMALL = 1 << 16
 
 
+class PacketHeader(BaseModel):
+    """Description of a packet in a file: keys with outputs, rows of each key by table, bytes of each table."""
+
+    keys: list[tuple[str, tuple[str, ...]]]
+    rows: dict[str, list[int]]
+    sizes: dict[str, int]
+
+
 class Packet(NamedTuple):
-    """Tables of several keys.
+    """Tables of several keys, encoded one after the other, and their description."""
 
-    Attributes:
-        keys: the keys, each with its outputs.
-        rows: for each table, the number of rows of each key, in order.
-        tables: each table, encoded.
-    """
-
-    keys: Sequence[tuple[str, Sequence[str]]]
-    rows: Mapping[str, Sequence[int]]
-    tables: Mapping[str, bytes]
+    header: PacketHeader
+    data: bytes
 
     @classmethod
     def of(cls, keys: Sequence[tuple[str, Sequence[str]]], of_keys: Sequence[Mapping[str, pa.Table]]) -> "Packet":
         """Encode the tables of each key; a table without rows may be left out."""
         names = dict.fromkeys(name for tables in of_keys for name in tables)
         rows = {name: [tables[name].num_rows if name in tables else 0 for tables in of_keys] for name in names}
-        whole = {name: pa.concat_tables([t[name] for t in of_keys if name in t]) for name in names}
-        return cls(keys, rows, {name: encode(table) for name, table in whole.items()})
+        whole = {name: encode(pa.concat_tables([t[name] for t in of_keys if name in t])) for name in names}
+        sizes = {name: len(table) for name, table in whole.items()}
+        header = PacketHeader(keys=[(key, tuple(outputs)) for key, outputs in keys], rows=rows, sizes=sizes)
+        return cls(header, b"".join(whole.values()))
 
 
 def encode(table: pa.Table) -> bytes:
@@ -78,14 +81,6 @@ def encode(table: pa.Table) -> bytes:
     with pa.ipc.new_stream(sink, table.schema, options=options) as writer:
         writer.write_table(table)
     return bytes(sink.getvalue())
-
-
-class PacketHeader(BaseModel):
-    """Description of a packet in a file: keys with outputs, rows of each key by table, bytes of each table."""
-
-    keys: list[tuple[str, tuple[str, ...]]]
-    rows: dict[str, list[int]]
-    sizes: dict[str, int]
 
 
 class Header(BaseModel):
@@ -186,8 +181,6 @@ class Parts:
         self.made_by: list[dict[str, object]] = []
         self.count = 0
         self._where: dict[str, list[tuple[dict[str, _Rows], int, tuple[str, ...]]]] = {}
-        self._kinds: dict[tuple[str, ...], tuple[str, ...]] = {}
-        self._names: set[str] = set()
 
     def outputs(self, key: str) -> set[str]:
         """The stored outputs of a key."""
@@ -208,14 +201,10 @@ class Parts:
                 if count := starts[place + 1] - starts[place]:
                     yield outputs, fresh, _decoded(path, begin, size).slice(starts[place], count)
 
-    def holds(self, name: str) -> bool:
-        """True if there are rows of a table."""
-        return name in self._names
-
     def add(self, packet: Packet) -> None:
         """Take a packet; write it with the waiting ones when it is time."""
         self._waiting.append(packet)
-        if self.patience() == 0.0 or sum(len(t) for p in self._waiting for t in p.tables.values()) >= _BYTES:
+        if self.patience() == 0.0 or sum(len(p.data) for p in self._waiting) >= _BYTES:
             self.commit()
 
     def patience(self) -> float | None:
@@ -231,15 +220,16 @@ class Parts:
             return
         packets, self._waiting = self._waiting, []
         now = time.monotonic()
-        described = [
-            {"keys": packet.keys, "rows": packet.rows, "sizes": {name: len(t) for name, t in packet.tables.items()}}
-            for packet in packets
-        ]
-        seconds, sources = round(now - self._since, 3), self.sources
-        known = {"format": FORMAT, "software": self.software, "seconds": seconds, "note": self.note}
-        header = Header.model_validate(known | {"sources": sources, "packets": described})
+        header = Header(
+            format=FORMAT,
+            software=self.software,
+            seconds=round(now - self._since, 3),
+            note=self.note,
+            sources=self.sources,
+            packets=[packet.header for packet in packets],
+        )
         line = header.model_dump_json().encode() + b"\n"
-        data = b"".join([line, *(table for packet in packets for table in packet.tables.values())])
+        data = b"".join([line, *(packet.data for packet in packets)])
         path = self._path(data)
         with explained(self.folder.parent):
             self.folder.mkdir(exist_ok=True)
@@ -274,10 +264,8 @@ class Parts:
             for name, size in packet.sizes.items():
                 stored[name] = path, begin, size, [0, *accumulate(packet.rows[name])]
                 begin += size
-            self._names.update(stored)
             for place, (key, outputs) in enumerate(packet.keys):
-                kind = self._kinds.setdefault(outputs, outputs)  # equal tuples are one in memory
-                self._where.setdefault(key, []).append((stored, place, kind))
+                self._where.setdefault(key, []).append((stored, place, outputs))
 
 
 POINTS = "points"
@@ -340,18 +328,13 @@ def give_up(study: Study, task: UnitTask, message: str) -> Packet:
 
 
 def _packed(study: Study, tasks: tuple[UnitTask, ...], result: Callable[[Study, Batch], Result]) -> Packet:
-    of_tasks = []
+    columns, of_tasks = schemas.of_units(study.dimension, study.conditions()), []
     for task in tasks:
         points = study.keep_points if any(o.startswith(POINTS) for o in task.outputs) else 0
         part = study.model_copy(update={"estimators": estimators_of(task.outputs), "keep_points": points})
-        of_tasks.append(tables(part, result(part, task.batch)))
-    stacked, rows = {}, {}
-    for name, columns in schemas.of_units(study.dimension, study.conditions()).items():
-        filled = [unit[name] for unit in of_tasks if unit[name]]
-        if filled:
-            stacked[name] = schemas.table(columns, stack(filled))
-            rows[name] = [len(next(iter(unit[name].values()))) if unit[name] else 0 for unit in of_tasks]
-    return Packet([(task.key, task.outputs) for task in tasks], rows, {k: encode(t) for k, t in stacked.items()})
+        filled = tables(part, result(part, task.batch))
+        of_tasks.append({name: schemas.table(columns[name], values) for name, values in filled.items() if values})
+    return Packet.of([(task.key, task.outputs) for task in tasks], of_tasks)
 
 
 def tables(study: Study, result: Result) -> dict[str, Columns]:
@@ -460,12 +443,12 @@ class Layout:
             RunError: if rows are missing.
         """
         estimators = self.study.estimators
-        for unit in self.units() if parts.holds(name) else ():
+        for unit in self.units():
             pieces = list(self.cut(unit))
             stored = [entry for piece in pieces for entry in self.stored(parts, piece, name)]
             result = [table for _, table in stored]
-            datasets = {"errors": sum(piece.rows for piece in pieces), "summary": len(unit.cells)}.get(name, 0)
-            if datasets and sum(table.num_rows for table in result) != datasets * len(estimators):
+            datasets = sum(piece.rows for piece in pieces) if name == "errors" else len(unit.cells)
+            if name == self.study.keep and sum(table.num_rows for table in result) != datasets * len(estimators):
                 raise RunError(f"{parts.folder}: rows of trials {unit.first} to {unit.last - 1} are missing; run again")
             in_order = len(result) == 1 and (name == "points" or estimators_of(stored[0][0]) == estimators)
             if in_order or name == "timings":
@@ -517,6 +500,17 @@ def order(estimators: tuple[str, ...], unit: Batch, table: pa.Table) -> Ints:
     if unit.cells:
         keys.append(_places(table, "cell", [cell.name for cell in unit.cells]))
     return np.lexsort([*keys, trial // unit.group.size])  # the last counts most
+
+
+def among(column: str, words: Iterable[str]) -> pc.Expression:
+    """The condition that a column of words has one of these."""
+    return pc.field(column).cast(pa.string()).isin(list(words))
+
+
+def of_batch(batch: Batch) -> pc.Expression:
+    """The condition that a row is of one of a batch's trials and cells."""
+    use = (pc.field("trial") >= batch.first) & (pc.field("trial") < batch.last)
+    return use & among("cell", (cell.name for cell in batch.cells)) if batch.cells else use
 
 
 def _places(table: pa.Table, column: str, words: Iterable[str]) -> Ints:

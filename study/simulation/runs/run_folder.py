@@ -32,7 +32,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ValidationError, ValidationInfo, field_validator
 
 from study import files
-from study.files import RunError, explained, join, write, write_table
+from study.files import RunError, explained, join, write
 from study.fits import ESTIMATORS
 from study.fits.registry import origins
 from study.simulation.experiment.config import Study, load
@@ -282,7 +282,15 @@ class Run:
         Raises:
             RunError: if it is not there, because the run did not finish.
         """
-        return self.read(name, lambda path: schemas.read(path, columns, estimators))
+        part = None if estimators is None else [("estimator", "in", list(estimators))]
+
+        def read(path: Path) -> "pd.DataFrame":
+            wanted = None if columns is None else [each for each in pq.read_schema(path).names if each in columns]
+            table = pq.read_table(path, columns=wanted, filters=part)
+            frame: pd.DataFrame = table.to_pandas(split_blocks=True, self_destruct=True)
+            return frame
+
+        return self.read(name, read)
 
     def arrow(self, name: str) -> pa.Table:
         """Read a stored table into Arrow's memory; see `table`."""
@@ -354,13 +362,6 @@ class Run:
     def fingerprint(self, name: str) -> str | None:
         """SHA-256 of a table's file; None if it is not there."""
         return files.of_file(self.path(name))
-
-    def save(self, name: str, table: pa.Table) -> None:
-        """Write a whole table, and note its digest in the manifest; nothing is written if that is damaged."""
-        self._manifest_or_new()
-        with explained(self.folder):
-            write_table(self.path(name), table)
-        self.record(name)
 
     def _manifest_or_new(self) -> Manifest:
         """The manifest, or the beginning of one if there is none."""

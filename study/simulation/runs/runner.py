@@ -13,15 +13,15 @@ import re
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
 from itertools import chain, islice
 from operator import attrgetter
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from study.files import RunError, TableRows, writing
@@ -37,84 +37,16 @@ from study.simulation.runs.parts import (
     Packet,
     Parts,
     UnitTask,
+    among,
     estimators_of,
     execute,
     give_up,
+    of_batch,
     order,
     related,
 )
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import Dispatch, Threads, Workers
-
-
-def finish(
-    store: Run, parts: Parts, layout: Layout, started: datetime, workers: Workers, budget: TimeBudget | None = None
-) -> None:
-    """Join the parts to the run's tables, in the order of the units, and remove them, unless a budget stopped the run.
-
-    The error table's metadata hold the config and the software, but nothing of time, machine or workers, so that equal
-    runs are equal to the byte. The manifest comes last: a run that is killed before is finished again from its parts.
-
-    Args:
-        store: the run.
-        parts: the stored rows of all its units.
-        layout: the units, and how each was cut. Cells that are still open stay as they were at their last checkpoint.
-        started: time at which the run started.
-        workers: the workers that computed it.
-        budget: its time budget.
-
-    Raises:
-        RunError: if the folder cannot be written; the parts stay.
-    """
-    study, clock = store.study, time.perf_counter()
-    metadata = {"study.config": study.canonical(), "study.software": json.dumps(parts.software)}
-    tables = schemas.of_units(study.dimension, study.conditions())
-    store.forget(*tables, "precision")  # they are about to be replaced
-    store.remove("summary")
-    written, causes, reasons = [], Counter[str](), Counter[str]()
-    if isinstance(layout, Rounds):
-        layout.stop()
-        reasons = layout.reasons()
-        store.join("precision", schemas.precision(study.conditions()), [layout.table()], metadata)
-        written.append("precision")
-    for name, columns in tables.items():
-        rows = layout.rows(parts, name)
-        if name == "failures":
-            rows = _counted(rows, causes)
-        first = list(islice(rows, 1))
-        if first or name in (study.keep, "timings") or (name == "points" and study.keep_points):
-            store.join(name, columns, chain(first, rows), metadata)
-            written.append(name)
-        else:
-            store.remove(name)
-    before = store.known()
-    store.save_manifest(
-        {key: value for key, value in before.items() if key == "posterior"}
-        | ({"precision": dict(reasons)} if reasons else {})
-        | ({"stopped_after": budget.seconds} if budget and reasons[BUDGET] else {})
-        | {
-            "format": FORMAT,
-            "run": study.run_name(),
-            "config": study.model_dump(mode="json"),
-            "cells": study.cells(),
-            "fits": sum(piece.rows for piece in layout.pieces()) * len(study.estimators),
-            "failures": causes.total(),
-            "lost": causes["worker"],
-            "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
-            "tables": {name: store.fingerprint(name) for name in written} | before.get("tables", {}),
-            **({"own_estimators": own} if (own := origins(study.estimators)) else {}),
-            "started": started.isoformat(timespec="seconds"),
-            "seconds_computing": round(parts.seconds, 3),
-            "seconds": round(parts.seconds + time.perf_counter() - clock, 3),
-            "jobs": workers.jobs,
-            "backend": workers.backend,
-            "software": parts.software,
-            "also_computed_by": parts.made_by,
-            "machine": provenance.machine(),
-        }
-    )
-    if not reasons[BUDGET]:
-        parts.remove()
 
 
 def budget_message(run: Run) -> str | None:
@@ -134,13 +66,6 @@ def failure_message(run: Run) -> str | None:
         return None
     words = f"{failures:,} of {fits:,} fits raised an exception or killed their worker"
     return f"{run.path('failures')}: {words}; tolerate_failures = {tolerated:g}"
-
-
-def _counted(rows: Iterator[pa.Table], causes: Counter[str]) -> Iterator[pa.Table]:
-    """Count the causes of failures as their rows pass."""
-    for table in rows:
-        causes.update(table["cause"].cast(pa.string()).to_pylist())
-        yield table
 
 
 class EarlierRun:
@@ -187,16 +112,13 @@ class EarlierRun:
         size = unit.group.size  # whole blocks hold the cells one after the other
         low, high = unit.first // size * size, -(-unit.last // size) * size
         whole = self._errors.rows(begin + per_trial * low, begin + per_trial * min(high, trials))
-        use = (pc.field("trial") >= unit.first) & (pc.field("trial") < unit.last)
-        use &= pc.field("estimator").cast(pa.string()).isin(list(estimators_of(outputs)))
-        if unit.cells:
-            use &= pc.field("cell").cast(pa.string()).isin([cell.name for cell in unit.cells])
+        use = among("estimator", estimators_of(outputs)) & of_batch(unit)
         result = {"errors": whole.filter(use)}
         if result["errors"].num_rows != unit.rows * len(outputs):
             return None
         if self._failures is not None:
             cells = pc.unique(result["errors"]["cell"]).to_pylist()
-            result["failures"] = self._failures.filter(use & pc.field("cell").cast(pa.string()).isin(cells))
+            result["failures"] = self._failures.filter(use & among("cell", cells))
             if "worker" in pc.unique(result["failures"]["cause"]).to_pylist():
                 return None
         ordered = {name: table.take(order(estimators_of(outputs), unit, table)) for name, table in result.items()}
@@ -268,30 +190,28 @@ def run(
         stack.enter_context(threadpool_limits(limits=1))
         store = Run.create(folder, study)
         stack.enter_context(writing(folder))
-        parts = Parts(folder, "units", provenance.software())
-        started = datetime.now(UTC)
+        computation = _Computation(store, workers, budget, progress or (lambda share: None), warn)
         store.set_damaged_aside(warn)
         store.begin(config)
         if store.finished() and store.up_to_date():
-            parts.remove()  # of a run that was killed just before this, its last step
+            computation.parts.remove()  # of a run that was killed just before this, its last step
             return store
-        computation = _Computation(store, parts, budget, progress or (lambda share: None), warn)
         computation.prepare()
         computation.compute(backend)
-        while computation.layout.advance(parts) or not computation.whole():
+        while computation.layout.advance(computation.parts) or not computation.whole():
             computation.compute(backend)
-        finish(store, parts, computation.layout, started, workers, budget)
+        computation.finish()
         return store
 
 
 class _Computation:
-    """A run that is being computed."""
+    """A run that is being computed, with its workers and budget, and the callbacks for progress and warnings."""
 
-    def __init__(self, store: Run, parts: Parts, budget: TimeBudget, progress: Progress, warn: Warn) -> None:
-        self.store, self.parts, self.budget, self.progress, self.warn = store, parts, budget, progress, warn
-        self.study = store.study
+    def __init__(self, store: Run, workers: Workers, budget: TimeBudget, progress: Progress, warn: Warn) -> None:
+        self.store, self.workers, self.budget, self.progress, self.warn = store, workers, budget, progress, warn
+        self.study, self.started, self.left = store.study, datetime.now(UTC), 1.0
+        self.parts = Parts(store.folder, "units", provenance.software())
         self.layout = Layout(self.study)
-        self.left = 1.0
 
     def prepare(self) -> None:
         """Read the stored parts, and reuse the rows of an earlier run."""
@@ -339,8 +259,9 @@ class _Computation:
 
     def compute(self, backend: Threads) -> None:
         """Compute the missing tasks, as far as the budget goes, and store their rows."""
-        whole = sum(task.weight for task in self.layout.missing(self.parts))
-        share = self.left * self.layout.ahead() if whole else 0.0
+        missing = list(self.layout.missing(self.parts))
+        whole = sum(task.weight for task in missing)
+        share = self.left * self.layout.ahead() if missing else 0.0
         self.left -= share
         lost: list[tuple[UnitTask, str]] = []
 
@@ -350,7 +271,7 @@ class _Computation:
             self.progress(share * sum(task.weight for task in tasks) / whole)
 
         dispatch = Dispatch(backend, execute, self.study, self.parts)
-        dispatch.compute(self.layout.missing(self.parts), attrgetter("weight"), ended, self.budget.spent)
+        dispatch.compute(missing, attrgetter("weight"), ended, self.budget.spent)
         for task, failure in lost:  # stored at the end, so that an interrupted run tries them again
             self.parts.add(give_up(self.study, task, failure))
         if lost:
@@ -358,3 +279,63 @@ class _Computation:
             count = "1 unit is lost" if len(lost) == 1 else f"{len(lost):,} units are lost, the first of them"
             self.warn(f"{self.store.folder}: {count}, {task.batch.words}: {failure}")
         self.parts.commit()
+
+    def finish(self) -> None:
+        """Join the parts to the run's tables, in the order of the units, and remove them, unless the budget stopped it.
+
+        The error table's metadata hold the config and the software, but nothing of time, machine or workers, so that
+        equal runs are equal to the byte. Cells that are still open stay as they were at their last checkpoint. The
+        manifest comes last: a run that is killed before is finished again from its parts.
+
+        Raises:
+            RunError: if the folder cannot be written; the parts stay.
+        """
+        store, parts, layout, study, clock = self.store, self.parts, self.layout, self.study, time.perf_counter()
+        metadata = {"study.config": study.canonical(), "study.software": json.dumps(parts.software)}
+        tables = schemas.of_units(study.dimension, study.conditions())
+        store.forget(*tables, "precision")  # they are about to be replaced
+        store.remove("summary")
+        written, causes, reasons = [], Counter[str](), Counter[str]()
+        if isinstance(layout, Rounds):
+            layout.stop()
+            reasons = layout.reasons()
+            store.join("precision", schemas.precision(study.conditions()), [layout.table()], metadata)
+            written.append("precision")
+        for name, columns in tables.items():
+            rows = layout.rows(parts, name)
+            first = list(islice(rows, 1))
+            if first or name in (study.keep, "timings") or (name == "points" and study.keep_points):
+                store.join(name, columns, chain(first, rows), metadata)
+                written.append(name)
+            else:
+                store.remove(name)
+        if "failures" in written:
+            causes.update(pq.read_table(store.path("failures"), columns=["cause"])["cause"].to_pylist())
+        before = store.known()
+        store.save_manifest(
+            {key: value for key, value in before.items() if key == "posterior"}
+            | ({"precision": dict(reasons)} if reasons else {})
+            | ({"stopped_after": self.budget.seconds} if reasons[BUDGET] else {})
+            | {
+                "format": FORMAT,
+                "run": study.run_name(),
+                "config": study.model_dump(mode="json"),
+                "cells": study.cells(),
+                "fits": sum(piece.rows for piece in layout.pieces()) * len(study.estimators),
+                "failures": causes.total(),
+                "lost": causes["worker"],
+                "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
+                "tables": {name: store.fingerprint(name) for name in written} | before.get("tables", {}),
+                **({"own_estimators": own} if (own := origins(study.estimators)) else {}),
+                "started": self.started.isoformat(timespec="seconds"),
+                "seconds_computing": round(parts.seconds, 3),
+                "seconds": round(parts.seconds + time.perf_counter() - clock, 3),
+                "jobs": self.workers.jobs,
+                "backend": self.workers.backend,
+                "software": parts.software,
+                "also_computed_by": parts.made_by,
+                "machine": provenance.machine(),
+            }
+        )
+        if not reasons[BUDGET]:
+            parts.remove()

@@ -1,20 +1,15 @@
 """Schemas of the stored tables: each column with its type, unit and meaning, which are stored in the file too."""
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from study.fits import Status
 from study.simulation.experiment.conditions import COLUMNS, CONDITIONS, Condition, bound_law
 from study.simulation.experiment.config import ChainStatus
 from study.simulation.statistics import MEASURES
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 class Column(NamedTuple):
@@ -313,21 +308,3 @@ def completed(table: pa.Table, columns: Sequence[Column]) -> pa.Table:
             default = CONDITIONS[column.name].default if column.name in CONDITIONS else math.nan
             table = table.append_column(column.name, pa.array([default] * table.num_rows, type=column.type))
     return table.select(names)
-
-
-def read(
-    path: Path, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
-) -> "pd.DataFrame":
-    """Read a stored table into a data frame.
-
-    Args:
-        path: the file.
-        columns: names of columns, of which those that the table has are read; all if None.
-        estimators: names of estimators, whose rows are read; all if None.
-    """
-    wanted = None if columns is None else [name for name in pq.read_schema(path).names if name in columns]
-    part = None if estimators is None else [("estimator", "in", list(estimators))]
-    frame: pd.DataFrame = pq.read_table(path, columns=wanted, filters=part).to_pandas(
-        split_blocks=True, self_destruct=True
-    )
-    return frame

@@ -22,7 +22,6 @@ dead one holds. `Processes.check` ends that.
 
 import contextlib
 import gc
-import heapq
 import logging
 import os
 import pickle
@@ -37,7 +36,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import islice
 from multiprocessing.connection import wait
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -390,33 +388,22 @@ class Workers:
             yield backend
 
 
-_WINDOW = 1024
-"""Items in sight, of which the heaviest goes first."""
-
-
 def cut(items: Iterable[T], weigh: Callable[[T], float], enough: float) -> Iterator[tuple[T, ...]]:
     """Put items together that are sent to a worker at once.
 
     Args:
-        items: the work; taken as needed.
+        items: the work.
         weigh: gives the weight of an item.
         enough: weight from which no more items are taken.
 
     Yields:
-        The items, the heaviest in sight first.
+        The items, the heaviest first.
     """
-    source = ((-weigh(item), number, item) for number, item in enumerate(items))
-    sight: list[tuple[float, int, T]] = []
     together: list[T] = []
     load = 0.0
-    while True:
-        for entry in islice(source, _WINDOW - len(sight)):
-            heapq.heappush(sight, entry)
-        if not sight:
-            break
-        lightness, _, item = heapq.heappop(sight)
+    for item in sorted(items, key=weigh, reverse=True):
         together.append(item)
-        load -= lightness
+        load += weigh(item)
         if load >= enough:
             yield tuple(together)
             together, load = [], 0.0
@@ -455,7 +442,7 @@ class Dispatch(Generic[S, T]):
         """Compute items and store their results.
 
         Args:
-            items: what to compute; taken as needed.
+            items: what to compute.
             weigh: gives the weight of an item.
             ended: called when a task ended.
             over: tells that no task is to be begun any more. What runs is waited for.

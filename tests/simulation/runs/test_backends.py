@@ -323,15 +323,6 @@ def test_every_item_is_in_one_task(enough):
     assert sorted(found) == sorted(items)
 
 
-def test_items_are_taken_as_needed(monkeypatch):
-    """Only a window of the items is taken before the first task is made."""
-    monkeypatch.setattr(workers, "_WINDOW", 4)
-    taken = []
-    source = (taken.append(number) or number for number in itertools.count())
-    assert next(cut(source, weigh, 1)) == (3,)
-    assert taken == [0, 1, 2, 3]
-
-
 @pytest.fixture
 def fresh(monkeypatch):
     """Let this process stand for a worker that has not had a task yet."""

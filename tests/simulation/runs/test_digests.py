@@ -68,17 +68,6 @@ def test_a_digest_is_sha_256(tmp_path):
         files.of_file(tmp_path)
 
 
-def test_a_settled_file_is_read_once(tmp_path, monkeypatch):
-    """A file that stays as it is, is read once; a change is seen."""
-    path, read = tmp_path / "file", []
-    path.write_bytes(b"one")
-    monkeypatch.setattr(files, "_SETTLED", -1e9)
-    monkeypatch.setattr(files, "_computed", lambda path: read.append(path) or str(len(read)))
-    assert [files.of_file(path), files.of_file(path)] == ["1", "1"]
-    path.write_bytes(b"three")
-    assert files.of_file(path) == "2"
-
-
 def test_every_table_is_in_the_manifest(run):
     """Each table of the folder has the SHA-256 of its file in the manifest."""
     there = {p.stem: hashlib.sha256(p.read_bytes()).hexdigest() for p in run.folder.glob("*.parquet")}

@@ -162,7 +162,7 @@ def test_header_is_one_line_that_can_be_read(tmp_path):
 
 def test_small_packets_wait_for_each_other(tmp_path, monkeypatch):
     """A file is written when enough bytes wait; the rest is written in the end."""
-    size = len(packet("k").tables["errors"])
+    size = len(packet("k").data)
     monkeypatch.setattr(module, "_BYTES", 10 * size)
     parts = Parts(tmp_path, "units")
     for i in range(25):

@@ -8,8 +8,7 @@ import pytest
 
 import study
 from study.files import RunError
-from study.simulation.analysis.summary import summarise, summary
-from study.simulation.analysis.summary_text import chosen_rows, printed
+from study.simulation.analysis.summary import chosen_rows, printed, summarise, summary
 from study.simulation.experiment.config import parse
 from study.simulation.runs import adaptive as cell_measures
 from study.simulation.runs import runner
