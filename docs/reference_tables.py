@@ -13,7 +13,7 @@ import pandas as pd
 
 from study.fits.cap import cap_moments
 from study.fits.registry import load
-from study.simulation.analysis.summary_text import as_data, chosen_rows
+from study.simulation.analysis.summary import as_data, chosen_rows
 from study.simulation.analysis.theory import median_at_bound
 from study.simulation.commands import run_folder
 from study.simulation.runs.run_folder import Run

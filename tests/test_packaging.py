@@ -68,7 +68,7 @@ def test_versions_agree():
 
 
 HEAVY = {"scipy.stats", "scipy.optimize", "pandas", "pyarrow", "pydantic", "matplotlib"}
-JUDGE = "import study.simulation.claims, study.simulation.analysis.summary, study.simulation.analysis.summary_text"
+JUDGE = "import study.simulation.claims, study.simulation.analysis.summary"
 COMMAND = """import sys
 sys.argv = ["study", "fit", "points.csv"]
 from study import cli

@@ -15,8 +15,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from study.fits import Status
-from study.simulation.analysis.summary import decade, stored_summary, summarise, up_to_date
-from study.simulation.analysis.summary_text import as_data, chosen_rows, printed
+from study.simulation.analysis.summary import (
+    as_data,
+    chosen_rows,
+    decade,
+    printed,
+    summarise,
+)
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Evidence, evaluate
 from study.simulation.figures import FIGURES, Tables
@@ -24,6 +29,7 @@ from study.simulation.report.page import packed
 from study.simulation.report.runs import efficiency
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
+from study.simulation.statistics import MEASURES
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 SELECTIVE = ("mle", "ugdk", "ugdk_cov", "als", "corrected")
@@ -44,6 +50,8 @@ DEPARTURES = (
     GRID.replace("[20, 40, 80, 160]", "50").replace("[0.01, 0.05, 0.1, 0.2]", "0.05").replace("[45, 90]", "[60, 180]")
 )
 DEPARTURES += 'law = ["normal", "laplace", "uniform"]\noutlier_share = [0.0, 0.1, 0.3]\n'
+OF_ALL_TRIALS = [name for name in MEASURES if f"{name}_ok" in MEASURES]
+"""Measures of all trials that are also given of an estimator's own ok fits."""
 SMALL = {"paper": 400, "ellipse": 200, "power-law": 40, "efficiency": 40, "starts": 400, "bias": 400, "anisotropic": 40}
 """Trials of the configs that claims compare estimators in."""
 
@@ -69,7 +77,8 @@ def changed(run, folder, lost=False):
         columns |= {name: np.where(chosen, np.nan, table[name].to_numpy()) for name in names}
     for name, values in columns.items():
         table = table.set_column(table.column_names.index(name), table.schema.field(name), pa.array(values))
-    other.save("errors", table)
+    pq.write_table(table, other.path("errors"))
+    other.record("errors")
     summarise(other)
     return other
 
@@ -109,7 +118,7 @@ def test_the_trap_bites(pair):
 def test_summaries_are_of_all_trials(pair, text):
     """Headline columns, and what is printed besides the shares that are not ok, do not depend on the status."""
     one, other = pair(text)
-    names = list(schemas.OF_ALL_TRIALS)
+    names = [f"{name}{end}" for name in OF_ALL_TRIALS for end in ("", "_error")]
     pd.testing.assert_frame_equal(one.table("summary")[names], other.table("summary")[names])
     plain, bracketed = (list(printed(run, chosen_rows(run), every=True)) for run in (one, other))
     assert "(" in bracketed[-1]
@@ -130,7 +139,9 @@ def test_a_fit_without_a_number_is_infinitely_far(pair, make_run, tmp_path):
     np.testing.assert_array_equal(found["ratio_q05"], before)
     table = other.arrow("errors")
     place = table.column_names.index("error")
-    other.save("errors", table.set_column(place, "error", pa.array(np.full(table.num_rows, np.nan))))
+    table = table.set_column(place, "error", pa.array(np.full(table.num_rows, np.nan)))
+    pq.write_table(table, other.path("errors"))
+    other.record("errors")
     summarise(other)
     lines = list(printed(other, chosen_rows(other), every=True))
     assert all(len(re.findall(r"\binf\b", line)) == 5 for line in lines[-32:])
@@ -210,40 +221,4 @@ def unpacked(text):
 
     measures = json.loads(gzip.decompress(base64.b64decode(text)))["measures"]
     assert measures[0]["title"] == "Median of error over √tr CRLB"
-    return {entry["name"]: entry["values"] for entry in measures if entry["name"] in schemas.OF_ALL_TRIALS}
-
-
-def older(run, folder):
-    """A run whose summary was stored before there were medians of all trials."""
-    other = Run.open(folder)
-    table = other.arrow("summary")
-    pq.write_table(table.drop_columns(list(schemas.OF_ALL_TRIALS)), other.path("summary"))
-    other.record("summary")
-    return other
-
-
-def test_a_summary_of_an_earlier_version_is_read(pair, make_run, tmp_path):
-    """Medians of all trials are made from the errors; `study run` stores them."""
-    one, _ = pair(GRID)
-    other = older(one, make_run(GRID, tmp_path / "run").folder)
-    assert list(printed(other, chosen_rows(other))) == list(printed(one, chosen_rows(one)))
-    pd.testing.assert_frame_equal(
-        Tables(other).summary, one.table("summary").astype({"estimator": str}), check_dtype=False
-    )
-    assert not up_to_date(other)
-    summarise(other)
-    assert up_to_date(other)
-
-
-def test_a_summary_alone_of_an_earlier_version_is_read(make_run, tmp_path):
-    """Without errors, medians of all trials are known where every fit is ok, and are said to be unknown elsewhere."""
-    text = GRID.replace("seed = 1", 'seed = 1\nkeep = "summary"')
-    whole = make_run(text, tmp_path / "whole")
-    other = older(whole, make_run(text, tmp_path / "run").folder)
-    found = stored_summary(other)
-    ok = (found["ok"] == found["planned"]).to_numpy()
-    assert 0 < ok.sum() < len(ok)
-    expected = whole.table("summary")
-    np.testing.assert_array_equal(found["ratio_median"][ok], expected["ratio_median"][ok])
-    assert found["ratio_median"][~ok].isna().all()
-    assert any("unknown" in line for line in printed(other, chosen_rows(other)))
+    return {entry["name"]: entry["values"] for entry in measures if entry["name"] in OF_ALL_TRIALS}

@@ -107,17 +107,13 @@ def status(folder: Folder, as_json: Json = False) -> None:
     echo([json_text(vars(result))] if as_json else printed(result))
 
 
-Where = Annotated[
-    list[str] | None,
-    typer.Option("--where", metavar="CONDITION=VALUE,…", help="cells with these values, such as angle=45,samples=1000"),
-]
-EstimatorChoice = Annotated[
-    str | None, typer.Option("--estimators", "-e", metavar="NAME,…", help="such as als,mle [default: all]")
-]
+_WHERE = "cells with these values, such as angle=45,samples=1000"
+Where = Annotated[list[str] | None, typer.Option("--where", metavar="CONDITION=VALUE,…", help=_WHERE)]
+_ESTIMATORS = "such as als,mle [default: all]"
+EstimatorChoice = Annotated[str | None, typer.Option("--estimators", "-e", metavar="NAME,…", help=_ESTIMATORS)]
 All = Annotated[bool, typer.Option("--all", help="print every row; by default some that are evenly spread")]
-OnlyOk = Annotated[
-    bool, typer.Option("--ok", help="medians of each estimator's own ok fits: of other trials in each column")
-]
+_OK = "medians of each estimator's own ok fits: of other trials in each column"
+OnlyOk = Annotated[bool, typer.Option("--ok", help=_OK)]
 Csv = Annotated[bool, typer.Option("--csv", help="print all columns of the summary table as CSV")]
 
 
@@ -143,7 +139,7 @@ def summary(
     names), and rows, each with the columns of the summary table (ratio_median is the median of all trials) and, where
     they are known, noise_over_radius and the medians at the bounds, median_cramer_rao and median_attainable.
     """
-    from study.simulation.analysis.summary_text import as_data, chosen_rows, printed
+    from study.simulation.analysis.summary import as_data, chosen_rows, printed
 
     if as_json + as_csv + only_ok > 1:
         raise typer.BadParameter("give one of --json, --csv and --ok; the first two have ok fits in columns …_ok")
@@ -233,11 +229,11 @@ def worst(
     With --json: run, bound, and trials, each with the name that `study replay` takes, cell, trial, estimator, ratio
     (error over bound), error, bound, and the conditions.
     """
-    from study.simulation.analysis.summary import as_data, of_run, printed
+    from study.simulation.analysis.summary import printed_worst, worst_as_data, worst_of_run
 
     run = opened(folder)
-    result = of_run(run, count, estimator)
-    echo([json_text(as_data(run, result))] if as_json else printed(run, result))
+    result, _ = worst_of_run(run, count, estimator)
+    echo([json_text(worst_as_data(run, result))] if as_json else printed_worst(run, result))
 
 
 def regret(
@@ -363,18 +359,15 @@ def readings(
     echo(Readings(choices, table).printed())
 
 
-Folders = Annotated[
-    list[Path],
-    typer.Argument(metavar="RUN", parser=run_folder, help="folders of runs, or their configs, each of another config"),
-]
+_FOLDERS = "folders of runs, or their configs, each of another config"
+Folders = Annotated[list[Path], typer.Argument(metavar="RUN", parser=run_folder, help=_FOLDERS)]
 Cost = Annotated[Path | None, typer.Option("--cost", help="table that `study cost` stores, for the claims on cost")]
 _RECORDING = "folder that `study case-study` wrote; may be given several times"
 Recordings = Annotated[list[Path] | None, typer.Option("--recording", metavar="DIR", help=_RECORDING)]
 Page = Annotated[Path | None, typer.Option("--out", help="file of the page [default: RUN/report.html]")]
 Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make bench` stores")]
-FiguresToo = Annotated[
-    Path | None, typer.Option("--figures", metavar="DIR", help="write the figures there too, as PNG and SVG")
-]
+_FIGURES = "write the figures there too, as PNG and SVG"
+FiguresToo = Annotated[Path | None, typer.Option("--figures", metavar="DIR", help=_FIGURES)]
 ReadingsToo = Annotated[Path | None, typer.Option("--readings", help="table that `study readings` stores")]
 ClaimsToo = Annotated[bool, typer.Option("--claims", help="print and store the verdicts too, as `study claims` does")]
 NoJobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, hidden=True, help="has no effect any more")]

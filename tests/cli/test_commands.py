@@ -19,7 +19,7 @@ import study
 from study import cli
 from study.options import EXIT_CODES, ExitCode
 from study.recordings.recording import digest_of
-from study.simulation.analysis.summary_text import chosen_rows, printed
+from study.simulation.analysis.summary import chosen_rows, printed
 from study.simulation.experiment.config import load, parse, shipped_config, shipped_configs, summary_line
 from study.simulation.runs.plan import plan
 from study.simulation.runs.run_folder import Run

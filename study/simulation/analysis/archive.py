@@ -14,6 +14,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
 from study.files import RunError, explained, replacing
 from study.fits.registry import ESTIMATORS
 from study.simulation.analysis.verify import Verification
@@ -155,86 +157,45 @@ def _identified(software: Mapping[str, Any]) -> Entity:
     return {"identifier": known} if known else {}
 
 
-_MEASURES = (f"`{name}`: {measure.meaning}" for name, measure in MEASURES.items() if not name.endswith(("_ok", "_all")))
-_PERFORMANCE = (
-    f"{'; '.join(_MEASURES)}. A name with `_ok` is of the estimator's own ok fits alone, which are other trials for"
-    " each estimator; one with `_all` counts fits that are not ok as infinitely wrong. Each measure has its Monte-Carlo"
-    " standard error in the column `…_error`. No data set is drawn again."
+_TEMPLATES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent, encoding="utf-8"),
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
 )
 
 
 def readme(runs: Sequence[Run]) -> str:
     """Instructions to read the tables, and to compute them again."""
-    first, software = name_of(runs[0]), runs[0].manifest()["software"]
-    pinned = "\n".join(f"    {name}=={version}" for name, version in software["packages"].items())
-    rows = "\n".join(
-        f"| `runs/{name}` | `configs/{name}.toml` | {run.manifest()['fits']:,} | {', '.join(tables_of(run))} |"
-        for name, run in ((name_of(run), run) for run in runs)
-    )
-    python, version, commit = software["python"], software["study"], software.get("commit") or "unknown"
-    identifiers = ", ".join(_identified(software).get("identifier", []))
-    commit += f"; Software Heritage {identifiers}" if identifiers else ""
-    return f"""# Runs of sphere-fit-study
+    software = runs[0].manifest()["software"]
+    identifiers = _identified(software).get("identifier", [])
+    return _TEMPLATES.get_template("archive-readme.md").render(runs=runs, software=software, identifiers=identifiers)
 
-| run | config | fits | tables |
-| --- | --- | --- | --- |
-{rows}
 
-Tables are Apache Parquet; `schemas/` says what each column is, in which unit. `manifest.json` of each run has the
-SHA-256 of its tables, the software, the machine and the times. `ADEMP.md` describes the studies, `CITATION.cff` says
-what to cite, and `ro-crate-metadata.json` has all of this for machines (RO-Crate 1.1, Process Run Crate).
-
-## Compute them again
-
-Install sphere-fit-study {version} (commit {commit}) with Python {python} and these packages:
-
-{pinned}
-
-Then, in this folder,
-
-    study verify runs/{first}                                          # digests, and a share computed again
-    study run configs/{first}.toml --out again/{first}
-    study diff runs/{first} again/{first}
-
-compute the run again. The tables `errors` and `summary` have the same digests, on any number of workers. (A
-table names the commit that made it: another commit gives another digest, and `study diff` says if the numbers are equal
-to the bit.) `timings` has the seconds of another time. A run with estimators of one's own needs
-`--plugin FILE`; its manifest names the file.
-"""
+def ademp(runs: Sequence[Run]) -> str:
+    """The studies by aims, data-generating mechanisms, estimands, methods and performance measures."""
+    studies = [(run, _words(run)) for run in runs]
+    return _TEMPLATES.get_template("archive-ademp.md").render(studies=studies, measures=MEASURES)
 
 
 _MEDIAN_VARIANCES = (0.316, 1.36)
 """n times the squared relative error of a median of n trials, for |z| of a normal z in three dimensions and in one."""
 
 
-def ademp(runs: Sequence[Run]) -> str:
-    """The studies by aims, data-generating mechanisms, estimands, methods and performance measures."""
-    parts = [
-        "# The studies by ADEMP",
-        "Aims, data-generating mechanisms, estimands, methods and performance measures, as Morris, White & Crowther\n"
-        "(Statistics in Medicine 38 (2019) 2074-2102) ask of simulation studies.",
-    ]
-    for run in runs:
-        study, manifest = run.study, run.manifest()
-        comments = [line.lstrip("# ") for line in config_of(run).splitlines() if line.startswith("#")]
-        trials = study.design.trials
-        directions = "by its law" if DIRECTIONS.name in study.design.given() else "uniform"
-        data = f"Points on a sphere in {study.dimension} dimensions, x = c + r u + σ z: u {directions} on a cap, "
-        low, high = (math.sqrt(variance / trials) for variance in _MEDIAN_VARIANCES)  # of a median of n: n = v/e²
-        known = f"Trials: {trials:,}, so that a median of as many errors near the bound is known to"
-        known += f" {low:.1%} to {high:.1%}."
-        sources = [ESTIMATORS[n].reference if n in ESTIMATORS else "the user's own" for n in study.estimators]
-        methods = [f"`{name}` ({source})" for name, source in zip(study.estimators, sources, strict=True)]
-        count = "" if study.design.kind == "random" else f" Conditions: {manifest['cells']:,}."
-        parts += [
-            f"## {name_of(run)}",
-            "**Aims.** " + (comments[0] if comments else "As the config says."),
-            f"**Data.** {data}{_noise(study)}. {_conditions(run)}{count} {known} Seed: {study.seed}.",
-            "**Estimands.** The centre c; radius and noise beside it.",
-            f"**Methods.** {'; '.join(methods)}.",
-            f"**Performance.** {_PERFORMANCE} {manifest['failures']:,} of {manifest['fits']:,} fits raised.",
-        ]
-    return "\n\n".join(parts) + "\n"
+def _words(run: Run) -> dict[str, object]:
+    """What the page by ADEMP says of a run besides numbers of its config and manifest."""
+    study = run.study
+    comments = [line.lstrip("# ") for line in config_of(run).splitlines() if line.startswith("#")]
+    low, high = (math.sqrt(variance / study.design.trials) for variance in _MEDIAN_VARIANCES)  # n = v/e²
+    return {
+        "aims": comments[0] if comments else "As the config says.",
+        "directions": "by its law" if DIRECTIONS.name in study.design.given() else "uniform",
+        "noise": _noise(study),
+        "conditions": _conditions(run),
+        "precision": f"{low:.1%} to {high:.1%}",
+        "methods": [f"`{name}` ({ESTIMATORS[name].reference})" for name in study.estimators],
+    }
 
 
 def _noise(study: Study) -> str:
@@ -310,8 +271,6 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
             raise RunError(stopped)
         if faults := Verification(run, share=0.0).faults:
             raise RunError(faults[0])
-        for table in tables_of(run):
-            run.check(table)
     texts = {
         "README.md": readme(runs),
         "ADEMP.md": ademp(runs),

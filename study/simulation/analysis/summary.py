@@ -3,9 +3,13 @@
 The headline is ``ratio_median``, of all trials, so that columns of one row are of the same trials. For quantiles of the
 fits whose status is ok (``_ok``), and with failures last (``_all``), see `study.simulation.statistics`. The error table
 is read by group and estimator, a part at a time, so that any length fits in memory.
+
+In print the medians are in units of the bound. With them go the medians that an efficient estimator would have, at the
+Cramér-Rao and at the attainable bound. A user chooses rows; of these as many are printed as fit a screen.
 """
 
-from collections.abc import Collection, Iterable, Iterator
+import math
+from collections.abc import Collection, Container, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,14 +18,31 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
-from study.arrays import Floats
+from study.arrays import Bools, Floats
 from study.files import RunError, writing
 from study.fits import Status
+from study.fits.cap import cap_moments
+from study.simulation import statistics
+from study.simulation.analysis.theory import median_at_bound, median_attainable
 from study.simulation.experiment.compute import Columns
-from study.simulation.experiment.conditions import STORED, bound_law, named_in
+from study.simulation.experiment.conditions import (
+    ANGLE,
+    CENTER,
+    DIRECTIONS,
+    NOISE,
+    NOISE_OVER_RADIUS,
+    RADIUS,
+    STORED,
+    Condition,
+    RowValues,
+    Value,
+    bound_law,
+    distinguishing,
+    named_in,
+)
+from study.simulation.experiment.config import Study
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
-from study.simulation.statistics import NEEDED, as_columns, row
 from study.text import columns, did_you_mean
 
 if TYPE_CHECKING:
@@ -29,7 +50,7 @@ if TYPE_CHECKING:
 
 Key = tuple[str, str]
 """Names of a group and an estimator."""
-ROWS = 1 << 20
+_TOGETHER = 1 << 20
 """Rows in memory at a time, or those of one group if it has more."""
 
 
@@ -89,7 +110,7 @@ class Grouped:
         batch: list[Key] = []
         rows = 0
         for key in self.counts if keys is None else keys:
-            if batch and rows + self.counts[key] > ROWS:
+            if batch and rows + self.counts[key] > _TOGETHER:
                 yield batch
                 batch, rows = [], 0
             batch.append(key)
@@ -137,7 +158,7 @@ def stored_summary(run: Run) -> pd.DataFrame:
     if not missing:
         return stored
     if run.has("errors"):
-        errors = run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *NEEDED])
+        errors = run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *statistics.NEEDED])
         computed = summary(errors, run.study.design.one_trial_a_cell)
         return computed[[c.name for c in schemas.summary([c for c in STORED if c.name in stored])]]
     # the column of a measure with failures last, or of its Monte-Carlo error
@@ -173,10 +194,10 @@ def rows_of_groups(run: Run, grouped: Grouped, keys: Collection[Key] | None = No
         keys: groups and estimators; all if None.
     """
     conditions = run.study.conditions()
-    columns, needed = schemas.summary(conditions), [*(condition.name for condition in conditions), *NEEDED]
+    columns, needed = schemas.summary(conditions), [*(condition.name for condition in conditions), *statistics.NEEDED]
     for batch in grouped.batches(keys):
         fits = grouped.read(batch, needed)
-        yield schemas.table(columns, as_columns([row(*key, fits[key]) for key in batch]))
+        yield schemas.table(columns, statistics.as_columns([statistics.row(*key, fits[key]) for key in batch]))
 
 
 def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
@@ -193,10 +214,291 @@ def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     errors = label(errors, by_decade)
     if by_decade:
         errors = errors.sort_values("decade", kind="stable")
-    needed = [*(condition.name for condition in STORED if condition.name in errors), *NEEDED, "decade"]
+    needed = [*(condition.name for condition in STORED if condition.name in errors), *statistics.NEEDED, "decade"]
     groups = errors.groupby(["group", "estimator"], sort=False, observed=True)
     parts = (((str(g), str(e)), {name: part[name].to_numpy() for name in needed}) for (g, e), part in groups)
-    return pd.DataFrame([row(*key, columns) for key, columns in parts])
+    return pd.DataFrame([statistics.row(*key, columns) for key, columns in parts])
+
+
+def has_bounds(study: Study) -> bool:
+    """True if every cell of a study has both bounds: a grid of isotropic Gaussian noise, directions by area."""
+    given = [condition.name for condition in study.conditions()]
+    departs = bound_law(given) != "" or DIRECTIONS.name in given
+    return study.noise_law.isotropic and not departs and not study.design.one_trial_a_cell
+
+
+def medians_at_bounds(study: Study, row: RowValues) -> tuple[float, float]:
+    """Medians of error over √tr CRLB, for Gaussian errors, in the cell of a row of the summary.
+
+    Returns:
+        The median at the Cramér-Rao bound, which treats the directions as known, and that at the attainable bound,
+        which does not; NaN where that cannot be formed.
+    """
+    angle, noise = float(ANGLE.of(row)), float(f"{NOISE_OVER_RADIUS.of(row):.12g}")  # cells alike but for scale: once
+    at_bound = median_at_bound(cap_moments(math.radians(angle), study.dimension), study.dimension)
+    return at_bound, median_attainable(angle, noise, study.dimension)
+
+
+_SHOWN = 12
+"""Values that a message lists."""
+_SAME = 1e-3
+"""Medians that differ by less than this share are printed alike."""
+
+
+def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = None) -> pd.DataFrame:
+    """The rows of a run's summary that a user asks for.
+
+    Args:
+        run: a finished run.
+        where: texts like ``angle=45,samples=1000``; a condition stands with its name or its symbol. In a random design
+            a value of σ/r chooses the decade that it lies in. All cells, if there are none.
+        estimators: names with commas between; None for all.
+
+    Raises:
+        ValueError: if a text cannot be read, the run does not have the condition or the estimator, or no cell has the
+            values.
+    """
+    named = [name.strip() for name in estimators.split(",")] if estimators is not None else []
+    if unknown := [name for name in named if name not in run.study.estimators]:
+        words = f"not in this run; {did_you_mean(unknown, run.study.estimators)}"
+        raise ValueError(f"--estimators {', '.join(unknown)}: {words}")
+    wanted: dict[Condition, list[Value]] = {}
+    for text in (part.strip() for words in where for part in words.split(",")):
+        key, equals, value = map(str.strip, text.partition("="))
+        if not equals or not value:
+            raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
+        condition = _condition(run, key)
+        wanted.setdefault(condition, []).append(_value(condition, value))
+    summary = stored_summary(run)
+    use = np.ones(len(summary), dtype=bool)
+    for condition, values in wanted.items():
+        use &= _having(summary, condition, values)
+    if len(summary) and not use.any():
+        raise ValueError(f"--where: no cell has these values of {', '.join(c.name for c in wanted)} together")
+    chosen = summary[use]
+    return chosen[chosen["estimator"].isin(named)] if named else chosen
+
+
+def _having(summary: pd.DataFrame, condition: Condition, values: list[Value]) -> Bools:
+    """True for the rows of a summary whose condition has one of the values; ValueError if none has."""
+    rows, asked = (list(map(condition.written, some)) for some in (_values(condition, summary), values))
+    texts = " or ".join(asked)
+    if len(summary) and condition is NOISE_OVER_RADIUS and np.isfinite(summary["decade"]).all():
+        powers = summary["decade"], decade([float(value) for value in values])
+        rows, asked = ([f"1e{power:+03.0f}" for power in some] for some in powers)
+    here = np.isin(rows, asked)
+    if len(summary) and not here.any():
+        there = list(dict.fromkeys(rows))
+        others = f" and {len(there) - _SHOWN} others" if len(there) > _SHOWN else ""
+        raise ValueError(
+            f"--where {condition.name}={texts}: no cell has it; there are {', '.join(there[:_SHOWN])}{others}"
+        )
+    return here
+
+
+def once_by_scaling(summary: pd.DataFrame) -> pd.DataFrame:
+    """Rows of a grid's summary without the cells that repeat another one in a larger or shifted space.
+
+    Errors over the bound do not depend on the radius and the centre if σ/r is the same, as all estimators follow a
+    change of scale and a shift. With shared draws the numbers are the same, but for rounding. A cell is left out if
+    its counts are equal to those of an earlier one, and its medians and their errors agree to a thousandth.
+    """
+    free = {NOISE, RADIUS, CENTER}
+    first = summary.drop_duplicates("group")
+    ratios = (f"{value:.9g}" for value in _values(NOISE_OVER_RADIUS, first))
+    alike = zip(ratios, *(first[c.name] for c in STORED if c.name in summary and c not in free), strict=True)
+    numbers = ["ok", "planned", "ratio_median", "ratio_median_error"]
+    wide = summary.pivot(index="group", columns="estimator", values=numbers).loc[first["group"]].to_numpy(dtype=float)
+    known: dict[tuple[object, ...], list[Floats]] = {}
+    shown = []
+    for conditions, measured in zip(alike, wide, strict=True):
+        others = known.setdefault(conditions, [])
+        new = not any(np.allclose(measured, other, rtol=_SAME, atol=0.0, equal_nan=True) for other in others)
+        others += [measured] * new
+        shown.append(new)
+    return summary[summary["group"].isin(first["group"][shown])]
+
+
+def evenly_spread(keys: Sequence[tuple[Value, ...]], most: int, weights: Sequence[float] = ()) -> list[bool]:
+    """Choose at most so many of the cells of a grid, evenly spread over its conditions, with both ends of each.
+
+    Values are left out of the condition that has most of them for its weight, one after another, until the cells are
+    few enough.
+
+    Args:
+        keys: the values of the conditions of each cell.
+        most: largest number of cells to choose.
+        weights: of the conditions; twice the weight keeps twice the values. 1 each, if empty.
+
+    Returns:
+        True for each cell that is chosen.
+    """
+    if len(keys) <= most:
+        return [True] * len(keys)
+    axes = [list(dict.fromkeys(values)) for values in zip(*keys, strict=True)]
+    axes = [axis if isinstance(axis[0], str) else sorted(axis) for axis in axes]
+    counts, weights = [len(axis) for axis in axes], weights or [1.0] * len(axes)
+    while max(counts) > 1:
+        shares = [count / weight if count > 1 else 0.0 for count, weight in zip(counts, weights, strict=True)]
+        longest = shares.index(max(shares))
+        counts[longest] -= 1
+        shown = [set(_spread(axis, count)) for axis, count in zip(axes, counts, strict=True)]
+        chosen = [all(value in some for value, some in zip(key, shown, strict=True)) for key in keys]
+        if sum(chosen) <= most:
+            if any(chosen):
+                return chosen
+            break
+    places = set(_spread(range(len(keys)), most))  # cells that are no grid
+    return [place in places for place in range(len(keys))]
+
+
+def _spread(values: Sequence[Value], count: int) -> list[Value]:
+    """Choose so many of some values in equal steps, the first and the last one included."""
+    return [values[int(place)] for place in np.linspace(0, len(values) - 1, count).round()]
+
+
+def _condition(run: Run, key: str) -> Condition:
+    """The condition of a run with a name or a symbol."""
+    known = {NOISE_OVER_RADIUS.name: NOISE_OVER_RADIUS}
+    if not run.study.design.one_trial_a_cell:  # otherwise a row has many values of the others
+        known = {c.name: c for c in run.study.conditions()} | known
+    by_symbol = {condition.symbol: condition for condition in known.values()}
+    if key not in known and key not in by_symbol:
+        raise ValueError(f"--where {key}: not a condition of the rows; {did_you_mean(key, known)}")
+    return known.get(key) or by_symbol[key]
+
+
+def _value(condition: Condition, text: str) -> Value:
+    """A value of a condition, given as text."""
+    if condition.kind is str:
+        return text
+    try:
+        value = float(text.removesuffix(condition.mark) if condition.mark else text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value) or not condition.allowed(value):
+        raise ValueError(f"--where {condition.name}={text}: must be {condition.rule}")
+    return value
+
+
+def _values(condition: Condition, summary: pd.DataFrame) -> list[Value]:
+    """The values of a condition in the rows of a summary."""
+    if condition is NOISE_OVER_RADIUS:
+        return [float(value) for value in summary[NOISE.name] / summary[RADIUS.name]]
+    return list(summary[condition.name])
+
+
+ROWS = 32
+"""Most rows of a table that, with the lines about it, fits 40 lines."""
+_ALL_TRIALS = (
+    "Medians of all trials, whatever the status; a fit without a number is infinitely far. Brackets: share not ok."
+)
+_OK_FITS = "Medians of each estimator's own ok fits, not to be compared: trials differ. Brackets: share not ok."
+
+
+def printed(run: Run, rows: pd.DataFrame, every: bool = False, only_ok: bool = False) -> Iterator[str]:
+    """The medians of error over bound of a run.
+
+    Args:
+        run: a finished run.
+        rows: the rows, see `chosen_rows`.
+        every: print each of them; otherwise cells that are the same by scaling are printed once, and of more than
+            `ROWS` rows some that are evenly spread.
+        only_ok: give the median of each estimator's own ok fits, instead of all trials.
+
+    Yields:
+        A title, a legend, a header, and a line per group: for each estimator the median error of all trials over the
+        bound with its Monte-Carlo error, and in brackets the share of fits that are not ok, if there are any. Before
+        them stand the medians of estimators with Gaussian errors at the two bounds, where the cells have them. Last
+        come the numbers of rows that were left out.
+    """
+    yield f"{run.study.run_name()}: median error of the centre over the {_bound(rows.columns)} ± its Monte-Carlo error"
+    yield _OK_FITS if only_ok else _ALL_TRIALS
+    if rows.empty:
+        yield "no cell has a trial yet"
+        return
+    chosen, notes = (rows, []) if every else _fitting(run, rows)
+    named, bounded = distinguishing(chosen), has_bounds(run.study)
+    yield _legend(chosen, named)
+    if bounded:
+        yield "CRLB and attainable: the median of Gaussian errors at the Cramér-Rao bound and at the attainable bound."
+    lines = []
+    for _, part in chosen.groupby("group", sort=False):
+        fits = part.to_dict("records")
+        bounds = [f"{value:.3g}" for value in medians_at_bounds(run.study, fits[0])] if bounded else []
+        medians = [_median(fit, "ratio_median_ok" if only_ok else "ratio_median") for fit in fits]
+        lines.append([_conditions(fits[0], named), *bounds, *medians])
+    yield from columns(lines, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(chosen["estimator"])])
+    yield from notes
+
+
+def as_data(run: Run, frame: pd.DataFrame) -> dict[str, Any]:
+    """Rows of a summary for other programs: run, bound, names of the conditions, and a mapping per row."""
+    bounded = has_bounds(run.study)
+    rows: list[dict[str, Any]] = []
+    for _, part in frame.groupby("group", sort=False):
+        fits = part.to_dict("records")
+        more: dict[str, float] = {}
+        if not run.study.design.one_trial_a_cell:
+            more["noise_over_radius"] = NOISE_OVER_RADIUS.of(fits[0])
+        if bounded:
+            more |= zip(("median_cramer_rao", "median_attainable"), medians_at_bounds(run.study, fits[0]), strict=True)
+        rows += [{str(name): value for name, value in fit.items()} | more for fit in fits]
+    conditions = [condition.name for condition in run.study.conditions()]
+    return {"run": run.study.run_name(), "bound": _bound(frame.columns), "conditions": conditions, "rows": rows}
+
+
+def _bound(conditions: Container[str]) -> str:
+    return bound_law(conditions) or "Cramér-Rao bound"
+
+
+def _fitting(run: Run, frame: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """The rows that fit a screen, and lines about the rows that are left out."""
+    total, notes = frame["group"].nunique(), []
+    if not run.study.design.one_trial_a_cell:
+        frame = once_by_scaling(frame)
+    if same := total - (different := frame["group"].nunique()):
+        cells = "1 cell has" if same == 1 else f"{same:,} cells have"
+        notes.append(f"{cells} the numbers of one above, as only scale or centre differ; --all shows them.")
+    first = frame.drop_duplicates("group")
+    named = distinguishing(first)
+    keys: list[tuple[Value, ...]]
+    if np.isfinite(first["decade"]).all():
+        keys = [(value,) for value in first["decade"]]
+    else:  # nine digits, since values may be rounded differently
+        rows = first.to_dict("records")
+        keys = [tuple(v if isinstance(v := c.of(r), str) else float(f"{v:.9g}") for c in named) for r in rows]
+    weights = [2.0 if condition is NOISE_OVER_RADIUS else 1.0 for condition in named]  # estimators part along it
+    use = evenly_spread(keys, ROWS, weights[: len(keys[0])])
+    if not all(use):
+        frame = frame[frame["group"].isin(first["group"][use])]
+        more = "--all shows all, --where and --estimators choose, --csv is for other programs."
+        notes.append(f"{sum(use):,} of {different:,} rows, evenly spread; {more}")
+    return frame, notes
+
+
+def _legend(frame: pd.DataFrame, named: list[Condition]) -> str:
+    """The meaning of the symbols in the first column."""
+    if np.isfinite(frame["decade"].iloc[0]):
+        first = int(frame["decade"].iloc[0])
+        return f"{NOISE_OVER_RADIUS.symbol} = 1e{first:+03d} …: the trials with σ/r from 1e{first:+03d} to ten times it"
+    return "; ".join(f"{c.symbol}: {c.meaning.removesuffix(f' {c.symbol}')}" for c in named)
+
+
+def _conditions(row: RowValues, named: list[Condition]) -> str:
+    """The conditions of a group."""
+    if np.isfinite(row["decade"]):
+        return f"{NOISE_OVER_RADIUS.symbol} = 1e{int(row['decade']):+03d} …"
+    return ", ".join(condition.label(row) for condition in named)
+
+
+def _median(row: RowValues, name: str) -> str:
+    """A median with its error, and in brackets the share of fits that are not ok."""
+    failed = 1.0 - row["ok"] / row["planned"]
+    if np.isnan(row[name]):
+        return "none ok" if name.endswith("_ok") else "unknown"
+    text = f"{row[name]:.3g} ± {row[f'{name}_error']:.2g}" if np.isfinite(row[name]) else "inf"
+    return text + (f" ({failed:.1%})" if failed > 0 else "")
 
 
 _GROUPS = 8
@@ -220,13 +522,11 @@ def worst(errors: pd.DataFrame, count: int = 5, estimator: str | None = None) ->
     """
     ratio = _ratios(errors)
     if estimator is not None:
-        ratio[(errors["estimator"] != estimator).to_numpy()] = np.nan
+        ratio = ratio[(errors["estimator"] == estimator).to_numpy()[ratio.index]]
     # a trial has a row per estimator: among so many rows are the trials asked for, and those as bad as the last
-    most = min(count * max(1, errors["estimator"].nunique()), int(np.sum(~np.isnan(ratio))))
-    least = np.partition(ratio[~np.isnan(ratio)], -most)[-most] if most else np.inf
-    where = np.flatnonzero(ratio >= least)
+    ratio = ratio.nlargest(count * max(1, errors["estimator"].nunique()), keep="all")
     # sorted by name, not by the code of a dictionary
-    rows = errors.iloc[where].assign(ratio=ratio[where]).astype({"cell": str, "estimator": str})
+    rows = errors.iloc[ratio.index].assign(ratio=ratio.to_numpy()).astype({"cell": str, "estimator": str})
     rows = rows.sort_values(["ratio", "cell", "trial", "estimator"], ascending=[False, True, True, True])
     return rows.drop_duplicates(["cell", "trial"]).head(count).reset_index(drop=True)
 
@@ -242,7 +542,7 @@ def worst_of_groups(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
         A row per group and estimator that has such a trial: ``group``, ``estimator``, ``cell``, ``trial`` and
         ``ratio``, error over bound. Of equal ratios the first of the table counts.
     """
-    ratio = pd.Series(_ratios(errors)).dropna()
+    ratio = _ratios(errors)
     groups = decade(errors["noise"] / errors["radius"]) if by_decade else pd.factorize(errors["cell"])[0]
     keys = [groups[ratio.index], pd.factorize(errors["estimator"])[0][ratio.index]]
     where = ratio.groupby(keys, sort=True).idxmax().to_numpy()
@@ -251,37 +551,27 @@ def worst_of_groups(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
     return rows.assign(ratio=ratio[where].to_numpy())[["group", "estimator", "cell", "trial", "ratio"]]
 
 
-def _ratios(errors: pd.DataFrame) -> Floats:
-    """Error over bound of each row; NaN where the fit is not ok or there is no finite bound."""
-    bound = errors["bound"].to_numpy()
-    use = (errors["status"] == Status.OK).to_numpy() & np.isfinite(bound)
+def _ratios(errors: pd.DataFrame) -> "pd.Series[float]":
+    """Error over bound by the number of the row, of fits that are ok and have a finite bound."""
+    use = np.flatnonzero((errors["status"] == Status.OK) & np.isfinite(errors["bound"]))
     with np.errstate(all="ignore"):
-        return np.where(use, errors["error"].to_numpy() / bound, np.nan)
+        ratio = errors["error"].to_numpy()[use] / errors["bound"].to_numpy()[use]
+    return pd.Series(ratio, use).dropna()
 
 
-def of_run(run: Run, count: int, estimator: str | None = None) -> pd.DataFrame:
-    """The worst trials of a run, as `worst` finds them in its error table.
-
-    Raises:
-        RunError: if the run did not finish, or does not have the estimator.
-    """
-    known = run.study.estimators
-    if estimator is not None and estimator not in known:
-        raise RunError(f"{run.folder}: no estimator {estimator!r} in this run; {did_you_mean(estimator, known)}")
-    return worst(pd.concat([worst(part, count, estimator) for part in _parts(run)], ignore_index=True), count)
-
-
-def worst_of_run(run: Run, count: int = 5) -> tuple[pd.DataFrame, pd.DataFrame]:
+def worst_of_run(run: Run, count: int = 5, estimator: str | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Find the worst trials, and the worst of each group and estimator, in one pass through a run's error table.
 
     Returns:
         The tables of `worst` and `worst_of_groups`.
 
     Raises:
-        RunError: if the run did not finish.
+        RunError: if the run did not finish, or does not have the estimator.
     """
-    by_decade = run.study.design.one_trial_a_cell
-    parts = [(worst(part, count), worst_of_groups(part, by_decade)) for part in _parts(run)]
+    known, by_decade = run.study.estimators, run.study.design.one_trial_a_cell
+    if estimator is not None and estimator not in known:
+        raise RunError(f"{run.folder}: no estimator {estimator!r} in this run; {did_you_mean(estimator, known)}")
+    parts = [(worst(part, count, estimator), worst_of_groups(part, by_decade)) for part in _parts(run)]
     trials, groups = (pd.concat(tables, ignore_index=True) for tables in zip(*parts, strict=True))
     first = groups.groupby(["group", "estimator"], sort=False)["ratio"].idxmax()
     return worst(trials, count), groups.loc[first]
@@ -297,21 +587,20 @@ def _parts(run: Run) -> Iterator[pd.DataFrame]:
         yield file.read_row_groups(list(groups), columns=columns).to_pandas()
 
 
-def as_data(run: Run, trials: pd.DataFrame) -> dict[str, object]:
+def worst_as_data(run: Run, trials: pd.DataFrame) -> dict[str, object]:
     """The worst trials for other programs: the run's name, the bound in words, and a mapping per trial."""
     conditions = [condition.name for condition in run.study.conditions()]
     names = ("cell", "trial", "estimator", "ratio", "error", "bound", *conditions)
     records = trials.to_dict("records")
     rows = [{"name": f"{row['cell']}/{row['trial']}"} | {name: row[name] for name in names} for row in records]
-    return {"run": run.study.run_name(), "bound": bound_law(conditions) or "Cramér-Rao bound", "trials": rows}
+    return {"run": run.study.run_name(), "bound": _bound(conditions), "trials": rows}
 
 
-def printed(run: Run, trials: pd.DataFrame) -> Iterator[str]:
+def printed_worst(run: Run, trials: pd.DataFrame) -> Iterator[str]:
     """The worst trials for a terminal, each by the name that `study replay RUN NAME` takes."""
     conditions = [condition.name for condition in run.study.conditions()]
     shown = named_in(conditions)
-    bound = bound_law(conditions) or "Cramér-Rao bound"
-    yield f"{run.study.run_name()}: the largest errors over the {bound} of fits that are ok"
+    yield f"{run.study.run_name()}: the largest errors over the {_bound(conditions)} of fits that are ok"
     rows = []
     for trial in trials.to_dict("records"):
         name, over_radius = f"{trial['cell']}/{trial['trial']}", trial["error"] / trial["radius"]

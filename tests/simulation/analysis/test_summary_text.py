@@ -9,8 +9,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.simulation.analysis.summary import summarise, summary
-from study.simulation.analysis.summary_text import ROWS, chosen_rows, evenly_spread, once_by_scaling, printed
+from study.simulation.analysis.summary import (
+    ROWS,
+    chosen_rows,
+    evenly_spread,
+    once_by_scaling,
+    printed,
+    summarise,
+    summary,
+)
 from study.simulation.experiment.config import parse
 from study.simulation.runs import runner, schemas
 
