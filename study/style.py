@@ -231,7 +231,11 @@ def save_picture(figure: Figure, path: Path) -> Path:
 
 
 def save_bytes(path: Path, data: bytes) -> Path:
-    """Write an encoded picture to a file; see `save_picture`."""
+    """Write a picture, or another file that is made as a whole, into a folder that is made if it is not there.
+
+    Raises:
+        RunError: if it cannot be written.
+    """
     with explained(path, of_run=False):
         path.parent.mkdir(parents=True, exist_ok=True)
         write(path, data)

@@ -11,7 +11,7 @@ the noise grows, most of all among the fits that the estimators call ok.
 
 import math
 from collections.abc import Iterator
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -151,11 +151,8 @@ def measure(design: CoverageDesign, jobs: int = 2) -> pd.DataFrame:
         ``width_attainable``: over those of the attainable bound. Beside each share and width its Monte-Carlo standard
         error, ``…_error``.
     """
-    cells = design.cells()
-    order = sorted(cells, key=lambda cell: -cell.samples * cell.trials)  # long ones first, so that threads end together
-    rows = Parallel(n_jobs=jobs, backend="threading")(delayed(_cell)(design, cell) for cell in order)
-    by_cell = dict(zip(order, rows, strict=True))
-    return pd.DataFrame([row for cell in cells for row in by_cell[cell]])
+    rows = Parallel(n_jobs=jobs, backend="threading")(delayed(_cell)(design, cell) for cell in design.cells())
+    return pd.DataFrame(list(chain.from_iterable(rows)))
 
 
 def _cell(design: CoverageDesign, cell: CoverageCell) -> list[dict[str, object]]:

@@ -273,16 +273,17 @@ def label(row: RowValues) -> str:
 
 
 class Distribution(Frozen):
-    """A law that a number is drawn from."""
+    """A law that a number is drawn from: one of a few values, each equally likely, unless it says otherwise."""
 
     continuous: ClassVar[bool] = False
     """It has a density on an interval; otherwise it has a few values."""
     name: ClassVar[str]
-    """The law in words."""
+    """The law in words, if it is continuous."""
 
-    @abstractmethod
     def at(self, u: float) -> float:
         """The number drawn, from a uniform one u in [0, 1)."""
+        values = self.possible()
+        return values[int(u * len(values))]
 
     @abstractmethod
     def possible(self) -> tuple[float, ...]:
@@ -293,15 +294,10 @@ class Constant(Distribution):
     """Always the same value."""
 
     law: Literal["constant"]
-    name = "constant"
     value: float
 
-    def at(self, u: float) -> float:
-        """The value, whatever u is."""
-        return self.value
-
     def possible(self) -> tuple[float, ...]:
-        """The values that can be drawn."""
+        """The value."""
         return (self.value,)
 
 
@@ -309,15 +305,10 @@ class Choice(Distribution):
     """One of a list of values, each equally likely."""
 
     law: Literal["choice"]
-    name = "choice"
     values: Annotated[Listed[float], Field(min_length=1)]
 
-    def at(self, u: float) -> float:
-        """The value at quantile u in [0, 1)."""
-        return self.values[int(u * len(self.values))]
-
     def possible(self) -> tuple[float, ...]:
-        """The values that can be drawn."""
+        """The values."""
         return self.values
 
 

@@ -373,6 +373,11 @@ class _Design(Frozen):
                 result[name] = entry
         return result
 
+    def possible(self, name: str) -> tuple[Value, ...]:
+        """The values listed of a condition, or those that its law can draw, or the ends of its range."""
+        entry: tuple[Value, ...] | Distribution = self.given()[name]
+        return entry.possible() if isinstance(entry, Distribution) else entry
+
     def _unwritten(self) -> set[str]:
         """Names of the entries that have no effect."""
         return {condition.name for condition in SILENT} - set(self.given())
@@ -402,11 +407,6 @@ class Grid(_Design):
     def trials_of(self, samples: int) -> int:
         """Number of trials of each cell of so many samples."""
         return self.trials if self.most_samples is None else max(1, min(self.trials, self.most_samples // samples))
-
-    def possible(self, name: str) -> tuple[Value, ...]:
-        """The values listed of a condition."""
-        listed: tuple[Value, ...] = self.given()[name]
-        return listed
 
     def values(self, condition: Condition) -> tuple[Value, ...]:
         """The values that a condition takes: also those of σ if σ/r is listed, and the reverse."""
@@ -484,11 +484,6 @@ class Random(_Design):
     def trials_of(self, samples: int) -> int:
         """Number of trials of the whole design, whatever number of samples they draw."""
         return self.trials
-
-    def possible(self, name: str) -> tuple[Value, ...]:
-        """The values that a condition's law can draw, or the ends of its range."""
-        law: Distribution = self.given()[name]
-        return law.possible()
 
     def values(self, condition: Condition) -> tuple[Value, ...] | None:
         """The values that a condition takes; None where a law leaves them open."""

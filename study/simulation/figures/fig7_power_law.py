@@ -81,7 +81,7 @@ def prepare(tables: Tables) -> Frame:
 
 def _bounds(tables: Tables, curves: pd.DataFrame) -> pd.DataFrame:
     """Median of the bound in each cell shown; every estimator sees the same trials, so one of them serves."""
-    one = tables.some_errors(["cell", "estimator", "bound", "radius"], tables.estimators[:1])
+    one = tables.errors[tables.errors["estimator"] == tables.estimators[0]]
     medians = (one["bound"] / one["radius"]).groupby(one["cell"].astype(str)).median()
     cells = curves.drop_duplicates("group")
     return cells[["level", "samples"]].assign(bound=medians.loc[cells["group"]].to_numpy())

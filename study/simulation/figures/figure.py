@@ -98,9 +98,6 @@ class Tables:
         self.name = " · ".join(filter(None, [study.run_name(), bound_law(study.design.given())]))
         self.dimension, self.design = study.dimension, study.design.kind
         self.noise_law, self.independent = study.noise_law, study.independent()
-        # figures of single trials read every column; the others these, which are a third of a large table
-        used = ("cell", "trial", *(c.name for c in study.conditions()), "estimator", "error", "bound", "status")
-        self._used = None if study.keep_points or study.posterior is not None else used
         if self.summary.empty:
             words = "its budget ended before any cell had a trial; run `study run` again to resume"
             raise RunError(f"{run.folder}: {words}")
@@ -109,21 +106,11 @@ class Tables:
     def errors(self) -> pd.DataFrame:
         """The error table; see `study.simulation.runs.schemas.errors`.
 
-        Of a run without points or posteriors it has no columns of parameters other than the centre.
-
-        Raises:
-            NotApplicable: if the study kept its summary alone.
-        """
-        return self.some_errors(self._used)
-
-    def some_errors(self, columns: Collection[str] | None, estimators: Collection[str] | None = None) -> pd.DataFrame:
-        """Read some columns of the error table, and some estimators' rows: a part is read sooner.
-
         Raises:
             NotApplicable: if the study kept its summary alone.
         """
         self.require_errors()
-        return self.run.table("errors", columns, estimators)
+        return self.run.table("errors")
 
     def require_grid(self, isotropic: bool = False) -> None:
         """Raise `NotApplicable` unless the design is a grid, and the noise isotropic where a figure's bound is."""
@@ -191,7 +178,7 @@ class Tables:
     def samples(self) -> int:
         """Number of points in the data sets of all cells."""
         if self.design == "random" and "errors" in self.stored:  # a row of the summary has many numbers of samples
-            return int(self.some_errors(["samples"], self.estimators[:1])["samples"].sum())
+            return int(self.run.table("errors", ["samples"], self.estimators[:1])["samples"].sum())
         return int((self._of_one["planned"] * self._of_one["samples"]).sum())
 
     @property
@@ -257,7 +244,6 @@ class Gallery:
     def __init__(self, figures: Mapping[str, FigureModule], kinds: Collection[str] = style.KINDS) -> None:
         self._figures, self._kinds = figures, kinds
         self._drawings: dict[str, Drawing] = {}
-        self._open = list(figures)
         self.undrawn: dict[str, dict[str, str]] = {name: {} for name in figures}
 
     @property
@@ -267,20 +253,18 @@ class Gallery:
 
     def add(self, tables: Tables) -> None:
         """Draw the figures that a run can feed and no earlier run could; of its tables the summary stays in memory."""
-        for name in list(self._open):
+        for name in [name for name in self.undrawn if name not in self.failures()]:
             figure = self._figures[name]
             try:
                 frame = figure.prepare(tables)
                 pictures = style.encoded(figure.draw(frame), self._kinds)
             except NotApplicable as reason:
                 self.undrawn[name][tables.name] = str(reason)
-                continue
             except Exception as error:  # a figure that fails must not cost the others
                 self.undrawn[name] = {tables.name: failure(error)}
             else:
                 self._drawings[name] = Drawing(figure, tables, frame, pictures)
                 del self.undrawn[name]
-            self._open.remove(name)
         tables.release()
 
     def save(self, folder: Path | None = None) -> list[Path]:

@@ -23,7 +23,7 @@ from study.simulation.figures.figure import Drawing, Frame, failure, log_axes, l
 from study.simulation.report import html, words
 from study.simulation.report.words import count
 from study.simulation.runs.run_folder import Run
-from study.text import paragraphs
+from study.text import one_line, paragraphs
 
 _BEGINNINGS = {Verdict.REPRODUCED: "Yes", Verdict.PARTLY: "In part", Verdict.NOT_REPRODUCED: "No"}
 _CLAIMS = {claim.name: claim for claim in CLAIMS}
@@ -109,16 +109,19 @@ def _instead(efficiency: Frame | None) -> Iterator[Headline]:
     if curves.empty:
         return
     result = regret(curves)
-    first, *others = [str(name) for name in result.index if name in ESTIMATORS and not ESTIMATORS[str(name)].needs]
-    if not others:
+    first, *rest = [str(name) for name in result.index if name in ESTIMATORS and not ESTIMATORS[str(name)].needs]
+    if not rest:
         return
     beside = [name for name in ("ugdk", "mle", "gdke") if name in result.index and name != first]
     cells = len(curves[["angle", "level"]].drop_duplicates())
+    others = "".join(f", {words.estimator(name)}'s {_three(result[name])} times" for name in beside)
     yield Headline(
         f"Use the estimator {words.estimator(first)}{' instead' if 'ugdk' in result.index else ''}.",
-        f"It does not need the noise level. Over {cells} conditions with {words.count(efficiency.samples)} points and "
-        f"noise below the radius, its median error is on average {_three(result[first])} times the least of all "
-        "estimators" + "".join(f", {words.estimator(name)}'s {_three(result[name])} times" for name in beside) + ".",
+        one_line(f"""
+            It does not need the noise level. Over {cells} conditions with {words.count(efficiency.samples)} points and
+            noise below the radius, its median error is on average {_three(result[first])} times the least of all
+            estimators{others}.
+        """),
     )
 
 
@@ -142,12 +145,13 @@ def _reached(efficiency: Frame | None) -> Iterator[Headline]:
     curves = efficiency.curves
     here = curves[(curves["angle"] == angle) & (curves["level"] == at["level"])].set_index("estimator")["ratio"]
     beside = [name for name in ("corrected", "ugdk") if name in here.index]
+    reaches = "".join(f"; {words.estimator(name)} reaches {words.times(here[name])}" for name in beside)
     yield Headline(
         "What can be reached lies above the Cramér-Rao bound where noise is large.",
-        f"On a cap of {angle:g}° with noise of {words.number(at['level'], 2)}\u00a0r the attainable bound, which does "
-        f"not take the directions as known, is {words.times(at['ratio'])} the Cramér-Rao bound"
-        + "".join(f"; {words.estimator(name)} reaches {words.times(here[name])}" for name in beside)
-        + ".",
+        one_line(f"""
+            On a cap of {angle:g}° with noise of {words.number(at["level"], 2)}\u00a0r the attainable bound, which does
+            not take the directions as known, is {words.times(at["ratio"])} the Cramér-Rao bound{reaches}.
+        """),
     )
 
 

@@ -26,7 +26,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from study import style
-from study.files import explained, stored_csv, write
+from study.files import stored_csv
 from study.fits import Status
 from study.simulation.claims import Verdict
 from study.simulation.claims.readings import Readings
@@ -39,6 +39,7 @@ from study.simulation.report.runs import overview_section, posterior_section, ru
 from study.simulation.report.words import count, readable
 from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import MEASURES, share
+from study.text import one_line
 
 _DIGITS, _ERROR_DIGITS = 5, 3
 
@@ -181,30 +182,30 @@ _PROSE = "stacked prose"
 
 def claims_section(material: Material) -> Iterable[Section]:
     """Section of the claims: first those with a verdict, then those without, and why."""
-    yield Section("The paper's claims", "claims", [*_claims(material, material.claims)])
-
-
-def _claims(material: Material, claims: pd.DataFrame) -> Iterable[Markup]:
-    if claims.empty:
-        words = "No claim of the paper was judged: that takes runs of the project's own configs, such as paper.toml."
-        yield html.paragraph(words)
-        return
-    without = claims["verdict"] == Verdict.NOT_EVALUATED
-    judged, rest = claims[~without], claims[without]
-    if judged.empty:
-        yield html.paragraph("These runs can judge none of the claims.")
-    else:
+    claims = material.claims.to_dict("records")
+    judged = [claim for claim in claims if claim["verdict"] != Verdict.NOT_EVALUATED]
+    rest = [claim for claim in claims if claim["verdict"] == Verdict.NOT_EVALUATED]
+    content = []
+    if judged:
         head = ["No.", "§", "The paper says", "Found"]
-        rows = [_judged(row, material) for row in judged.rename(columns={"name": "claim"}).itertuples()]
-        ids = [f"claim-{number}" for number in judged["number"]]
+        rows, ids = [_judged(claim, material) for claim in judged], [f"claim-{claim['number']}" for claim in judged]
         caption = "Each verdict is computed from numbers with their Monte-Carlo errors, by the rule given with them."
-        yield html.table("The paper's claims and what was found", caption, head, rows, look=_PROSE, ids=ids)
-    if not rest.empty:
-        cells = rest[["number", "section", "statement", "finding"]].astype(str).to_numpy()
-        rows = [[*first, html.coded(why)] for *first, why in cells]
+        content.append(html.table("The paper's claims and what was found", caption, head, rows, look=_PROSE, ids=ids))
+    elif rest:
+        content.append(html.paragraph("These runs can judge none of the claims."))
+    else:
+        words = "No claim of the paper was judged: that takes runs of the project's own configs, such as paper.toml."
+        content.append(html.paragraph(words))
+    if rest:
+        rows = [[*_place(claim), html.coded(claim["finding"])] for claim in rest]
         table = html.table("Claims not evaluated", "", ["No.", "§", "Claim", "Why not"], rows, look=_PROSE)
-        yield from _missing(rest, judged, material)
-        yield html.folded(f"{len(rows)} claim{'s' * (len(rows) > 1)} not evaluated, and why", table)
+        content += _missing(rest, judged, material)
+        content.append(html.folded(f"{len(rows)} claim{'s' * (len(rows) > 1)} not evaluated, and why", table))
+    yield Section("The paper's claims", "claims", content)
+
+
+def _place(claim: dict[Any, Any]) -> list[str]:
+    return [str(claim["number"]), claim["section"], claim["statement"]]
 
 
 def tally(claims: pd.DataFrame) -> Markup:
@@ -221,33 +222,32 @@ def _badge(verdict: str, words: str) -> Markup:
     return html.badge(words, _LOOKS.get(verdict, "untested"))
 
 
-def _judged(row: Any, material: Material) -> list[Content]:
-    """A claim with a verdict; the row comes from `DataFrame.itertuples`."""
-    name = str(row.figure)
+def _judged(claim: dict[Any, Any], material: Material) -> list[Content]:
+    """A claim with a verdict."""
+    name, verdict, figure = claim["name"], claim["verdict"], claim["figure"]
     places = {tables.name: run_id(tables) for tables in material.runs}
     runs: list[str] = []
-    for run in filter(None, str(row.runs).split(", ")):
+    for run in filter(None, claim["runs"].split(", ")):
         runs += [", "] * bool(runs) + [html.link(run, places[run]) if run in places else run]
     facts: list[tuple[str, Content]] = [
-        ("Measured", str(row.quantity)),
-        ("Criterion", str(row.criterion)),
-        ("Remark", str(row.remark)),
-        ("Trials", f"at least {count(int(row.trials))} behind each number" if row.trials else ""),
+        ("Measured", claim["quantity"]),
+        ("Criterion", claim["criterion"]),
+        ("Remark", claim["remark"]),
+        ("Trials", f"at least {count(int(claim['trials']))} behind each number" if claim["trials"] else ""),
         ("Runs", runs),
-        ("Tables", html.code(str(row.reads)) if row.reads else ""),
-        ("Figure", html.link(name, name) if name in material.pictures else name),
+        ("Tables", html.code(claim["reads"]) if claim["reads"] else ""),
+        ("Figure", html.link(figure, figure) if figure in material.pictures else figure),
     ]
-    numbers = html.items([readable(part) for part in str(row.finding).splitlines()])
+    numbers = html.items(list(map(readable, claim["finding"].splitlines())))
     rule = html.facts([(term, content) for term, content in facts if content])
-    verdict = str(row.verdict)
-    otherwise = material.readings.otherwise(str(row.claim)).partition("; ")[2] if material.readings else ""
-    result: list[str] = [
+    otherwise = material.readings.otherwise(name).partition("; ")[2] if material.readings else ""
+    found = [
         html.paragraph([_badge(verdict, verdict)]),
-        html.paragraph(html.coded(answer(str(row.claim), verdict, str(row.finding)))),
+        html.paragraph(html.coded(answer(name, verdict, claim["finding"]))),
         *([html.paragraph(["Read otherwise: ", otherwise, "."])] if otherwise else []),
         html.folded("Numbers and rule", [numbers, rule]),
     ]
-    return [str(row.number), str(row.section), str(row.statement), result]
+    return [*_place(claim), found]
 
 
 def readings_section(material: Material) -> Iterable[Section]:
@@ -256,11 +256,11 @@ def readings_section(material: Material) -> Iterable[Section]:
     if readings is None or material.claims.empty:
         return
     moved, stand = readings.changed["claim"].nunique(), len(readings.standing)
-    said = html.paragraph(
-        f"The paper leaves {len(readings.choices)} choices open. Each was read otherwise, one at a time: the studies "
-        f"that it changes were run, and the claims that it may change were judged again. {stand} verdicts stand under "
-        f"every reading, {moved} change under some."
-    )
+    said = one_line(f"""
+        The paper leaves {len(readings.choices)} choices open. Each was read otherwise, one at a time: the studies that
+        it changes were run, and the claims that it may change were judged again. {stand} verdicts stand under every
+        reading, {moved} change under some.
+    """)
     rows: list[list[Content]] = []
     for number, choice in enumerate(readings.choices, start=1):
         ways = [
@@ -282,10 +282,10 @@ def readings_section(material: Material) -> Iterable[Section]:
         short = _SHORT.get(row["verdict"], "–")
         lines.append([html.link(f"{row['number']} {row['name']}", f"claim-{row['number']}"), short, *cells])
     titles = ["Claim", "used", *(readings.letters[key] for key in readings.others)]
-    caption = (
-        "Verdicts under each reading: reproduced (yes), partly, not reproduced (no), not evaluated (–); a dot where a "
-        "reading cannot change it. A verdict that changes, or cannot be given, is framed."
-    )
+    caption = one_line("""
+        Verdicts under each reading: reproduced (yes), partly, not reproduced (no), not evaluated (–); a dot where a
+        reading cannot change it. A verdict that changes, or cannot be given, is framed.
+    """)
     matrix = html.table("Claims under each reading", caption, titles, lines)
     told = [
         [
@@ -296,27 +296,22 @@ def readings_section(material: Material) -> Iterable[Section]:
         for row in readings.changed.itertuples()
     ]
     numbers = html.folded(f"The {len(told)} verdicts that change, with their first numbers", html.items(told))
-    yield Section("The paper read otherwise", "readings", [said, choices, matrix, numbers])
+    yield Section("The paper read otherwise", "readings", [html.paragraph(said), choices, matrix, numbers])
 
 
-def _missing(rest: pd.DataFrame, judged: pd.DataFrame, material: Material) -> Iterable[Markup]:
+def _missing(rest: list[dict[Any, Any]], judged: list[dict[Any, Any]], material: Material) -> Iterable[Markup]:
     """Sentence that names the runs or tables that the remaining claims need."""
-    reads = _reads(rest)
+    reads, had = ([read for claim in some for read in claim["reads"].split(", ")] for some in (rest, judged))
     given = {tables.run.study.name for tables in material.runs}
     configs = dict.fromkeys(config for config, _, table in (read.partition("/") for read in reads) if table)
-    needed: list[str] = [f"configs/{name}.toml" for name in configs if name not in given]
-    if needed:
-        needed = [f"runs of {', '.join(needed)}"]
+    names = [f"configs/{name}.toml" for name in configs if name not in given]
+    needed: list[str] = [f"runs of {', '.join(names)}"] * bool(names)
     for table, option in (("cost", "--cost"), ("case-study", "--recording")):
-        if table in reads and table not in _reads(judged):
+        if table in reads and table not in had:
             given_by = [html.code(f"study {table}"), " writes, given by ", html.code(option)]
             needed += [", and "] * bool(needed) + ["what ", *given_by]
     if needed:
         yield html.paragraph(["Missing are ", *needed, "."])
-
-
-def _reads(claims: pd.DataFrame) -> list[str]:
-    return [part for cell in claims["reads"] for part in str(cell).split(", ")]
 
 
 COLUMNS = ("group", "what", "cost", "measured", "ratio", "aim", "machine")
@@ -338,12 +333,11 @@ def speed_section(material: Material) -> Iterable[Section]:
     if material.bench is None:
         return
     machine = material.bench["machine"].iloc[0]
-    content: list[Markup] = [
-        html.paragraph(
-            f"Measured on {machine}, in one run. A ratio compares a row with the row of its group whose ratio is 1, by "
-            "the best of many rounds of each. A group without such a row has times alone."
-        )
-    ]
+    said = one_line(f"""
+        Measured on {machine}, in one run. A ratio compares a row with the row of its group whose ratio is 1, by the
+        best of many rounds of each. A group without such a row has times alone.
+    """)
+    content = [html.paragraph(said)]
     for group, part in material.bench.groupby("group", sort=False):
         rows = []
         for what, cost, unit, ratio, aim in part[["what", "cost", "measured", "ratio", "aim"]].to_numpy(dtype=str):
@@ -425,7 +419,4 @@ def save(page: str, path: Path) -> Path:
     Raises:
         RunError: if it cannot be written.
     """
-    with explained(path, of_run=False):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, page.encode("utf-8", "replace"))  # a folder's name may hold bytes that are not text
-    return path
+    return style.save_bytes(path, page.encode("utf-8", "replace"))  # a folder's name may hold bytes that are not text

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from study import style
 from study.fits import Status
-from study.simulation.analysis.summary_text import has_bounds, medians_at_bounds
+from study.simulation.analysis.summary import has_bounds, medians_at_bounds
 from study.simulation.experiment.conditions import LABELS, SAMPLES, RowValues, bound_law, named_in
 from study.simulation.figures import Tables
 from study.simulation.posterior import run as posterior
@@ -23,6 +23,7 @@ from study.simulation.report.html import Content, Section
 from study.simulation.report.material import Material
 from study.simulation.runs.run_folder import plugins
 from study.simulation.statistics import MEASURES
+from study.text import one_line
 
 _HEAD = ["Run", "Design", "Estimators", "Trials", "Samples", "Seed", "Computed on", "Seconds", "Workers"]
 
@@ -78,11 +79,11 @@ def precision(tables: Tables) -> list[Markup]:
         if len(part):
             least, most = words.count(int(part["trials"].min())), words.count(int(part["trials"].max()))
             rows.append([meaning, words.count(len(part)), least if least == most else f"{least} to {most}"])
-    caption = (
-        "A cell stops at the first checkpoint where the Monte-Carlo error is small enough. A cell stops early if that "
-        "error is estimated too small, so quote the target instead: 2 targets on either side hold the truth in 97 % "
-        "of the cells that reached theirs, 2 of the errors shown in 93 %."
-    )
+    caption = one_line("""
+        A cell stops at the first checkpoint where the Monte-Carlo error is small enough. A cell stops early if that
+        error is estimated too small, so quote the target instead: 2 targets on either side hold the truth in 97 % of
+        the cells that reached theirs, 2 of the errors shown in 93 %.
+    """)
     head = ["Why there are no more trials", "cells", "trials of each"]
     table = html.table(f"Trials by need, {tables.name}", caption, head, rows, numeric={1, 2})
     told: list[str] = [
@@ -111,11 +112,10 @@ def times(tables: Tables) -> list[Markup]:
     for step, part in frame.groupby("step", sort=False):
         seconds = words.timed(float(part["seconds"].sum()))
         rows.append([_step(str(step)), words.count(int(part["fits"].sum())), seconds, _per_sample(part)])
-    caption = (
-        f"Seconds are of all workers together ({facts.jobs}); the run took "
-        f"{words.timed(facts.seconds)} s by the clock, {words.timed(facts.seconds_computing)} s of "
-        "them computing. An estimator's time is without the moments."
-    )
+    caption = one_line(f"""
+        Seconds are of all workers together ({facts.jobs}); the run took {words.timed(facts.seconds)} s by the clock,
+        {words.timed(facts.seconds_computing)} s of them computing. An estimator's time is without the moments.
+    """)
     head = ["Step", "Data sets", "Seconds", "ns per sample"]
     blocks: list[Markup] = [html.table(f"Time by step, {tables.name}", caption, head, rows, numeric={1, 2, 3})]
     if frame["samples"].nunique() > 1:
@@ -225,12 +225,9 @@ def efficiency(tables: Tables) -> list[Markup]:
     titles, conditions, fixed = _conditions(frame, by_decade)
     shown = [name for name in tables.estimators if name in set(frame["estimator"])]
     bounded, rows = has_bounds(tables.run.study), []
-    groups: dict[object, list[RowValues]] = {}
-    for row in frame.to_dict("records"):
-        groups.setdefault(row["group"], []).append(row)
-    for part in groups.values():
-        fits = {str(row["estimator"]): row for row in part}
-        first = part[0]
+    for _, part in frame.groupby("group", sort=False):
+        fits = {str(row["estimator"]): row for row in part.to_dict("records")}
+        first = next(iter(fits.values()))
         cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
         if bounded:
             cells += [f"{value:.3g}" for value in medians_at_bounds(tables.run.study, first)]
@@ -243,13 +240,12 @@ def efficiency(tables: Tables) -> list[Markup]:
         if bounded
         else "An estimator with Gaussian errors at the bound has about 0.7 to 0.9. "
     )
-    caption = (
-        f"Distance of the estimated from the true centre over the bound √tr CRLB{law} of the same points: median of "
-        "all trials, whatever the fit's status, ± its Monte-Carlo error (∞: too few trials for one), so that columns "
-        "compare the same trials. A fit without a number counts as infinitely far. Below a median stands the share of "
-        f"fits that are not ok. {efficient}"
-        f"At least {least} trial{'s' * (least != '1')} a row{fixed}."
-    )
+    caption = one_line(f"""
+        Distance of the estimated from the true centre over the bound √tr CRLB{law} of the same points: median of all
+        trials, whatever the fit's status, ± its Monte-Carlo error (∞: too few trials for one), so that columns compare
+        the same trials. A fit without a number counts as infinitely far. Below a median stands the share of fits that
+        are not ok. {efficient}At least {least} trial{"s" * (least != "1")} a row{fixed}.
+    """)
     head = [*titles, "trials", *(["CRLB", "attainable"] if bounded else []), *(style.label(name) for name in shown)]
     table = html.table(f"Error over the bound, {tables.name}", caption, head, rows, numeric=range(len(head)))
     if len(rows) <= _LONG:
@@ -313,10 +309,10 @@ def worst_trials(tables: Tables) -> list[Markup]:
     symbols = [c.symbol for c in conditions]
     head = ["Cell", "Trial", "Estimator", *symbols, "Error over bound", "Status", "To see it again"]
     law = f" ({name})" if (name := bound_law(frame)) else ""
-    caption = (
-        f"Largest error over a finite bound{law} among the fits that are ok; a trial counts once, by its worst "
-        "estimator. The command draws the same points again; the fits that it shows are those of the version installed."
-    )
+    caption = one_line(f"""
+        Largest error over a finite bound{law} among the fits that are ok; a trial counts once, by its worst estimator.
+        The command draws the same points again; the fits that it shows are those of the version installed.
+    """)
     numeric = {1, *range(3, 4 + len(conditions))}
     return [html.table(f"The worst trials, {tables.name}", caption, head, rows, numeric=numeric, look="stacked")]
 
@@ -345,12 +341,12 @@ def _said(tables: Tables, posteriors: pd.DataFrame, answers: pd.DataFrame) -> li
     known = curved[curved["noise_is"] == "known"]
     said = f"{words.count(chains)} ensemble posteriors, of which {words.count(ok)} converged."
     if len(known) and known["ok"].sum():
-        said += (
-            f" With σ known and σ²/v < {posterior.FLAT:g} the posterior mean of no component of centre or radius "
-            f"lies further than {known['shift'].max():.2f} posterior standard deviations from the maximum-likelihood "
-            f"answer, and its standard deviations are {known['least'].min():.2f} to {known['most'].max():.2f} of the "
-            "Cramér-Rao bound's."
-        )
+        said += " " + one_line(f"""
+            With σ known and σ²/v < {posterior.FLAT:g} the posterior mean of no component of centre or radius lies
+            further than {known["shift"].max():.2f} posterior standard deviations from the maximum-likelihood answer,
+            and its standard deviations are {known["least"].min():.2f} to {known["most"].max():.2f} of the Cramér-Rao
+            bound's.
+        """)
     table = _chain_kinds(tables, cells)
     if len(cells) > _LONG_CHAINS:
         table = html.folded(f"All {len(cells)} kinds of chain", table, printed=False)
@@ -369,11 +365,11 @@ def _chain_kinds(tables: Tables, cells: pd.DataFrame) -> Markup:
         kind = [str(row["likelihood"]).replace("_", " "), str(row["noise_is"]), words.number(row["flatness"])]
         values = [words.condition(condition, row) for condition in conditions]
         rows.append([*values, *kind, f"{row['ok']} of {row['chains']}", *numbers])
-    caption = (
-        "Per condition: chains that converged; the largest shift of the posterior mean from the MLE in any component, "
-        "in posterior standard deviations; the range of those over the bound's (where σ is "
-        "unknown they follow σ̂); the longest autocorrelation time, in steps."
-    )
+    caption = one_line("""
+        Per condition: chains that converged; the largest shift of the posterior mean from the MLE in any component, in
+        posterior standard deviations; the range of those over the bound's (where σ is unknown they follow σ̂); the
+        longest autocorrelation time, in steps.
+    """)
     words_at = {len(conditions), len(conditions) + 1}
     return html.table(f"Posteriors, {tables.name}", caption, head, rows, numeric=frozenset(range(len(head))) - words_at)
 
@@ -398,10 +394,10 @@ def _coverage(tables: Tables, posteriors: pd.DataFrame, answers: pd.DataFrame) -
         ]
         first = part.iloc[0]
         rows.append([name, noise_is, words.count(int(first["trials"])), words.count(int(first["failed"])), *shares])
-    caption = (
-        "Share of trials whose true centre lies in sets of nominal level, with the exact binomial 95 % interval. What "
-        f"is not ok counts as outside. Only conditions with σ²/v < {posterior.FLAT:g}."
-    )
+    caption = one_line(f"""
+        Share of trials whose true centre lies in sets of nominal level, with the exact binomial 95 % interval. What is
+        not ok counts as outside. Only conditions with σ²/v < {posterior.FLAT:g}.
+    """)
     head = ["sets of", "σ", "trials", "not ok", *(f"{level:.0%} sets".replace("%", " %") for level in posterior.LEVELS)]
     table = html.table(f"Coverage, {tables.name}", caption, head, rows, numeric={2, 3, 4, 5})
     note = "An estimator's sets are the ellipsoids of its own covariance, which does not know of a bias (GDKE)."

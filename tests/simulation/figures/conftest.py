@@ -24,7 +24,6 @@ def make_rows(error_rows):
 class MadeTables(Tables):
     """Tables that were made in memory, None for one that is not stored. All else is as of a run's."""
 
-    _used = None
     name: str
     dimension: int
     design: str

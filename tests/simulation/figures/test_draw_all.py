@@ -274,15 +274,6 @@ def test_a_figure_that_fails_is_not_tried_again(circles, random, tmp_path, monke
     assert reasons["broken"].endswith(f"({Tables(circles).name})")
 
 
-def test_some_errors_are_those_of_the_table(circles):
-    """Some columns of some estimators are the same rows that the whole table has."""
-    tables = Tables(circles)
-    some = tables.some_errors(["cell", "estimator", "error"], ["gdke", "mle"])
-    whole = tables.errors
-    told = whole.loc[whole["estimator"].isin(["gdke", "mle"]), ["cell", "estimator", "error"]]
-    assert some.reset_index(drop=True).equals(told.reset_index(drop=True))
-
-
 def test_every_estimator_has_a_color_of_its_own():
     """No two estimators, a user's own among them, are as near in colour as the eye would confuse."""
     names = [*ESTIMATORS, *style._LOOKS, "my_own", "another"]
