@@ -100,7 +100,7 @@ def run(
 
     The tables are stored, and the folder of each run is printed.
     """
-    from study.simulation.analysis.summary import summarise
+    from study.simulation.analysis.summary import summarise, up_to_date
     from study.simulation.experiment.config import config_file, read
     from study.simulation.runs import runner
     from study.simulation.runs.adaptive import TimeBudget
@@ -126,7 +126,7 @@ def run(
             folder = out or RUNS / study.run_name()
             end = None if budget is None else TimeBudget(budget)
             done = runner.run(study, text, folder, workers, advance, budget=end)
-        if not done.valid("summary"):
+        if not up_to_date(done):
             summarise(done)
         if (words := budget_message(done)) is not None:
             complaints.append(words)

@@ -147,6 +147,36 @@ class Grouped:
         return rows.groupby(["group", "estimator"], sort=False, observed=True)
 
 
+def stored_summary(run: Run) -> pd.DataFrame:
+    """Read the summary of a run, with the measures of all trials even if an earlier version stored it without them.
+
+    They are computed from the errors. Without errors they are those with failures last where every fit is ok, and
+    elsewhere not a number.
+    """
+    stored = run.table("summary")
+    missing = [name for name in schemas.OF_ALL_TRIALS if name not in stored]
+    if not missing:
+        return stored
+    if run.has("errors"):
+        errors = run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *statistics.NEEDED])
+        computed = summary(errors, run.study.design.one_trial_a_cell)
+        return computed[[c.name for c in schemas.summary([c for c in STORED if c.name in stored])]]
+    # the column of a measure with failures last, or of its Monte-Carlo error
+    known = {name: f"{name.removesuffix('_error')}_all" + "_error" * name.endswith("_error") for name in missing}
+    all_ok = stored["ok"] == stored["planned"]
+    return stored.assign(
+        **{name: stored[other].where(all_ok) if other in stored else np.nan for name, other in known.items()}
+    )
+
+
+def up_to_date(run: Run) -> bool:
+    """True if the summary of a finished run need not be made from its errors again."""
+    if not run.valid("summary"):
+        return False
+    stored = pq.read_schema(run.path("summary")).names
+    return run.study.keep == "summary" or set(schemas.OF_ALL_TRIALS) <= set(stored)
+
+
 def summarise(run: Run) -> None:
     """Summarise a run's error table and store the summary beside it, with few groups in memory at a time."""
     columns, grouped = schemas.summary(run.study.conditions()), Grouped(run)
@@ -239,7 +269,7 @@ def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = No
             raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
         condition = _condition(run, key)
         wanted.setdefault(condition, []).append(_value(condition, value))
-    summary = run.table("summary")
+    summary = stored_summary(run)
     use = np.ones(len(summary), dtype=bool)
     for condition, values in wanted.items():
         use &= _having(summary, condition, values)
@@ -466,7 +496,7 @@ def _median(row: RowValues, name: str) -> str:
     """A median with its error, and in brackets the share of fits that are not ok."""
     failed = 1.0 - row["ok"] / row["planned"]
     if np.isnan(row[name]):
-        return "none ok"
+        return "none ok" if name.endswith("_ok") else "unknown"
     text = f"{row[name]:.3g} ± {row[f'{name}_error']:.2g}" if np.isfinite(row[name]) else "inf"
     return text + (f" ({failed:.1%})" if failed > 0 else "")
 

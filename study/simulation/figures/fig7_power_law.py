@@ -53,6 +53,7 @@ def prepare(tables: Tables) -> Frame:
     """
     tables.require_grid()
     tables.require_directions_by_area()
+    tables.require_all_trials("relative_median")
     summary = at_first(tables.summary, besides=("samples", "noise"))
     summary = summary.assign(level=summary["noise"] / summary["radius"])
     if summary["samples"].nunique() < _LEAST_SAMPLES:

@@ -47,6 +47,7 @@ def prepare(tables: Tables) -> Frame:
     """
     tables.require_grid(isotropic=True)
     tables.require_directions_by_area()
+    tables.require_all_trials("ratio_median")
     result = at_first(tables.summary, besides=("samples", "noise", "angle"))
     # twelve digits: one level of a logspace may differ in its last bit from radius to radius
     level = np.array([float(f"{v:.12g}") for v in result["noise"] / result["radius"]])

@@ -46,6 +46,7 @@ def prepare(tables: Tables) -> Frame:
     laws = set(tables.summary[LAW.name]) if LAW.name in tables.summary else set()
     if NORMAL not in laws or all(map(has_equal_covariance, laws)):
         raise NotApplicable(f"needs {LAW.name} with {NORMAL} and one of structure, such as memory(0.9), in the grid")
+    tables.require_all_trials("relative_median")
     rows = shared.at_first(tables.summary, besides=("angle", LAW.name, DIRECTIONS.name))
     if DIRECTIONS.name not in rows:
         rows = rows.assign(directions=DIRECTIONS.default)

@@ -58,6 +58,7 @@ def prepare(tables: Tables) -> Frame:
         if len(values) < _LEAST or least not in values:
             raise NotApplicable(f"needs at least {_LEAST} values of {name} in the grid, with {least} among them")
     tables.require_directions_by_area()
+    tables.require_all_trials("ratio_median")
     rows = shared.at_first(tables.summary, besides=("angle", law, share))
     unit = tables.efficient(rows["angle"])
     medians = rows[["angle", "estimator", law, share]].set_axis(["angle", "estimator", "law", "share"], axis=1)

@@ -21,7 +21,7 @@ from study import style
 from study.arrays import Floats
 from study.files import RunError
 from study.fits.cap import cap_moments
-from study.simulation.analysis.summary import worst_of_run
+from study.simulation.analysis.summary import stored_summary, worst_of_run
 from study.simulation.analysis.theory import median_at_bound
 from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
 from study.simulation.runs.run_folder import Run
@@ -133,7 +133,13 @@ class Tables:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """The summary table; see `study.simulation.runs.schemas.summary`."""
-        return self.run.table("summary")
+        return stored_summary(self.run)
+
+    def require_all_trials(self, name: str) -> None:
+        """Raise `NotApplicable` if a measure of all trials is not known in some cell."""
+        if self.summary[name].isna().any():
+            words = "the run is of an earlier version, which kept no medians of all trials"
+            raise NotApplicable(f"{words}: run its config again, in another folder (--out)")
 
     def require_directions_by_area(self) -> None:
         """Raise `NotApplicable` if directions have another law than the bounds that a figure draws."""

@@ -25,7 +25,9 @@ _WORD = pa.dictionary(pa.int32(), pa.string())
 _STATUSES = "; ".join(f"{status.value} = {status.text}" for status in Status)
 _STATUS_COLUMNS = frozenset(status.name.lower() for status in Status)
 """Columns of the summary that count the fits of each status."""
-NEWER = _STATUS_COLUMNS - {Status.OK.name.lower()} | {"rank_likelihood", "rhat"}
+OF_ALL_TRIALS = tuple(f"{name}{end}" for name in MEASURES if f"{name}_ok" in MEASURES for end in ("", "_error"))
+"""Columns of the summary with a measure of all trials, which an earlier version did not store."""
+NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()} | {"rank_likelihood", "rhat"}
 """Columns that a table, or some of its rows, may lack because they are older."""
 _CHAIN_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in ChainStatus)
 
@@ -261,7 +263,7 @@ def declared(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[
 def fault(result: pa.Schema, columns: list[Column]) -> str | None:
     """The first declared column that a stored table lacks, or has with another type; None if there is none.
 
-    Counts of statuses may be missing: a table may be older than they are.
+    Counts of statuses and measures of all trials may be missing: a table may be older than they are.
     """
     for column in columns:
         if result.get_field_index(column.name) < 0:
