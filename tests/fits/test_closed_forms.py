@@ -141,23 +141,17 @@ def pencil(points, name):
     return unit**2 * values[first].real, origin - unit * b / 2, unit * np.sqrt(b @ b / 4 - c[0])
 
 
-@pytest.fixture(scope="module")
-def circles(on_cap):
-    """Points and radius of 60 circles: 6 to 200 points on arcs of 60° to 360° of any position, noise 0.001 to 0.1 r."""
-    rng, sets = np.random.default_rng(7), []
+@pytest.mark.parametrize("name", ["taubin", "pratt", "hyper"])
+def test_circle_fit(on_cap, name):
+    """In 2-D centre and radius are those of the package circle-fit (Chernov's programs), to 1e-9 r.
+
+    60 sets of 6 to 200 points on arcs of 60° to 360° of any position, with noise of 0.001 to 0.1 r.
+    """
+    rng, peer = np.random.default_rng(7), getattr(circle_fit, f"{name}SVD")
     for _ in range(60):
         n, angle, radius = int(rng.integers(6, 200)), rng.uniform(30.0, 180.0), 10 ** rng.uniform(-1, 1.5)
-        noise = radius * 10 ** rng.uniform(-3, -1)
-        center = 2 * radius * rng.standard_normal(2)
-        sets.append((on_cap(rng, n, angle, 2, noise, radius, center, axis=rng.standard_normal(2))[0], radius))
-    return sets
-
-
-@pytest.mark.parametrize("name", ["taubin", "pratt", "hyper"])
-def test_circle_fit(circles, name):
-    """In 2-D centre and radius are those of the package circle-fit (Chernov's programs), to 1e-9 r."""
-    peer = getattr(circle_fit, f"{name}SVD")
-    for points, radius in circles:
+        noise, center = radius * 10 ** rng.uniform(-3, -1), 2 * radius * rng.standard_normal(2)
+        points, _ = on_cap(rng, n, angle, 2, noise, radius, center, axis=rng.standard_normal(2))
         fit, (x, y, r, _) = study.fit(points, name), peer(points)
         np.testing.assert_allclose([*fit.center, fit.radius], [x, y, r], rtol=0, atol=1e-9 * radius)
 

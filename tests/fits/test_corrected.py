@@ -10,7 +10,7 @@ from scipy.special import erf
 
 import study
 from study import Status
-from study.fits.corrected import corrected_covariance, sandwich
+from study.fits.corrected import sandwich
 from study.fits.moments import Regression
 from study.fits.samples import Estimates, Samples
 
@@ -239,17 +239,3 @@ def test_scatter_of_fits(rng, on_cap, name, d, angle, noise):
     fit = study.fit(points, name)
     scatter = np.append(fit.center.std(axis=0), fit.radius.std())
     np.testing.assert_allclose(np.median(fit.standard_errors, axis=0), scatter, rtol=0.2)
-
-
-def test_no_numbers_without_a_sphere(rng, on_cap):
-    """Sets without a noise variance or without a sphere have NaN, others are not affected, and the unit is squared."""
-    points = on_cap(rng, 50, 90.0, noise=0.05, sets=3)[0]
-    points[1] = points[1, 0]
-    samples = Samples(np.ascontiguousarray(points.swapaxes(1, 2)))
-    estimates = study.ESTIMATORS["corrected"](samples)
-    covariance = corrected_covariance(samples, estimates)
-    assert np.isnan(covariance[1]).all()
-    alone = study.fit(1000.0 * points[2], "corrected").covariance
-    np.testing.assert_allclose(alone, 1e6 * covariance[2], rtol=1e-6)
-    assert np.isnan(study.fit(points[0, :4], "corrected").covariance).all()
-    np.testing.assert_allclose(covariance, covariance.swapaxes(1, 2), rtol=1e-12)

@@ -57,16 +57,6 @@ def test_recurrences_at_any_moment(rng, on_cap, d):
         assert one.radius == pytest.approx(float(two.radius), abs=1e-10)
 
 
-def test_recurrences_do_not_depend_on_other_sets(rng, on_cap):
-    """A set's answer is the same to the last bit alone and beside sets that start in a plane or are infinite."""
-    points = on_cap(rng, 60, 100.0, noise=0.02, sets=3)[0]
-    alone = study.fit(points[0], "igdk")
-    points[1, :20, 2], points[2, 3, 1] = 0.25, np.inf
-    together = study.fit(points, "igdk")
-    np.testing.assert_array_equal(together.center[0], alone.center)
-    np.testing.assert_array_equal(together.own_status, [Status.OK, Status.OK, Status.NOT_FINITE])
-
-
 @pytest.mark.parametrize("still", [8, 30, 200])
 def test_recurrences_after_a_singular_start(rng, on_cap, still):
     """A marker that stands still at first, or moves in a plane, ends with the batch's answer too."""

@@ -216,14 +216,12 @@ def test_identified_needs_two_ends_and_little_noise():
     assert Intervals(radius, np.zeros((5, 3, 2)), share).identified.tolist() == [True, False, False, False, False]
 
 
-@pytest.fixture(scope="module")
-def weak(on_cap):
-    """Forty sets of 40 points on a cap of 5°, whose curvature is of the size of the noise's effect on it."""
-    return on_cap(np.random.default_rng(41), 40, 5.0, noise=0.0025, sets=40)[0]
+def test_one_rule_for_all_estimators(on_cap):
+    """A fit that did not fail is ok where the interval is bounded and the noise below .35 radii, else weak.
 
-
-def test_one_rule_for_all_estimators(weak):
-    """A fit that did not fail is ok where the interval is bounded and the noise below .35 radii, else weak."""
+    On a cap of 5° the curvature is of the size of the noise's effect on it.
+    """
+    weak = on_cap(np.random.default_rng(41), 40, 5.0, noise=0.0025, sets=40)[0]
     found = intervals(Samples(weak.swapaxes(1, 2)))
     assert 5 <= found.identified.sum() <= 38
     for name in ("mle", "als", "gdke", "taubin"):

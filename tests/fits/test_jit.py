@@ -16,7 +16,7 @@ import pytest
 
 import study
 from study.fits import ESTIMATORS, Estimates, Samples
-from study.fits.jit import BLOCK, COMPILING, aligned, compiled
+from study.fits.jit import BLOCK, COMPILING, compiled
 from study.fits.moments import Moments
 
 PROGRAM = """
@@ -132,16 +132,6 @@ def test_two_threads_that_call_first_get_one_answer():
         assert list(pool.map(twice, [float(k) for k in range(8)])) == [2.0 * k for k in range(8)]
     assert len(twice.signatures) == 1
     assert (twice.__name__, twice.__doc__) == ("twice", "Double a number.")
-
-
-@pytest.mark.parametrize("count", [1, 5, 256])
-def test_aligned_memory_begins_with_a_cache_line(count):
-    """Its address is a multiple of 64 bytes, and it has as many numbers as asked for, which are its own."""
-    rows = [aligned(count) for _ in range(20)]
-    assert all(row.ctypes.data % 64 == 0 and row.shape == (count,) and row.flags.c_contiguous for row in rows)
-    for k, row in enumerate(rows):
-        row[:] = k
-    assert [row.sum() for row in rows] == [count * k for k in range(20)]
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])

@@ -134,14 +134,6 @@ def test_against_closed_forms(dimension, noise):
         np.testing.assert_allclose(value, float(truth), rtol=1e-11, atol=floor, err_msg=name)
 
 
-@pytest.mark.parametrize("dimension", [2, 3, 4])
-def test_without_noise(dimension):
-    """At σ = 0 a radius is not lengthened, and no variance is left."""
-    found = radial_means(RADIUS, 0.0, dimension)
-    assert [found.lengthening, found.shortening, found.variance, found.excess01, found.excess12] == [0.0] * 5
-    assert found.variance_by_s == pytest.approx(1.0, rel=1e-14)
-
-
 @pytest.mark.parametrize("d", [2, 3, 4, 9])
 def test_angle_given_the_radius(d):
     """The Bessel functions of the angle's law are those of SciPy; at large κ, beyond its range, the series' limit."""

@@ -21,10 +21,6 @@ CLOSED = ["gdke", "ugdk", "als", "taubin", "pratt", "hyper"]
 EPS = 2.0**-52
 
 
-def stream(seed):
-    return np.random.Generator(np.random.SFC64(seed))
-
-
 def drawn(rng, trials, n, angle, d=3):
     """Directions with heights in place of their first component, and noise of unit size, (trials, d, n) each."""
     directions, noise = np.empty((trials, d, n)), np.empty((trials, d, n))
@@ -44,7 +40,7 @@ def errors(name, directions, noise, sigma, radius):
 @pytest.mark.parametrize("angle", [20.0, 90.0, 180.0])
 def test_both_routes_agree(name, d, angle):
     """Fits of joint moments and of points agree from σ/r = 1e-6 to 0.1, to 1e-9 of the error and rounding, ε r / φ²."""
-    directions, noise = drawn(stream(7), 50, 60, angle, d)
+    directions, noise = drawn(np.random.default_rng(7), 50, 60, angle, d)
     u = directions.copy()
     u[:, 0] = 1.0 - u[:, 0]
     for sigma in (1e-6, 1e-4, 1e-2, 0.1):
@@ -90,7 +86,7 @@ def exact(directions, noise, sigma, radius, eta):
 @pytest.mark.parametrize("angle", [1.0, 5.0, 90.0])
 def test_sixty_digits_at_the_smallest_noise(angle):
     """At σ/r = 1e-13, where points show rounding alone, GDKE's and UGDK's errors have ten digits."""
-    directions, noise = drawn(stream(11), 4, 200, angle)
+    directions, noise = drawn(np.random.default_rng(11), 4, 200, angle)
     for name, eta in (("gdke", 0.0), ("ugdk", 1e-26)):
         found = errors(name, directions, noise, 1e-13, 1.0)
         for t in range(len(found)):

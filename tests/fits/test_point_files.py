@@ -179,8 +179,6 @@ def test_any_numbers_round_trip(points, mark, named, tmp_path_factory):
         ("id,x,y,z", "xyz"),
         ("z,id,Y,X", "XYz"),
         ("id,t,x [mm],y [mm],z [mm]", "xyz"),
-        ("X(m),Y(m),Z(m),quality", "XYZ"),
-        ("x_mm,y_mm,z_mm,residual", "xyz"),
         ("frame,x mm,y mm,z mm", "xyz"),
         ("n,x/cm,y/cm", "xy"),
         ("x,y,w,v", "xy"),

@@ -77,10 +77,9 @@ def grown(joints):
     return answer, answer.fit.center - rotation.apply(CENTRE - true.mean(axis=0))
 
 
-def test_moments_give_what_points_give():
+def test_moments_give_what_points_give(rng, on_cap):
     """The centre, radii and noise of `mgdk` for the same points; the covariance is the same bound, to 5 %."""
-    rng = np.random.default_rng(3)
-    sets = [r * study_directions(rng, 400) + 0.002 * rng.standard_normal((400, 3)) for r in (0.1, 0.3)]
+    sets = [on_cap(rng, 400, 40.0, noise=0.002, radius=r)[0] for r in (0.1, 0.3)]
     growing = [study.Incremental(3) for _ in sets]
     for part, points in zip(growing, sets, strict=True):
         for few in np.array_split(points, 7):
@@ -90,12 +89,6 @@ def test_moments_give_what_points_give():
     np.testing.assert_allclose(one.radii, all_at_once.radii, rtol=1e-7)
     assert one.sigma == pytest.approx(all_at_once.sigma, rel=1e-5)
     np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), all_at_once.standard_errors, rtol=0.05)
-
-
-def study_directions(rng, count):
-    """Unit vectors (n, 3) of a cap of about 40°."""
-    x = rng.standard_normal((count, 3)) * 0.4 + [0, 0, 1]
-    return x / np.linalg.norm(x, axis=1, keepdims=True)
 
 
 @pytest.mark.parametrize("repeat", [1, 6])

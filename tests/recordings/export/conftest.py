@@ -1,7 +1,4 @@
-"""Skeletons to write, and readers of the files: other people's, and one of glTF by its specification alone."""
-
-import json
-import struct
+"""Skeletons to write."""
 
 import numpy as np
 import pytest
@@ -51,36 +48,3 @@ def y_up(figure):
     whole = figure[0].select(frames=slice(0, 400))
     recording = Recording("y-up", whole.markers, turn @ whole.positions, whole.rate)
     return export(recording.select(frames=slice(0, 60)), calibrate(recording, load_markerset("cmu41")))
-
-
-COMPONENTS = {5126: ("<f4", 4), 5121: ("u1", 1), 5123: ("<u2", 2)}
-WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-
-
-def read_glb(path):
-    """Parse a binary glTF file by its specification: the document, and a function for the array of an accessor."""
-    data = path.read_bytes()
-    magic, version, length = struct.unpack_from("<4sII", data)
-    assert (magic, version, length) == (b"glTF", 2, len(data))
-    size, kind = struct.unpack_from("<I4s", data, 12)
-    assert kind == b"JSON"
-    document = json.loads(data[20 : 20 + size])
-    rest, kind = struct.unpack_from("<I4s", data, 20 + size)
-    assert kind == b"BIN\0"
-    assert 28 + size + rest == len(data)
-
-    def array(number):
-        accessor = document["accessors"][number]
-        view = document["bufferViews"][accessor["bufferView"]]
-        kind, _ = COMPONENTS[accessor["componentType"]]
-        width = WIDTHS[accessor["type"]]
-        start = 28 + size + view["byteOffset"] + accessor.get("byteOffset", 0)
-        return np.frombuffer(data, kind, accessor["count"] * width, start).reshape(-1, width)
-
-    return document, array
-
-
-@pytest.fixture(scope="session")
-def glb():
-    """The function `read_glb`."""
-    return read_glb

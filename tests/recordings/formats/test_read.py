@@ -7,6 +7,7 @@ documentation, "Marker (.trc) Files".
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -318,15 +319,15 @@ def made(folder, form, labels, points, unit, write_c3d):
     path = folder / f"walk.{form}"
     if form == "c3d":
         return write_c3d(path, labels, points, unit=unit)
-    rows = [["" if np.isnan(x) else repr(float(x)) for x in frame.ravel()] for frame in points.transpose(2, 0, 1)]
-    if form == "trc":
-        lines = ["PathFileType\t4\t(X/Y/Z)\twalk.trc", "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits"]
-        lines += [f"100\t100\t{len(rows)}\t{len(labels)}\t{unit}", "Frame#\tTime\t" + "\t\t\t".join(labels) + "\t\t"]
-        lines += ["\t\tX1", *("\t".join([str(i + 1), f"{i / 100}", *row]) for i, row in enumerate(rows))]
-    else:
-        heads = ",".join(f"{label}_{axis}" for label in labels for axis in "XYZ")
-        lines = ["# rate: 100", f"# unit: {unit}", heads, *map(",".join, rows)]
-    path.write_text("\n".join(lines) + "\n")
+    columns = [f"{label}_{axis}" for label in labels for axis in "XYZ"]
+    rows = pd.DataFrame(points.reshape(len(columns), -1).T, columns=columns)
+    if form == "csv":
+        path.write_text(f"# rate: 100\n# unit: {unit}\n" + rows.to_csv(index=False))
+        return path
+    head = "PathFileType\t4\t(X/Y/Z)\twalk.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n"
+    head += f"100\t100\t{len(rows)}\t{len(labels)}\t{unit}\nFrame#\tTime\t" + "\t\t\t".join(labels) + "\t\t\n\t\tX1\n"
+    rows.insert(0, "time", rows.index / 100)
+    path.write_text(head + rows.set_index(rows.index + 1).to_csv(sep="\t", header=False))
     return path
 
 

@@ -18,10 +18,108 @@ from study.recordings.recording import Recording, RecordingError
 from study.recordings.session import calibrate_session, pool_places, refit_shapes, session_lines, session_table
 from study.recordings.skeleton.calibrate import other_subject
 from study.recordings.skeleton.draw import draw_skeleton
+from study.recordings.synthetic.make import PARTS, Recipe, body, draw_motion, marker_noise, skin_motion
+
+PELVIS = {
+    "LASI": (0.12, 0.13, 0.0),
+    "RASI": (0.12, -0.13, 0.0),
+    "LPSI": (-0.1, 0.05, 0.02),
+    "RPSI": (-0.1, -0.05, 0.02),
+}
+HIPS = {"left": np.array([0.02, 0.09, -0.1]), "right": np.array([0.02, -0.09, -0.1])}
+CLUSTER = np.array([[0.08, 0.02, -0.15], [0.06, -0.05, -0.25], [-0.05, 0.05, -0.3]])
+"""Markers of a thigh, from its hip; for a right thigh y has the other sign."""
+SIDES = {"left": ("LTH1", "LTH2", "LTH3"), "right": ("RTH1", "RTH2", "RTH3")}
+
+
+_THIGHS = tuple(Segment(name=f"{side}_thigh", markers=SIDES[side], parent="pelvis") for side in SIDES)
+MARKERSET = MarkerSet(
+    name="hips",
+    segments=(Segment(name="pelvis", markers=tuple(PELVIS)), *_THIGHS),
+    joints=tuple(Joint(name=f"{side}_hip", parent="pelvis", child=f"{side}_thigh") for side in SIDES),
+)
+"""The marker set of the trials."""
+
+
+def trial(name, left=0.0, right=0.0, size=1.0, lacking=(), seed=0, frames=600, noise=0.001):
+    """A trial: its name, the range of each hip in radians, the size of the body, the markers it has."""
+    rng = np.random.default_rng(seed)
+
+    def swing(sweep):
+        """Smooth rotation vectors (frames, 3) with this range: sums of slow sines of random phase."""
+        t = np.linspace(0, 2 * np.pi, frames)[:, None]
+        phase = rng.uniform(0, 2 * np.pi, (2, 3))
+        return sweep * (0.7 * np.sin(3 * t * [1, 1.3, 0.8] + phase[0]) + 0.3 * np.sin(7 * t + phase[1]))
+
+    body, shift = Rotation.from_rotvec(swing(0.2)), rng.normal(0.0, 1.0, 3)
+    labels, local = list(PELVIS), [np.tile(size * np.array(place), (frames, 1)) for place in PELVIS.values()]
+    for side, sweep in (("left", left), ("right", right)):
+        turn = Rotation.from_rotvec(swing(sweep))
+        for label, place in zip(SIDES[side], CLUSTER * [1, 1 if side == "left" else -1, 1], strict=True):
+            labels.append(label)
+            local.append(size * (HIPS[side] + turn.apply(place)))
+    x = np.stack([body.apply(each) + shift for each in local]).transpose(0, 2, 1)
+    x = x + noise * rng.normal(size=x.shape)
+    rows = [row for row, label in enumerate(labels) if label not in lacking]
+    return Recording(name, tuple(labels[row] for row in rows), x[rows], 100.0)
+
+
+def placed(places, true, point):
+    """A point beside true places of markers, in the axes in which these are at other places."""
+    turn, _ = Rotation.align_vectors(places - places.mean(axis=0), true - true.mean(axis=0))
+    return turn.apply(point - true.mean(axis=0)) + places.mean(axis=0)
+
+
+def in_pelvis(calibration, side):
+    """A hip's true place in a calibration's pelvis, by the pelvis's markers."""
+    shape = calibration.shape("pelvis")
+    return placed(shape.places, np.array([PELVIS[marker] for marker in shape.markers]), HIPS[side])
+
+
+def body_trial(name, moving, seed, who=0, still=0.1, skin="mixed", tissue=0.004, frames=1000, reach=0.8):
+    """A trial of a synthetic body with the markers of `rizzoli`, in which only the named joints move.
+
+    The others sway by the share ``still`` of their ranges. ``who`` is the subject, whose skin moves alike in all of
+    its trials.
+    """
+    recipe = Recipe(frames=frames, rate=100.0, seed=who, soft_tissue=tissue, skin=skin, markers="rizzoli")
+    reaches = dict.fromkeys(moving, reach)
+    motions = {r: draw_motion(frames, 100.0, seed, height=1.75, reach=r, style="smooth") for r in (still, reach)}
+    rows = {part.name: row for row, part in enumerate(PARTS)}
+    rotations, origins, quiet = (array.copy() for array in motions[still])
+    phases = still * quiet
+    for row, part in enumerate(PARTS[1:], start=1):
+        parent, one = rows[part.parent], motions[reaches.get(part.joint, still)][0]
+        rotations[row] = rotations[parent] @ np.swapaxes(one[parent], 1, 2) @ one[row]
+        origins[row] = origins[parent] + rotations[parent].dot(1.75 * np.array(part.at)).T
+        phases[row] = reaches.get(part.joint, still) * quiet[row]
+    parts = body("rizzoli")
+    segments = np.array([row for row, part in enumerate(parts) for _ in part.markers])
+    offsets = 1.75 * np.array([place for part in parts for place in part.markers.values()])
+    local = offsets[:, :, None] + skin_motion(recipe, rotations, phases, segments)
+    x = np.einsum("mtij,mjt->mit", rotations[segments], local) + origins[segments]
+    x = x + marker_noise(x.shape, 0.001, seed)
+    return Recording(name, tuple(label for part in parts for label in part.markers), x, 100.0)
+
+
+def body_session(who, **options):
+    """The trials of one subject: left hip, right hip, knees; and a static one."""
+    moving = {"left": ["left_hip"], "right": ["right_hip"], "knees": ["left_knee", "right_knee"]}
+    numbered = enumerate(moving.items(), 1000 * who + 1)
+    trials = [body_trial(name, joints, number, who, **options) for number, (name, joints) in numbered]
+    return trials, body_trial("static", [], 1000 * who + 4, who, **options | {"still": 0.02, "frames": 200})
+
+
+def true_place(calibration, joint):
+    """A joint's true place in a calibration's axes of its parent, by the parent's markers (3,)."""
+    part = next(part for part in PARTS if part.joint == joint)
+    own, shape = next(one for one in body("rizzoli") if one.name == part.parent), calibration.shape(part.parent)
+    true = 1.75 * np.array([own.markers[marker] for marker in shape.markers])
+    return placed(shape.places, true, 1.75 * np.array(part.at))
 
 
 @pytest.fixture(scope="module")
-def trials(trial):
+def trials():
     """A trial for each hip, one for both, and a static one."""
     hips = {"left": {"left": 0.4}, "right": {"right": 0.4}, "both": {"left": 0.4, "right": 0.4}}
     moved = [trial(name, **sweeps, seed=seed) for seed, (name, sweeps) in enumerate(hips.items(), 1)]
@@ -29,9 +127,9 @@ def trials(trial):
 
 
 @pytest.fixture(scope="module")
-def session(markerset, trials):
+def session(trials):
     """Their calibration."""
-    return calibrate_session(markerset, *trials)
+    return calibrate_session(MARKERSET, *trials)
 
 
 def test_each_joint_comes_from_the_trials_that_moved_it(session):
@@ -45,7 +143,7 @@ def test_each_joint_comes_from_the_trials_that_moved_it(session):
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_the_merged_centre_is_the_true_one(session, in_pelvis, side):
+def test_the_merged_centre_is_the_true_one(session, side):
     """Within its covariance, by the 99.99 % quantile of χ² of three, to 2 mm, and better than each trial's."""
     calibration = session.calibration
     place = calibration[f"{side}_hip"]
@@ -57,27 +155,27 @@ def test_the_merged_centre_is_the_true_one(session, in_pelvis, side):
     assert place.standard_error < min(part.standard_error for part in parts if part.usable)
 
 
-def test_shapes_are_the_static_trials(session, trials, markerset):
+def test_shapes_are_the_static_trials(session, trials):
     """The distances between markers are those of the static trial to .1 mm, less than its noise over 60 frames."""
-    shape, static = session.calibration.shape("pelvis"), match(markerset, trials[1]).recording
+    shape, static = session.calibration.shape("pelvis"), match(MARKERSET, trials[1]).recording
     for i, one in enumerate(shape.markers):
         for j, two in enumerate(shape.markers[:i]):
             true = np.linalg.norm(static.of(one) - static.of(two), axis=0).mean()
             assert np.linalg.norm(shape.places[i] - shape.places[j]) == pytest.approx(true, abs=1e-4)
 
 
-def test_a_trial_without_a_segment(trial, markerset, in_pelvis):
+def test_a_trial_without_a_segment():
     """A trial without the other thigh's markers is merged; neither hip suffers."""
     left = trial("left", left=0.4, seed=1, lacking=("RTH1", "RTH2", "RTH3"))
     right = trial("right", right=0.4, seed=2, lacking=("LTH1", "LTH2", "LTH3"))
-    found = calibrate_session(markerset, [left, right]).calibration
+    found = calibrate_session(MARKERSET, [left, right]).calibration
     for side in ("left", "right"):
         assert found[f"{side}_hip"].trials == (side,)
         assert np.linalg.norm(found[f"{side}_hip"].in_parent - in_pelvis(found, side)) < 0.003
 
 
 @pytest.mark.parametrize("count", [3, 1])
-def test_a_hinge_is_placed_by_the_static_trial(count, in_axes):
+def test_a_hinge_is_placed_by_the_static_trial(count):
     """The medial marker is on in the static trial alone; the knee is midway between it and the lateral one there.
 
     A shank of one marker has no pose, and the knee's place in it is that in the thigh.
@@ -104,32 +202,32 @@ def test_a_hinge_is_placed_by_the_static_trial(count, in_axes):
     found = calibrate_session(markers, [trial("bend", 1.2, ("MED",))], trial("static", 0.0, ())).calibration
     place, middle = found["knee"], np.array([0.0, 0.01, 0.0])
     assert place.trials == ("bend",)
-    assert np.linalg.norm(place.in_parent - in_axes(found.shape("thigh").places, thigh, knee + middle)) < 0.002
+    assert np.linalg.norm(place.in_parent - placed(found.shape("thigh").places, thigh, knee + middle)) < 0.002
     if count == 1:
         np.testing.assert_allclose(place.in_child, place.in_parent, atol=1e-9)
     else:
-        assert np.linalg.norm(place.in_child - in_axes(found.shape("shank").places, shank, middle)) < 0.003
+        assert np.linalg.norm(place.in_child - placed(found.shape("shank").places, shank, middle)) < 0.003
 
 
-def test_another_person_is_refused(trial, markerset):
+def test_another_person_is_refused():
     """A body of 15 % more size; by force it is merged, and what is overruled is a line. So is a name given twice."""
     two = [trial("one", left=0.4, right=0.4, seed=1), trial("two", left=0.4, right=0.4, seed=2, size=1.15)]
     with pytest.raises(RecordingError, match=r"two does not show the subject calibrated in one.*--force"):
-        calibrate_session(markerset, two)
-    forced = calibrate_session(markerset, two, force=True)
+        calibrate_session(MARKERSET, two)
+    forced = calibrate_session(MARKERSET, two, force=True)
     assert [line.startswith("--force overrules: two does not show") for line in forced.overruled] == [True]
     assert next(session_lines(forced)) == forced.overruled[0]
     with pytest.raises(RecordingError, match="one: given twice"):
-        calibrate_session(markerset, [two[0], trial("one", seed=2)])
+        calibrate_session(MARKERSET, [two[0], trial("one", seed=2)])
 
 
-def test_segments_that_a_recording_lacks_do_not_count(trial, markerset, session):
+def test_segments_that_a_recording_lacks_do_not_count(session):
     """A recording of one thigh and no more shows another body by that alone."""
     other = trial("other", left=0.4, size=1.5, seed=9, lacking=("LASI", "RASI", "LPSI", "RPSI", "RTH1", "RTH2", "RTH3"))
     assert other_subject(session.calibration, other)
 
 
-def test_shapes_refitted_to_a_recording(session, trial):
+def test_shapes_refitted_to_a_recording(session):
     """The shapes are the recording's, to its noise, in the calibration's axes; joints stay where they are."""
     later = trial("later", left=0.3, seed=7)
     moved = np.array(later.positions)
@@ -241,7 +339,7 @@ OWN = {"left_hip": "left", "right_hip": "right", "left_knee": "knees", "right_kn
     ("who", "still", "tissue", "skin"),
     [(0, 0.05, 0.004, "mixed"), (7, 0.1, 0.02, "mixed"), (38, 0.2, 0.004, "mixed"), (65, 0.2, 0.004, "angle")],
 )
-def test_a_trial_that_does_not_move_a_joint_has_no_vote(who, still, tissue, skin, body_session, true_place):
+def test_a_trial_that_does_not_move_a_joint_has_no_vote(who, still, tissue, skin):
     """Hips come from their own trials, knees nearly always; without the rule hips and knees are up to 42 cm off here.
 
     What is usable is within three of its standard errors of the truth, across a hinge's axis.
@@ -275,7 +373,7 @@ def test_a_leg_that_stands_has_no_vote_in_a_real_trial(side, shared_file):
     assert other.rank > place.rank
 
 
-def test_hips_of_a_session_are_judged_by_their_distance(trial, markerset):
+def test_hips_of_a_session_are_judged_by_their_distance():
     """Each trial moves one hip; what is merged is doubted where the pelvis is too narrow for the hips' distance."""
     narrow = []
     for name, ranges in (("left", {"left": 0.4}), ("right", {"right": 0.4})):
@@ -283,7 +381,7 @@ def test_hips_of_a_session_are_judged_by_their_distance(trial, markerset):
         positions, rows = np.array(recording.positions), [recording.row("LASI"), recording.row("RASI")]
         positions[rows] += 0.44 * (positions[rows].mean(axis=0) - positions[rows])
         narrow.append(replace(recording, positions=positions))
-    merged = calibrate_session(markerset, narrow).calibration
+    merged = calibrate_session(MARKERSET, narrow).calibration
     for hip in ("left_hip", "right_hip"):
         assert merged[hip].status == JointStatus.IMPLAUSIBLE
         assert "of LASI to RASI: 0.65 to 1.2 is plausible" in merged[hip].reason
@@ -320,7 +418,7 @@ def test_a_joint_that_no_trial_moved():
     assert not np.isnan(moved_it.in_parent).any()  # it moved: what is large is its own error
 
 
-def test_a_session_has_no_waist_from_its_static_trial(body_session):
+def test_a_session_has_no_waist_from_its_static_trial():
     """Stiff trunks: the waist is nowhere in the calibration and in every frame, and the legs are drawn as before."""
     trials, static = body_session(12, still=0.02)
     session = calibrate_session(load_markerset("rizzoli"), trials, static)
@@ -346,7 +444,7 @@ def exchanged(recording, one, two, share, seed=1):
 
 
 @pytest.mark.parametrize("share", [0.1, 0.43])
-def test_markers_that_exchange_their_labels_are_named(share, body_trial):
+def test_markers_that_exchange_their_labels_are_named(share):
     """Epicondyles: the two, the share to 2 % and the first frame are in the reasons of both joints of the thigh."""
     recording = body_trial("moves", list(OWN), seed=5)
     wrong, frames = exchanged(recording, "RFLE", "RFME", share)
@@ -361,7 +459,7 @@ def test_markers_that_exchange_their_labels_are_named(share, body_trial):
 
 
 @pytest.mark.parametrize("skin", ["mixed", "random", "slide", "angle"])
-def test_no_exchange_where_there_is_none(skin, body_trial):
+def test_no_exchange_where_there_is_none(skin):
     """Skin of 1 and 2 cm, and markers in symmetric places on a trunk."""
     markerset = load_markerset("rizzoli")
     for tissue in (0.01, 0.02):

@@ -56,8 +56,6 @@ def test_other_files_are_refused(text, words, tmp_path):
     with pytest.raises(RecordingError, match=words) as caught:
         load_calibration(path)
     assert "\n" not in str(caught.value)
-    with pytest.raises(RecordingError, match="cannot be read"):
-        load_calibration(tmp_path / "none.json")
 
 
 @pytest.mark.parametrize(
@@ -323,13 +321,3 @@ def test_no_hull(places):
     """Three markers, four in a plane, and none have no hull, so the distance is NaN; so is an unknown joint's."""
     assert np.isnan(hull_distances(places, still([[0.0, 0.0, 0.0]]))).all()
     assert np.isnan(hull_distances(still(CORNERS), np.full((1, 3, 100), np.nan))).all()
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_true_joints_are_not_doubted(seed):
-    """True joints of a synthetic body are not doubted, though knees with one marker are outside by 1-4 cm."""
-    recording, truth = synthesize(Recipe(1500, noise=0.002, seed=seed))
-    shares, distances = hull_distances(recording.positions, truth.centers)
-    assert not any(map(hull_doubt, shares, distances))
-    assert 0.01 < distances[truth.joints.index("left_knee")] < 0.045
-    assert shares[truth.joints.index("neck")] == 0.0

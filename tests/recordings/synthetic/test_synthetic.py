@@ -92,7 +92,6 @@ def test_pairs_are_the_nearest():
     pairs = make.nearest_pairs()
     assert {("LBWT", "RBWT"), ("LWRA", "LWRB"), ("LTOE", "LMT5")} <= set(pairs)
     assert {marker for pair in pairs for marker in pair} == set(MARKERS)
-    np.testing.assert_allclose(unit((3, 0, 4)), [0.6, 0, 0.8])
 
 
 def test_truth_beside_it(tmp_path):
@@ -115,10 +114,8 @@ def test_truth_beside_it(tmp_path):
     np.testing.assert_allclose(knee_path[center].to_numpy(), there, atol=1e-12)
 
 
-def test_the_same_bytes_twice_and_where_nothing_can_be_written(tmp_path):
+def test_where_nothing_can_be_written(tmp_path):
     _, truth = synthesize(Recipe(frames=30))
-    once, twice = (tuple(path.read_bytes() for path in make.write_truth(truth, tmp_path / f"{i}.c3d")) for i in "ab")
-    assert once == twice
     with pytest.raises(RecordingError, match="cannot be written"):
         make.write_truth(truth, tmp_path / "none" / "walk.c3d")
 
@@ -289,17 +286,6 @@ def test_markers_and_joints_are_fixed_in_their_segments(perfect):
         np.testing.assert_allclose((truth.rotations[above] @ at).T + truth.origins[above], center, atol=1e-12)
 
 
-def test_bones(perfect):
-    """The length of a bone is the distance of its joints in every frame."""
-    _, truth = perfect
-    center = dict(zip(truth.joints, truth.centers, strict=True))
-    assert set(truth.bones) >= {("left_hip", "left_knee"), ("right_elbow", "right_wrist"), ("waist", "neck")}
-    assert len(truth.bones) == 11
-    for (start, end), length in truth.bones.items():
-        np.testing.assert_allclose(np.linalg.norm(center[start] - center[end], axis=0), length, rtol=1e-12)
-    assert truth.bones["left_hip", "left_knee"] == pytest.approx(0.245 * 1.75)
-
-
 def test_the_same_recipe_gives_the_same_bytes():
     """Each artefact is drawn from a stream of its own."""
     recipe = {"frames": 300, "noise": 0.002, "soft_tissue": 0.01, "gaps": 0.1, "swaps": 0.1}
@@ -336,10 +322,3 @@ def test_noise_gaps_and_swaps_are_as_asked_for():
         moved[frames] = True
     assert moved.sum() == 100
     np.testing.assert_array_equal(mixed.positions[:, :, ~moved], noisy.positions[:, :, ~moved])
-
-
-def test_another_height_is_another_body():
-    _, truth = synthesize(Recipe(frames=50, noise=0.0, height=1.5))
-    _, tall_truth = synthesize(Recipe(frames=50, noise=0.0, height=1.8))
-    np.testing.assert_allclose(tall_truth.in_parent, 1.2 * truth.in_parent)
-    np.testing.assert_allclose(tall_truth.rotations, truth.rotations)
