@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.arrays import Bools, Floats, Ints
+from study.arrays import Floats, Ints
 from study.fits.random import stream
 from study.recordings.joints.estimate import USABLE, Estimate
 from study.recordings.joints.find import Calibration
@@ -108,9 +108,8 @@ class JointSamples:
     """The samples of a joint's markers, with the noise variance and the weights that the whole recording shows.
 
     Args:
-        y: samples of the markers in the parent's axes (M, 3, T), metres.
-        used: samples that count (M, T).
-        estimate: the joint from the whole recording.
+        estimate: the joint from the whole recording, by spheres in its parent's axes.
+        recording: with its markers.
 
     Attributes:
         noise_variance: σ² of a coordinate; ``weights``: 1/r² of each marker (M,), as in ALS and MGDK.
@@ -120,22 +119,21 @@ class JointSamples:
         error: standard error of the whole recording's centre, metres.
     """
 
-    def __init__(self, y: Floats, used: Bools, estimate: Estimate) -> None:
-        self.y, self.used, self.estimate = np.where(used[:, None], y, 0.0), used, estimate
-        self.frames = y.shape[2]
-        self.noise_variance, self.weights = self._noise_and_weights()
+    def __init__(self, estimate: Estimate, recording: Recording) -> None:
+        self.estimate, self.used, self.frames = estimate, estimate.used, recording.frames
+        y = np.stack([estimate.poses.to_local(recording.of(marker)) for marker in estimate.markers])
+        self.y = np.where(self.used[:, None], y, 0.0)
+        self._find_noise_and_weights()
         values, vectors = np.linalg.eigh(self._pool(np.arange(self.frames)[None])[0][0])
         self.condition = float(self.noise_variance / max(values[0] + self.noise_variance, 1e-300))
         self.hinge = estimate.axis is not None
         self.least = np.asarray(vectors[:, 0] if estimate.axis is None else estimate.axis)
-        fitted = estimate.sphere
-        self.effective_frames = max(estimate.effective_frames if fitted is None else fitted.effective_frames, 1.0)
-        self.autocorrelation_time = max(float(used.any(axis=0).sum()) / self.effective_frames, 1.0)
-        covariance = estimate.covariance if fitted is None else fitted.covariance
-        self.error = float(np.sqrt(max(np.trace(covariance), 0.0)))
+        self.effective_frames = max(estimate.fit.effective_frames, 1.0)
+        self.autocorrelation_time = max(float(self.used.any(axis=0).sum()) / self.effective_frames, 1.0)
+        self.error = float(np.sqrt(max(np.trace(estimate.fit.covariance), 0.0)))
 
-    def _noise_and_weights(self) -> tuple[float, Floats]:
-        """Noise variance from the residuals of the whole recording, and the weights 1/r², by iteration."""
+    def _find_noise_and_weights(self) -> None:
+        """Find the noise variance from the residuals of the whole recording, and the weights 1/r², by iteration."""
         self.noise_variance, self.weights = 0.0, np.ones(len(self.y))
         every_frame = np.arange(self.frames)[None]
         count = self.used.sum(axis=1)
@@ -152,7 +150,6 @@ class JointSamples:
             self.noise_variance = min(float((share @ variance) / (4.0 * (share @ mean))), _MOST * least)
             if abs(self.noise_variance - before) <= 1e-9 * self.noise_variance:
                 break
-        return self.noise_variance, self.weights
 
     def causes(self, centers: Floats) -> dict[str, object]:
         """The row of `CaseStudy.joints` for this joint, with what explains its scatter.
@@ -317,8 +314,7 @@ def case_study(
         if sphere is None:
             skipped[name] = f"no sphere in its parent's axes ({place.reason})"
             continue
-        y = np.stack([sphere.poses.to_local(recording.of(marker)) for marker in sphere.markers])
-        samples = JointSamples(y, sphere.used, sphere)
+        samples = JointSamples(sphere, recording)
         joint_rows, centers = _scatter_of(samples, name, sizes, subsets, seed)
         rows += [row | {"doubted": place.status not in USABLE} for row in joint_rows]
         about.append({"joint": name} | samples.causes(centers["random", False, sizes[len(sizes) // 2]]))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from study.options import ExitCode, Json, echo, unchanged
+from study.text import did_you_mean, json_text
 
 if TYPE_CHECKING:
     from study.recordings.export.tree import ExportedMotion
@@ -106,7 +107,6 @@ def case_study(
     from study.recordings.markersets import place_markerset
     from study.recordings.recording import digest_of, with_origin
     from study.style import save
-    from study.text import json_text
 
     match, digest = place_markerset(_read(file, unit, rate, subject, frames), markerset), digest_of(file)
     folder = results_folder(match.source.name, out)
@@ -186,7 +186,6 @@ def joints(
     from study.recordings.session import fit_session, session_lines, session_table
     from study.recordings.skeleton.anatomy import regression_hint
     from study.recordings.skeleton.calibrate import with_joints
-    from study.text import json_text
 
     if len(files) == 1 and static is None and force:
         raise typer.BadParameter("--force: there is nothing to overrule with one recording")
@@ -320,8 +319,6 @@ def _print(joints: "LiveJoints") -> None:
 
 def _print_lacking(joints: "LiveJoints") -> None:
     """Name the markers that have not come, with the nearest of those that have."""
-    from study.text import did_you_mean
-
     if joints.lacking and joints.frames:
         names, frames = ", ".join(map(repr, joints.lacking)), f"{joints.frames} frame{'s' if joints.frames > 1 else ''}"
         remedy = did_you_mean(joints.lacking, joints.labels) if joints.labels else "no frame has any marker"
@@ -340,7 +337,6 @@ def fetch(
     With --json: library, name, file and terms.
     """
     from study.recordings.formats import write
-    from study.text import json_text
 
     try:
         path = write.fetch(library, name)
@@ -364,7 +360,6 @@ def markersets(
     With --json: markersets, each with name, about, segments, joints, optional and aliases.
     """
     from study.recordings.markersets import described, load_markerset, shipped, shipped_text
-    from study.text import json_text
 
     if as_json:
         names = shipped() if name is None else [name]
@@ -391,7 +386,6 @@ def recording(
     """
     from study.recordings.markersets import MarkerSetError, choose
     from study.recordings.recording import describe, recording_data
-    from study.text import json_text
 
     source = _read(file, unit, rate, subject, frames)
     try:
@@ -482,17 +476,13 @@ def skeleton(
     in which it is seen, bridged, unknown and outside of the markers' hull, and the distance; bones, each with length,
     spread, error and uneven; notes, angles (what they are), overruled and files.
     """
-    from study.recordings.export import planned_files, write_file
-    from study.recordings.export.tree import ExportedMotion, RestPose, angle_lines
+    from study.recordings import export
+    from study.recordings.export import tree
     from study.recordings.joints.find import save_calibration
     from study.recordings.recording import printable
     from study.recordings.session import refit_shapes
-    from study.recordings.skeleton.anatomy import regression_hint
-    from study.recordings.skeleton.calibrate import require_same_subject, with_joints
-    from study.recordings.skeleton.draw import draw_skeleton
-    from study.recordings.skeleton.scene import skeleton_data, skeleton_lines, skeleton_scene
+    from study.recordings.skeleton import anatomy, calibrate, draw, scene
     from study.recordings.view.figure import encoder
-    from study.text import json_text
 
     if calibration is None and force:
         raise typer.BadParameter("--force: there is nothing to overrule without --calibration")
@@ -506,35 +496,35 @@ def skeleton(
         encoder()  # so that a missing one is reported before the work is done
     name = printable(file.stem)
     folder = results_folder(name, out)
-    further = planned_files(write or "", folder, name, file)
+    further = export.planned_files(write or "", folder, name, file)
     source = _read(file, unit, rate, subject, frames)
-    match, used = with_joints(source, calibration, markerset, hips)
+    match, used = calibrate.with_joints(source, calibration, markerset, hips)
     if not as_json:
         _print_match(match, calibration is not None)
-        echo([*used.lines(), *(regression_hint(used, source) if calibration is None else [])])
-    remarks = [] if calibration is None else require_same_subject(used, match.recording, refit, force)
+        echo([*used.lines(), *(anatomy.regression_hint(used, source) if calibration is None else [])])
+    remarks = [] if calibration is None else calibrate.require_same_subject(used, match.recording, refit, force)
     used = refit_shapes(used, match.recording) if refit else used
-    drawn = draw_skeleton(used, match.recording)
-    scene = skeleton_scene(drawn, match.recording, remarks)
+    drawn = draw.draw_skeleton(used, match.recording)
+    shown = scene.skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
-        echo([*skeleton_lines(scene), *angle_lines(used)])
-    motion = ExportedMotion(drawn, match.source, scene, file, RestPose(rest))
+        echo([*scene.skeleton_lines(shown), *tree.angle_lines(used)])
+    motion = tree.ExportedMotion(drawn, match.source, shown, file, tree.RestPose(rest))
 
     def written() -> Iterator[Path]:
         if calibration is None:
             yield save_calibration(used, folder / "calibration.json")
         yield from _written_files(motion, folder)
-        yield from (write_file(motion, path) for path in further)
+        yield from (export.write_file(motion, path) for path in further)
         if video:
-            yield _write_video(scene, folder / "motion.mp4")
+            yield _write_video(shown, folder / "motion.mp4")
 
     paths: list[Path] = []
     for path in written():
         paths.append(path)
         echo([] if as_json else [path])
     if as_json:
-        further_data = {"angles": angle_lines(used), "overruled": remarks, "files": paths}
-        typer.echo(json_text(skeleton_data(scene) | further_data))
+        further_data = {"angles": tree.angle_lines(used), "overruled": remarks, "files": paths}
+        typer.echo(json_text(scene.skeleton_data(shown) | further_data))
 
 
 _OUT = ".c3d, .trc or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"
@@ -571,7 +561,6 @@ def synthetic(
     from study.recordings.formats.write import write_recording
     from study.recordings.recording import RecordingError
     from study.recordings.synthetic.make import Recipe, synthesize, write_truth
-    from study.text import json_text
 
     numbers = frames, rate, seed, noise, soft_tissue, skin, gaps, swaps, height, reach
     recipe = Recipe(*numbers, independent=independent, gait=gait, markers=markers)

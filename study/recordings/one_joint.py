@@ -261,7 +261,7 @@ def fit_one_joint(recording: Recording, markerset: MarkerSet) -> OneJoint:
     if compared and max(CENTIMETRE, _ERRORS * n["error"]) < compared[0][1] < NEAR:
         label, distance, _ = compared[0]
         doubts.append(f"{label} of another program is {1000 * distance:.0f} mm away, beyond what the error explains")
-    moved, frames = (n["moved_least"], n["moved_most"]), 0 if found.estimate is None else found.estimate.frames
+    moved, frames = (n["moved_least"], n["moved_most"]), 0 if found.estimate is None else found.estimate.fit.frames
     fitted = recording.name, markerset, found, mean, frame, places, n["error"], moved, turn, frames, n["worth"]
     return OneJoint(*fitted, compared, misplaced, tuple(doubts))
 

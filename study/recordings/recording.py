@@ -8,7 +8,7 @@ what a recording holds, and `with_origin` stamps a stored table with the recordi
 import hashlib
 import os
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -163,15 +163,13 @@ def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
         name: of the result.
     """
     markers = tuple(dict.fromkeys(marker for recording in recordings for marker in recording.markers))
-    parts = []
+    parts, noted = [], defaultdict[str, list[str]](list)
     for recording in recordings:
         part = np.full((len(markers), 3, recording.frames), np.nan)
         part[[markers.index(marker) for marker in recording.markers]] = recording.positions
         parts.append(part)
-    noted: dict[str, list[str]] = {}
-    for recording in recordings:
         for note in dict.fromkeys(recording.notes):
-            noted.setdefault(note, []).append(recording.name)
+            noted[note].append(recording.name)
     notes = tuple(f"{', '.join(names)}: {note}" for note, names in noted.items())
     return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, notes)
 
@@ -264,16 +262,12 @@ class FileContents:
     """Prefixes of labels, if the file gives them."""
     notes: tuple[str, ...] = ()
     """Messages to the user about the reading."""
+    usual_unit: str | None = None
+    """The unit to assume, with a note, if neither the file nor a user gives one."""
 
 
 def assemble(
-    contents: FileContents,
-    name: str,
-    *,
-    unit: str | None = None,
-    rate: float | None = None,
-    subject: str | None = None,
-    usual_unit: str | None = None,
+    contents: FileContents, name: str, *, unit: str | None = None, rate: float | None = None, subject: str | None = None
 ) -> Recording:
     """Make a recording of a file's contents.
 
@@ -283,7 +277,6 @@ def assemble(
         unit: of the file's numbers; overrides the file.
         rate: frames per second; overrides the file.
         subject: the subject whose markers to take, if there are several.
-        usual_unit: the unit to assume, with a note, if neither the file nor the caller gives one.
 
     Raises:
         RecordingError: one line, without the file's name: no markers, fewer than two frames, no samples, an unknown
@@ -296,7 +289,7 @@ def assemble(
         raise RecordingError(f"{'1 frame' if frames else 'no frames'} in it; motion needs at least 2")
     rows, markers, notes = name_points(contents.labels, subject, contents.prefixes)
     notes = [*contents.notes, *notes]
-    wanted = unit or contents.unit or usual_unit
+    wanted = unit or contents.unit or contents.usual_unit
     used = known_unit(wanted or "")
     if used is None:
         words = "is not given" if wanted is None else f"{wanted!r} is not known"

@@ -50,12 +50,8 @@ def to_local(rotations: Floats, origins: Floats, x: Floats) -> Floats:
     Returns:
         y, of the shape of x.
     """
-    away = x - origins
-    columns = [
-        rotations[0, i] * away[..., 0, :] + rotations[1, i] * away[..., 1, :] + rotations[2, i] * away[..., 2, :]
-        for i in range(3)
-    ]
-    return np.stack(columns, axis=-2)
+    a, b, c = np.moveaxis(x - origins, -2, 0)[..., None, :]  # coordinates (…, 1, frames)
+    return np.ascontiguousarray(rotations[0] * a + rotations[1] * b + rotations[2] * c)
 
 
 def to_world(rotations: Floats, origins: Floats, point: Floats) -> Floats:

@@ -28,27 +28,14 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.recordings.joints.estimate import (
-    CENTIMETRE,
-    SHORT_TEXTS,
-    USABLE,
-    JointStatus,
-    PlaceDifference,
-    largest_error,
-)
+from study.recordings.joints.estimate import SHORT_TEXTS, USABLE, JointStatus, PlaceDifference, largest_error
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints
 from study.recordings.joints.report import joint_table, millimetres
 from study.recordings.markersets import MarkerSet, Match, match, place_markerset
 from study.recordings.recording import Recording, RecordingError, one_after_another
 from study.recordings.rigid import across, fit_rigid_motion
 from study.recordings.skeleton.anatomy import Hips, points_of_the_body, with_anatomy
-from study.recordings.skeleton.calibrate import (
-    calibrate,
-    hull_distances,
-    require_same_subject,
-    with_checks,
-    with_doubts,
-)
+from study.recordings.skeleton.calibrate import hull_distances, require_same_subject, with_checks, with_doubts
 from study.recordings.skeleton.draw import draw_skeleton
 from study.text import columns
 
@@ -71,6 +58,8 @@ class AxesChange(NamedTuple):
 UNKNOWN = AxesChange(np.full((3, 3), np.nan), np.full(3, np.nan))
 """Change of axes where a trial and the reference share too little: places become NaN."""
 SAME = AxesChange(np.eye(3), np.zeros(3))
+Trial = tuple[Calibration, Mapping[str, AxesChange]]
+"""The calibration of a trial, and the changes of its segments' axes to those that all trials have in common."""
 _SLIDES = 0.001
 """Metres: how far skin slides along with a joint, beyond what the stated error covers."""
 _NO_MOTION = 0.001
@@ -171,7 +160,7 @@ def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
         trials.
     """
     ranked = sorted(parts, key=lambda part: part.rank)
-    used = [part for part in ranked if part.usable and _moved(part)]
+    used = [part for part in ranked if part.usable and part.has_vote]
     if not used:
         return _unmoved(ranked[0])
     best = used[0]
@@ -201,16 +190,11 @@ def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
     )
 
 
-def _moved(part: JointPlace) -> bool:
-    """True if a trial moved a joint far enough to have a vote on it."""
-    return largest_error(part.allowance, part.axis) < CENTIMETRE
-
-
 def _unmoved(best: JointPlace) -> JointPlace:
     """The joint that no trial moved, by the best of them: unsure, or without a place."""
     total = best.covariance + best.allowance
     error = largest_error(total, best.axis)
-    if error > _NOWHERE and not _moved(best):
+    if error > _NOWHERE and not best.has_vote:
         without = JointPlace(best.joint, JointStatus.STILL, "no trial moved it")  # neither place nor covariance
         kept = {name: getattr(best, name) for name in ("axis_in_parent", "axis_in_child", "mean_rotation")}
         return replace(without, trials=best.trials, allowance=best.allowance, estimates=best.estimates, **kept)
@@ -268,8 +252,8 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
     # the first trial in which a segment has a pose, if there is one
     references = {s: min(numbers, key=lambda k: not calibrations[k].shape(s).has_pose) for s in segments}
     changes = [axes_changes(calibrations, index, references) for index in numbers]
-    shapes = tuple(_merged_shape(name, references[name], calibrations, changes, static) for name in segments)
     trials = list(zip(calibrations, changes, strict=True))
+    shapes = tuple(_merged_shape(name, references[name], trials, static) for name in segments)
     parts = {
         joint.name: [replace(moved(c[joint.name], change), trials=(c.source,)) for c, change in trials]
         for joint in markerset.joints
@@ -279,25 +263,19 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
     return Session(merged, parts, tuple(calibrations))
 
 
-def _merged_shape(
-    name: str,
-    reference: int,
-    calibrations: Sequence[Calibration],
-    changes: Sequence[Mapping[str, AxesChange]],
-    static: int | None,
-) -> SegmentShape:
+def _merged_shape(name: str, reference: int, trials: Sequence[Trial], static: int | None) -> SegmentShape:
     """Mean shape of a segment over the trials, weighted by their frames; a static trial's for the markers it has."""
-    first, own = calibrations[reference].shape(name), False
+    first, own = trials[reference][0].shape(name), False
     # place, scatter and frames of each marker in each trial that shows it, and if that is the static one
     seen: dict[str, list[tuple[Floats, float, int, bool]]] = defaultdict(list)
-    for index, (calibration, change) in enumerate(zip(calibrations, changes, strict=True)):
+    for index, (calibration, change) in enumerate(trials):
         shape = calibration.shape(name)
         if shape.has_pose == first.has_pose and not np.isnan(change[name].shift).any():
             own |= shape.has_own_pose
             places = change[name].place(shape.places)
             for marker, place, scatter in zip(shape.markers, places, shape.scatter, strict=True):
                 seen[marker].append((place, scatter, calibration.frames, index == static))
-    markers = tuple(m for m in calibrations[reference].markerset.segment(name).markers if m in seen)
+    markers = tuple(m for m in trials[reference][0].markerset.segment(name).markers if m in seen)
     merged, scatters = np.zeros((len(markers), 3)), np.zeros(len(markers))
     for k, marker in enumerate(markers):
         places, own_scatters, frames, fixed = map(np.array, zip(*seen[marker], strict=True))
@@ -421,7 +399,7 @@ def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:
         calibration: of the same subject with the same markers (see `other_subject`).
         recording: markers under the calibration's names.
     """
-    here = calibrate(recording, calibration.markerset)
+    here = find_joints(calibration.markerset, recording)
     merged = merge_calibrations(calibration.markerset, [calibration, here], static=1).calibration
     shapes = (
         new if old.has_own_pose and here.shape(old.segment).has_own_pose else old
@@ -469,5 +447,5 @@ def session_table(session: Session) -> pd.DataFrame:
 def _left_out(part: JointPlace) -> str:
     error = part.standard_error
     size = "" if np.isnan(error) else f", ± {1000 * error:.1f} mm"
-    words = f"{SHORT_TEXTS[part.status]}{size}" if _moved(part) else "hardly moved it"
+    words = f"{SHORT_TEXTS[part.status]}{size}" if part.has_vote else "hardly moved it"
     return f"{', '.join(part.trials)} ({words})"

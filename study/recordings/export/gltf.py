@@ -8,6 +8,7 @@ A bone is an octahedron from its joint to the one below.
 Source: Khronos Group, glTF 2.0 Specification.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,6 @@ import pygltflib as gltf
 from study.arrays import Bools, Floats, Ints
 from study.recordings.export.tree import Y_UP, ExportedMotion, JointNode, joint_tree
 from study.recordings.rigid import quaternions
-from study.recordings.skeleton.scene import Scene
 
 _WIDTH = 0.08
 """Half the width of a bone, in units of its length..."""
@@ -76,10 +76,9 @@ def write_gltf(motion: ExportedMotion, path: Path) -> None:
         OSError: if the file cannot be written.
     """
     root = joint_tree(motion)
-    nodes = list(root.walk())
-    doubts = dict(zip(motion.scene.joints, motion.scene.doubts, strict=True))
+    nodes, doubts = list(root.walk()), dict(zip(motion.scene.joints, motion.scene.doubts, strict=True))
     document = _Document()
-    document.add_nodes(nodes, motion.scene)
+    document.add_nodes(nodes, doubts, np.fmax.reduce(motion.scene.errors, axis=1))
     document.add_skin(rest_places(root) @ Y_UP.T)
     document.add_bones(*bone_mesh(root), np.array([bool(doubts.get(node.name)) for node in nodes]))
     document.add_animation(nodes, motion.skeleton.frames, motion.skeleton.rate, motion.skeleton.name)
@@ -94,10 +93,9 @@ class _Document:
         self.gltf = gltf.GLTF2(asset=asset, scene=0, scenes=[gltf.Scene(nodes=[0])])
         self.bytes = bytearray()
 
-    def add_nodes(self, nodes: list[JointNode], scene: Scene) -> None:
-        """Add the joints in their rest pose."""
-        worst = dict(zip(scene.joints, np.fmax.reduce(scene.errors, axis=1), strict=True))
-        doubts = dict(zip(scene.joints, scene.doubts, strict=True))
+    def add_nodes(self, nodes: list[JointNode], doubts: Mapping[str, str], errors: Floats) -> None:
+        """Add the joints in their rest pose; ``doubts`` are of the scene's joints, ``errors`` their largest ones."""
+        worst = dict(zip(doubts, errors, strict=True))
         for node in nodes:
             known = not np.isnan(worst.get(node.name, np.nan))
             extras: dict[str, object] = {"error": round(float(worst[node.name]), 6)} if known else {}

@@ -173,6 +173,8 @@ def _size(count: int) -> str:
     return f"{count} bytes"
 
 
+Texts = Mapping[str, Iterable[object]]
+"""The texts of parameters by their names."""
 _NOT_MARKERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
@@ -254,42 +256,30 @@ def _strings(reader: c3d.Reader, name: str) -> list[str]:
     return [str(text) for text in np.ravel(parameter.string_array)]
 
 
-def _contents(
-    points: Floats,
-    residuals: Floats,
-    parameters: Mapping[str, Iterable[object]],
-    rate: float,
-    prefixes: Iterable[object],
-) -> FileContents:
+def _contents(points: Floats, residuals: Floats, texts: Texts, rate: float, prefixes: Iterable[object]) -> FileContents:
     """The contents in one form, whichever library read them.
 
     Args:
         points: (points, 3, frames).
         residuals: (points, frames).
-        parameters: those of the group POINT.
+        texts: of the group POINT.
         rate: frames per second; 0 if the file does not give it.
         prefixes: of labels.
     """
-    labels = _numbered(parameters, "LABELS")[: len(points)]
+    labels = _numbered(texts, "LABELS")[: len(points)]
     labels += [""] * (len(points) - len(labels))
     points = np.where(residuals[:, None] < 0, np.nan, points)
-    derived = {label for kind in _NOT_MARKERS for label in _numbered(parameters, kind) if label}
+    derived = {label for kind in _NOT_MARKERS for label in _numbered(texts, kind) if label}
     rows = [row for row, label in enumerate(labels) if label not in derived]
     notes = (f"{len(labels) - len(rows)} points hold angles, forces and the like, not markers: left out",)
-    units = [unit.strip() for unit in parameters.get("UNITS", ()) if isinstance(unit, str)]
-    return FileContents(
-        labels=[labels[row] for row in rows],
-        points=points[rows],
-        rate=rate if rate > 0 else None,
-        unit=next((unit for unit in units if unit), None),
-        prefixes=[str(prefix).strip() for prefix in prefixes],
-        notes=notes if len(rows) < len(labels) else (),
-    )
+    units = [unit.strip() for unit in texts.get("UNITS", ()) if isinstance(unit, str)]
+    named, unit = [labels[row] for row in rows], next((unit for unit in units if unit), None)
+    heads, told = [str(prefix).strip() for prefix in prefixes], notes if len(rows) < len(labels) else ()
+    # C3D files without a unit are usually in millimetres
+    return FileContents(named, points[rows], rate if rate > 0 else None, unit, heads, told, usual_unit="mm")
 
 
-def _numbered(parameters: Mapping[str, Iterable[object]], name: str) -> list[str]:
+def _numbered(parameters: Texts, name: str) -> list[str]:
     """Texts of a parameter and of its continuations, 255 texts in each: LABELS, LABELS2, LABELS3, ..."""
-    texts: list[str] = []
-    for key in (name, *(f"{name}{number}" for number in range(2, 260))):
-        texts += [str(text).strip() for text in parameters.get(key, ())]
-    return texts
+    keys = (name, *(f"{name}{number}" for number in range(2, 260)))
+    return [str(text).strip() for key in keys for text in parameters.get(key, ())]

@@ -60,19 +60,13 @@ def read_motive(lines: list[str]) -> FileContents:
     for i, (owner, own) in enumerate(pairs):
         if owner in bodies:  # a segment, not a subject: it belongs to a name that is not unique
             labels[i] = own if count[own] == 1 else f"{owner} {own}"
-    numbers = tables.read_rows(lines[axes + 1 :], axes + 2, ",", len(table[axes]))
-    numbers, lacking = tables.with_all_frames(numbers[:, 0], numbers, axes + 2)
+    numbers, lacking = tables.read_rows(lines[axes + 1 :], axes + 2, ",", len(table[axes]), counted=True)
     places = [place + axis for place, _, _ in chosen for axis in range(3)]
     keys = [cell.strip().lower() for cell in table[0]]
     given = dict(zip(keys[::2], table[0][1::2], strict=False))
-    rates = (given.get(f"{of} frame rate", "") for of in ("export", "capture"))
-    return FileContents(
-        labels=labels,
-        points=tables.as_points(numbers[:, places]),
-        rate=next((rate for rate in map(tables.number_or_none, rates) if rate is not None), None),
-        unit=given.get("length units") or None,
-        notes=(*notes, *lacking),
-    )
+    rates = (tables.number_or_none(given.get(f"{of} frame rate", "")) for of in ("export", "capture"))
+    rate, unit = next((rate for rate in rates if rate is not None), None), given.get("length units") or None
+    return FileContents(labels, tables.as_points(numbers[:, places]), rate, unit, notes=(*notes, *lacking))
 
 
 def _columns(table: list[list[str]], axes: int) -> list[tuple[int, str, str]]:
@@ -84,10 +78,8 @@ def _columns(table: list[list[str]], axes: int) -> list[tuple[int, str, str]]:
     if axes < _FEWEST or not {"type", "name"} <= titles.keys():
         raise RecordingError("no lines Type, Name and Frame above the rows; export it from Motive with its header")
     width = len(table[axes])
-    kinds, names, holds = (
-        [cell.strip() for cell in [*row, *[""] * width][:width]]
-        for row in (titles["type"], titles["name"], table[axes - 1])
-    )
+    heads = titles["type"], titles["name"], table[axes - 1]
+    kinds, names, holds = ([cell.strip() for cell in [*row, *[""] * width][:width]] for row in heads)
     axis = [cell.strip().lower() for cell in table[axes]]
     return [
         (i, kinds[i].lower(), names[i])
@@ -122,10 +114,7 @@ def read_qualisys(lines: list[str]) -> FileContents:
     wanted = 3 * len(labels)
     cells = max((len(row.rstrip("\r\n").split("\t")) for row in rows), default=wanted)
     extra = 2 if cells >= wanted + 2 else 0  # Frame and Time, if they were exported; a row may end in a tab
-    numbers = tables.read_rows(rows, start + 1, "\t", wanted + extra)
-    notes: tuple[str, ...] = ()
-    if extra:
-        numbers, notes = tables.with_all_frames(numbers[:, 0], numbers, start + 1)
+    numbers, notes = tables.read_rows(rows, start + 1, "\t", wanted + extra, counted=extra > 0)
     promised = "".join(header[_QUALISYS][:1])
     notes += tables.missing_frames_note(len(numbers), int(promised)) if promised.isdigit() else ()
     return FileContents(labels, tables.as_points(numbers[:, extra:]), rate, "mm", notes=notes)
@@ -234,10 +223,10 @@ def read_recording(
         if _is_c3d(path):
             from study.recordings.formats.c3d import read_c3d  # its libraries come with the extra mocap
 
-            # C3D files without a unit are usually in millimetres
-            recording = assemble(read_c3d(path), name, unit=unit, rate=rate, subject=subject, usual_unit="mm")
+            contents = read_c3d(path)
         else:
-            recording = assemble(read_text(path), name, unit=unit, rate=rate, subject=subject)
+            contents = read_text(path)
+        recording = assemble(contents, name, unit=unit, rate=rate, subject=subject)
         return recording if frames is None else frames_between(recording, frames)
     except ModuleNotFoundError as error:
         raise RecordingError(f"{path}: reading it needs {error.name}: pip install '.[mocap]'") from None

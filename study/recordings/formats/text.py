@@ -12,7 +12,6 @@
   Source: OpenSim documentation, "Marker (.trc) Files".
 """
 
-import csv
 import io
 import math
 import re
@@ -29,7 +28,9 @@ MOST_MISSING = 0.1
 """Share of a file's frames that may be missing; with more the file is a part of another one."""
 
 
-def read_rows(lines: list[str], first: int, delimiter: str, columns: int, further: bool = False) -> Floats:
+def read_rows(
+    lines: list[str], first: int, delimiter: str, columns: int, counted: bool, further: bool = False
+) -> tuple[Floats, tuple[str, ...]]:
     """Read rows of numbers.
 
     Args:
@@ -37,57 +38,50 @@ def read_rows(lines: list[str], first: int, delimiter: str, columns: int, furthe
         first: number of the first one in the file, from 1.
         delimiter: between cells.
         columns: number of cells that a row must have.
+        counted: true if the first column counts the frames, of which some may be left out.
         further: true if rows may have further cells, which are left out; else these must be empty.
 
     Returns:
-        The numbers (rows, columns); NaN for an empty cell.
+        The numbers (rows, columns), NaN for an empty cell, with a row for every frame; and a note if any was put in.
 
     Raises:
-        RecordingError: with the line, if a row is cut short, or a cell is no number.
+        RecordingError: with the line, if a row is cut short, a cell is no number, or too many frames are left out.
     """
     lines = lines[: max((i for i, line in enumerate(lines, start=1) if line.strip()), default=0)]
     if not lines:
-        return np.empty((0, columns))
+        return np.empty((0, columns)), ()
     text = "\n".join(lines).replace('"', "")
     cells = np.array([line.count(delimiter) + 1 for line in lines], dtype=int)
     if (cells < columns).any():
         row = int((cells < columns).argmax())
         place = f"line {first + row} has {cells[row]} cells"
         raise RecordingError(f"{place}; {columns} are needed; the line may be cut short")
-    decimal = "," if delimiter != "," and "," in text and "." not in text else "."
     table = pd.read_csv(
         io.StringIO(text),
         sep=delimiter,
-        header=None,
         names=range(int(cells.max())),
-        index_col=False,
-        decimal=decimal,
+        decimal="," if delimiter != "," and "," in text and "." not in text else ".",
         na_values=_MISSING,
         skipinitialspace=True,
         skip_blank_lines=False,
-        quoting=csv.QUOTE_NONE,
         low_memory=False,
     )
-    numbers = np.empty(table.shape)
-    for column in range(table.shape[1]):
-        values = table[column]
-        numbers[:, column] = parsed = pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64)
-        wrong, words = np.isnan(parsed) & values.notna().to_numpy(), "is not a number"
-        if column >= columns:  # a line may end in delimiters
-            wrong, words = values.notna().to_numpy() & (not further), "has no header"
-        if wrong.any():
-            row = int(wrong.argmax())
-            place = f"line {first + row}, column {column + 1}"
-            raise RecordingError(f"{place}: {str(values.iloc[row])[:40]!r} {words}")
-    return numbers[:, :columns]
+    numbers, present = table.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64), table.notna().to_numpy()
+    wrong = present & np.isnan(numbers)
+    wrong[:, columns:] = present[:, columns:] & (not further)  # a line may end in delimiters
+    if wrong.any():
+        column = int(wrong.any(axis=0).argmax())
+        row = int(wrong[:, column].argmax())
+        cell, words = str(table.iloc[row, column])[:40], "is not a number" if column < columns else "has no header"
+        raise RecordingError(f"line {first + row}, column {column + 1}: {cell!r} {words}")
+    return _with_all_frames(numbers[:, :columns], first) if counted else (numbers[:, :columns], ())
 
 
-def with_all_frames(counter: Floats, numbers: Floats, first: int) -> tuple[Floats, tuple[str, ...]]:
+def _with_all_frames(numbers: Floats, first: int) -> tuple[Floats, tuple[str, ...]]:
     """Put in rows without samples for the frames that a table leaves out, so that the times of all others are right.
 
     Args:
-        counter: number of the frame in each row (rows,).
-        numbers: the table (rows, columns).
+        numbers: the table (rows, columns), with the number of the frame in the first one.
         first: number of the first row's line in the file, from 1.
 
     Returns:
@@ -96,6 +90,7 @@ def with_all_frames(counter: Floats, numbers: Floats, first: int) -> tuple[Float
     Raises:
         RecordingError: if the frames do not follow each other, or more than `MOST_MISSING` of them are left out.
     """
+    counter = numbers[:, 0]
     steps = np.diff(counter)
     if (steps == 1).all():
         return numbers, ()
@@ -152,15 +147,11 @@ _COUNTERS = {"frame", "frame#", "frames", "sub frame", "index", "field"}
 
 def read_table(lines: list[str]) -> FileContents:
     """Read a table whose header gives the marker and axis of each column, in any order."""
-    given: dict[str, str] = {}
-    start = 0
-    while start < len(lines) and (lines[start].startswith("#") or not lines[start].strip()):
-        key, colon, value = lines[start].lstrip("# ").partition(":")
-        if colon:
-            given[key.strip().lower()] = value.strip()
-        start += 1
+    start = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
     if start == len(lines):
         raise RecordingError("it holds only comments")
+    entries = (line.lstrip("# ").partition(":") for line in lines[:start])
+    given = {key.strip().lower(): value.strip() for key, colon, value in entries if colon}
     delimiter = find_delimiter(lines[start])
     names = cells_of(lines[start], delimiter)
     places: dict[str, dict[str, int]] = {}
@@ -180,12 +171,9 @@ def read_table(lines: list[str]) -> FileContents:
         if len(axes) < 3:
             lacking = ", ".join(sorted({"x", "y", "z"} - set(axes)))
             raise RecordingError(f"line {start + 1}: marker {marker} has no column for {lacking}")
-    numbers = read_rows(lines[start + 1 :], start + 2, delimiter, len(names))
-    columns = [axes[axis] for axes in places.values() for axis in "xyz"]
     low = [name.lower() for name in names]
-    notes: tuple[str, ...] = ()
-    if low[0] in _COUNTERS:
-        numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 2)
+    numbers, notes = read_rows(lines[start + 1 :], start + 2, delimiter, len(names), low[0] in _COUNTERS)
+    columns = [axes[axis] for axes in places.values() for axis in "xyz"]
     rate = number_or_none(given["rate"]) if "rate" in given else rate_of_times(low, numbers, start + 2)
     if rate is None and "rate" in given:
         raise RecordingError(f"its rate {given['rate']!r} is not a number")
@@ -238,8 +226,7 @@ def read_trc(lines: list[str]) -> FileContents:
     except (KeyError, ValueError):
         raise RecordingError("line 2 and 3 must give DataRate, NumFrames and NumMarkers") from None
     places = _trc_labels(lines[3].split("\t"), markers)
-    numbers = read_rows(rows, start + 1, "\t", 3 + max(places), further=True)
-    numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
+    numbers, notes = read_rows(rows, start + 1, "\t", 3 + max(places), counted=True, further=True)
     notes += missing_frames_note(len(numbers), frames)
     held = max((row.rstrip().count("\t") + 1 for row in rows), default=0)
     if (unnamed := math.ceil((held - 2) / 3) - len(places)) > 0 or markers != len(places):
@@ -292,10 +279,8 @@ def _rate(header: float, times: Floats) -> tuple[float, tuple[str, ...]]:
 
 def _resolution(times: Floats) -> float:
     """The power of ten to which times are rounded, seconds."""
-    for digits in range(7):
-        if (np.abs(times - np.round(times, digits)) < 1e-9).all():
-            return float(10.0**-digits)
-    return 0.0
+    steps = (10.0**-digits for digits in range(7) if (np.abs(times - np.round(times, digits)) < 1e-9).all())
+    return next(steps, 0.0)
 
 
 _AXIS = re.compile(r"([XYZ])\s*\d*$", re.I)
@@ -349,26 +334,19 @@ def read_columns(lines: list[str], axes: int, rate: float | None = None) -> File
     if len(words := sorted({str(lengths[i]) for i in markers})) > 1:
         raise RecordingError(f"its markers are in several units, {' and '.join(words)}; export them in one")
     rows, start = _rows(lines, start, delimiter, len(low) if places[0] else 0)
-    numbers = read_rows(rows, start + 1, delimiter, len(low))
     first = [(low[i] or heads[i]).lower().rstrip("#") for i in range(places[0])]
-    notes: tuple[str, ...] = ()
-    if first and first[0] in _COUNTED:
-        numbers, notes = with_all_frames(numbers[:, 0], numbers, start + 1)
+    numbers, notes = read_rows(rows, start + 1, delimiter, len(low), bool(first) and first[0] in _COUNTED)
     given = _keys(lines[:top], delimiter)
     if (promised := given.get("framenumber", "")).isdigit():
         notes += missing_frames_note(len(numbers), int(promised))
     if others := len(places) - len(markers):
         notes += (f"{others} points hold angles, forces and the like, not markers: left out",)
     if rate is None:
-        rate = next((value for key in _RATES if (value := number_or_none(given.get(key, ""))) and value > 0.0), None)
+        rates = (number_or_none(given.get(key, "")) for key in _RATES)
+        rate = next((rate for rate in rates if rate and rate > 0.0), None) or rate_of_times(first, numbers, start + 1)
+    unit = (words[0] if words else None) or given.get("unit") or given.get("units") or None
     columns = [column for i in markers for column in (i, i + 1, i + 2)]
-    return FileContents(
-        labels=[heads[i] for i in markers],
-        points=as_points(numbers[:, columns]),
-        rate=rate_of_times(first, numbers, start + 1) if rate is None else rate,
-        unit=(words[0] if words else None) or given.get("unit") or given.get("units") or None,
-        notes=notes,
-    )
+    return FileContents([heads[i] for i in markers], as_points(numbers[:, columns]), rate, unit, notes=notes)
 
 
 def _axis(cell: str) -> str:

@@ -65,8 +65,6 @@ def fetch(library: str, name: str, *, base: str | None = None, folder: Path | No
     address = (base or os.environ.get("STUDY_CMU_URL") or CMU).rstrip("/")
     folder = Path(pooch.os_cache("sphere-fit-study")) / library if folder is None else folder
     url, target = f"{address}/{subject}/{subject}_{trial}.c3d", folder / f"{subject}_{trial}.c3d"
-    if target.is_file():
-        return target
     pooch.get_logger().setLevel("WARNING")  # else it reports every download and suggests a checksum
 
     def download(address: str, output: str, _: object) -> None:
@@ -147,16 +145,11 @@ def _write_trc(recording: Recording, path: Path) -> None:
     OpenSim refuses a row that ends in empty cells, and readers that split at white space shift the markers behind them.
     """
     count, frames, rate = len(recording.markers), recording.frames, f"{recording.rate:.10g}"
-    keys = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame")
-    values = (rate, rate, frames, count, "mm", rate, 1, frames)
-    header = [
-        f"PathFileType\t4\t(X/Y/Z)\t{recording.name}.trc",
-        "\t".join((*keys, "OrigNumFrames")),
-        "\t".join(map(str, values)),
-        "Frame#\tTime\t" + "\t".join(f"{marker}\t\t" for marker in recording.markers),
-        "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, count + 1)),
-        "",
-    ]
+    keys = "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"
+    values = map(str, (rate, rate, frames, count, "mm", rate, 1, frames))
+    labels = "Frame#\tTime\t" + "\t".join(f"{marker}\t\t" for marker in recording.markers)
+    axes = "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, count + 1))
+    header = [f"PathFileType\t4\t(X/Y/Z)\t{recording.name}.trc", keys, "\t".join(values), labels, axes, ""]
     table = pd.DataFrame(1000 * recording.positions.reshape(-1, frames).T)
     times = pd.Series(np.arange(frames) / recording.rate).map("{:.6f}".format)
     table.insert(0, "time", times)

@@ -65,6 +65,25 @@ class LocalMarker:
         """The marker in some of the frames."""
         return LocalMarker(np.ascontiguousarray(self.y[:, frames]), self.used[frames], self.own)
 
+    def near_sphere(self, center: Floats, axis: Floats | None = None, tolerance: float = 0.0) -> "LocalMarker":
+        """The marker without the samples that are far off its sphere.
+
+        Args:
+            center: of the sphere (3,), metres.
+            axis: of a hinge (3,), to reject samples off the marker's circle about it instead.
+            tolerance: share of the radius that is never far.
+        """
+        away = self.y - center[:, None]
+        if axis is not None:
+            away = away - np.outer(axis, axis @ away)
+        distance = np.sqrt((away**2).sum(axis=0))
+        inside = distance[self.used]
+        if not len(inside):
+            return self
+        middle = np.median(inside)
+        limit = max(_FAR * 1.4826 * float(np.median(np.abs(inside - middle))), tolerance * middle, _ROUNDING)
+        return replace(self, used=self.used & (np.abs(distance - middle) <= limit))
+
 
 TINY = 1e-13
 """Share of the markers' extent below which an extent is rounding."""
@@ -534,38 +553,15 @@ def reject_outliers(markers: Sequence[LocalMarker]) -> list[LocalMarker]:
     accepted = list(markers)
     clean = _robust_center(markers, _center_of_all(accepted))
     if clean is not None:
-        accepted = [reject_off_sphere(marker, clean, tolerance=_COARSE) for marker in markers]
+        accepted = [marker.near_sphere(clean, tolerance=_COARSE) for marker in markers]
     for _ in range(_ROUNDS):
         center = _center_of_all(accepted)
         if center is None:
             break
-        before, accepted = accepted, [reject_off_sphere(marker, center) for marker in accepted]
+        before, accepted = accepted, [marker.near_sphere(center) for marker in accepted]
         if all(a.used.sum() == b.used.sum() for a, b in zip(accepted, before, strict=True)):
             break
     return accepted
-
-
-def reject_off_sphere(
-    marker: LocalMarker, center: Floats, axis: Floats | None = None, tolerance: float = 0.0
-) -> LocalMarker:
-    """Reject the samples of a marker that are far off its sphere.
-
-    Args:
-        marker: in a segment's axes.
-        center: of the sphere (3,), metres.
-        axis: of a hinge (3,), to reject samples off the marker's circle about it instead.
-        tolerance: share of the radius that is never far.
-    """
-    away = marker.y - center[:, None]
-    if axis is not None:
-        away = away - np.outer(axis, axis @ away)
-    distance = np.sqrt((away**2).sum(axis=0))
-    inside = distance[marker.used]
-    if not len(inside):
-        return marker
-    middle = np.median(inside)
-    limit = max(_FAR * 1.4826 * float(np.median(np.abs(inside - middle))), tolerance * middle, _ROUNDING)
-    return replace(marker, used=marker.used & (np.abs(distance - middle) <= limit))
 
 
 def _center_of_all(markers: Sequence[LocalMarker]) -> Floats | None:

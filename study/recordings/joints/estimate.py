@@ -46,7 +46,6 @@ from study.recordings.joints.center import (
     LocalMarker,
     center_only,
     fit_center,
-    reject_off_sphere,
     reject_outliers,
 )
 from study.recordings.joints.poses import PoseNoise, SegmentPoses, long_run_covariance, times
@@ -169,13 +168,9 @@ def symmetric_fit(parent: SegmentPoses, child: SegmentPoses, known_hinge: bool |
     doubt = inverse @ _Agreement(parent, child, 1.0 + SHAPE_ERROR).residual(c)
     apart = parent.to_world(c[:3]) - child.to_world(c[3:])
     covariance = inflated[:3, :3] + np.outer(doubt[:3], doubt[:3])
-    gap, axes, normal = (
-        float(np.sqrt(np.nansum(apart**2) / n)),
-        np.stack([u, v]),
-        np.eye(3) - system.mean @ system.mean.T,
-    )
-    found = c[:3], c[3:], covariance, gap, axes, angles, hinge, normal
-    return SymmetricFit(child, *found, n, n * min(share, 1.0))
+    gap, normal = float(np.sqrt(np.nansum(apart**2) / n)), np.eye(3) - system.mean @ system.mean.T
+    fitted = c[:3], c[3:], covariance, gap, np.stack([u, v]), angles, hinge, normal
+    return SymmetricFit(child, *fitted, n, n * min(share, 1.0))
 
 
 class _Agreement:
@@ -226,11 +221,9 @@ class _Agreement:
 
 def _side(poses: SegmentPoses, frames: Bools, size: float) -> tuple[Floats, Floats, Floats, Floats]:
     """G Rᵀ (3, 3, n) of a segment, its centroid in its axes and in the world, and the noise's mean shift (3, n)."""
-    rotation, origin = poses.rotation[:, :, frames], poses.origin[:, frames]
-    expansion, centroid, shift = (
-        poses.noise.in_patterns_of(values, frames)
-        for values in (poses.noise.expansion(size), poses.noise.centroid, poses.noise.mean_shift(size))
-    )
+    rotation, origin, noise = poses.rotation[:, :, frames], poses.origin[:, frames], poses.noise
+    by_pattern = noise.expansion(size), noise.centroid, noise.mean_shift(size)
+    expansion, centroid, shift = (noise.in_patterns_of(values, frames) for values in by_pattern)
     back = np.einsum("ijt,kjt->ikt", np.broadcast_to(expansion, rotation.shape), rotation)
     return back, centroid, times(rotation, centroid) + origin, shift
 
@@ -272,16 +265,11 @@ class Estimate:
     floor: float = float("nan")
 
     @property
-    def frames(self) -> int:
-        """Number of frames used."""
+    def fit(self) -> CenterFit | SymmetricFit:
+        """The fit of one side or of both."""
         fit = self.sphere or self.pair
-        return fit.frames if fit is not None else 0
-
-    @property
-    def effective_frames(self) -> float:
-        """Effective number of independent frames."""
-        fit = self.sphere or self.pair
-        return fit.effective_frames if fit is not None else 0.0
+        assert fit is not None
+        return fit
 
     @property
     def standard_error(self) -> float:
@@ -309,7 +297,7 @@ class Estimate:
             status = JointStatus.NOT_POSITIVE_DEFINITE
         elif self.noise == "isotropic" or (self.sphere is not None and not self.sphere.exceeds_noise):
             status = JointStatus.INSIGNIFICANT
-        elif not (self.standard_error < CENTIMETRE and self.frames >= FEWEST_FRAMES):
+        elif not (self.standard_error < CENTIMETRE and self.fit.frames >= FEWEST_FRAMES):
             status = JointStatus.UNSURE
         else:
             status = JointStatus.OK if self.axis is None else JointStatus.HINGE
@@ -342,12 +330,9 @@ def estimate_from_spheres(
 
 def estimate_from_poses(parent: SegmentPoses, pair: SymmetricFit, hinge: bool) -> Estimate:
     """Estimate a joint from the point in which its two segments agree; the status is not set yet."""
-    axis, used, markers = (
-        pair.axes[0] if hinge or pair.hinge else None,
-        pair.child.good & parent.known,
-        pair.child.points,
-    )
-    return Estimate("both", parent, markers, pair.in_parent, pair.covariance, axis, "pose", used, None, pair)
+    axis, used = pair.axes[0] if hinge or pair.hinge else None, pair.child.good & parent.known
+    place = pair.child.points, pair.in_parent, pair.covariance, axis
+    return Estimate("both", parent, *place, "pose", used, pair=pair)
 
 
 def local_marker(poses: SegmentPoses, x: Floats, accepted: Bools) -> LocalMarker:
@@ -375,7 +360,7 @@ def _fit_with_noise(
             fit = planar if planar is not None and planar.significance > SIGNIFICANT else fit
         if fit is None:
             return None
-        accepted = [reject_off_sphere(marker, fit.center, fit.axis) for marker in clean]
+        accepted = [marker.near_sphere(fit.center, fit.axis) for marker in clean]
         if any(a.used.sum() < b.used.sum() for a, b in zip(accepted, clean, strict=True)):
             fit = fit_center(accepted, noise, (hinge and fit.axis is not None) or None, size) or fit
         determined = fit.clear or fit.axis is not None or not hinge
@@ -483,7 +468,7 @@ def side_differences(chosen: Estimate, others: Sequence[Estimate]) -> list[Place
     for other in others:
         two, axis, angle = other.poses, chosen.axis, 0.0
         both = one.known & two.known
-        if other.status not in COMPARABLE or other.frames < FEWEST_FRAMES or not both.any():
+        if other.status not in COMPARABLE or other.fit.frames < FEWEST_FRAMES or not both.any():
             continue
         rotation = relative_rotation(one.rotation[:, :, both], two.rotation[:, :, both])
         place = other.center if one is two else one.to_local(two.to_world(other.center))[:, both].mean(axis=1)

@@ -29,6 +29,7 @@ from threadpoolctl import threadpool_limits
 from study.arrays import Bools, Floats, Ints
 from study.recordings.joints.center import LocalMarker, center_only
 from study.recordings.joints.estimate import (
+    CENTIMETRE,
     COMPARABLE,
     DOUBTED,
     SHORT_TEXTS,
@@ -52,11 +53,6 @@ from study.recordings.rigid import mean_rotated_covariance, nearest_rotation, re
 from study.text import columns, number
 
 
-def _to_lists(values: Floats) -> list[object]:
-    """Nested lists of an array's numbers; NaN becomes null."""
-    return [_to_lists(row) if row.ndim else None if np.isnan(row) else float(row) for row in values]
-
-
 def _array(*shape: int) -> pydantic.BeforeValidator:
     """Conversion of numbers to an array of this shape, in which -1 stands for any length."""
 
@@ -70,7 +66,8 @@ def _array(*shape: int) -> pydantic.BeforeValidator:
     return pydantic.BeforeValidator(convert)
 
 
-_Serial = pydantic.PlainSerializer(_to_lists)
+_Serial = pydantic.PlainSerializer(lambda values: np.where(np.isnan(values), np.array(None), values).tolist())
+"""Nested lists of an array's numbers; NaN becomes null."""
 Vector = Annotated[Floats, _array(3), _Serial]
 Matrix = Annotated[Floats, _array(3, 3), _Serial]
 Number = Annotated[
@@ -191,6 +188,11 @@ class JointPlace:
     def usable(self) -> bool:
         """True if its place is known and reliable."""
         return self.status in USABLE and not np.isnan(self.in_parent).any()
+
+    @property
+    def has_vote(self) -> bool:
+        """True if a trial moved it far enough to count in a session: skin hides less than a centimetre."""
+        return largest_error(self.allowance, self.axis) < CENTIMETRE
 
     @property
     def rank(self) -> tuple[bool, bool, float]:
@@ -350,10 +352,8 @@ def find_joints(markerset: MarkerSet, recording: Recording) -> Calibration:
         for joint in markerset.joints:
             place = in_both_segments(replace(answers[joint.name], joint=joint), body.poses)
             if words := [exchanges[name] for name in (joint.parent, joint.child) if exchanges[name]]:
-                if place.usable:
-                    place = replace(place, status=JointStatus.UNSURE, reason="; ".join(words))
-                else:
-                    place = replace(place, reason="; ".join([*words, place.reason]))
+                status, reasons = (JointStatus.UNSURE, []) if place.usable else (place.status, [place.reason])
+                place = replace(place, status=status, reason="; ".join([*words, *reasons]))
             joints.append(place)
         shapes = tuple(_shape(segment.name, body, joints) for segment in markerset.segments)
     return Calibration(recording.name, recording.frames, markerset, shapes, tuple(joints), body.poses)
@@ -405,6 +405,7 @@ class _Body:
             self.reasons[name] = poses
         else:
             self.poses[name] = poses
+            self.reasons.pop(name, None)
 
     def local_markers(
         self, names: Sequence[str], poses: SegmentPoses, frames: Ints | slice = slice(None)
@@ -454,10 +455,8 @@ def _from_the_root(body: _Body) -> Iterator[JointPlace]:
         yield place
     for joint in waiting:
         only = "{} has one only by the joint {}"
-        whys = [
-            only.format(name, body.poses[name].points[0]) if name in body.poses else body.reasons[name]
-            for name in (joint.parent, joint.child)
-        ]
+        two = joint.parent, joint.child
+        whys = [body.reasons.get(name) or only.format(name, body.poses[name].points[0]) for name in two]
         yield JointPlace(joint, JointStatus.NO_FRAME, f"{JointStatus.NO_FRAME.text} ({'; '.join(whys)})")
 
 
@@ -517,8 +516,7 @@ def _with_propagated_errors(estimate: Estimate, body: _Body) -> Estimate:
     places = np.full((4, 3), np.nan)
     for k, step in enumerate((np.zeros(3), *(vectors * sizes).T)):
         moved = body.about_joint(segment, fixed.points[0], base, part, step)
-        center = None if isinstance(moved, str) else _repeated(estimate, moved, part, body)
-        if center is not None and not isinstance(moved, str):
+        if not isinstance(moved, str) and (center := _repeated(estimate, moved, part, body)) is not None:
             places[k] = fixed.mean_place(moved.to_world(center))
     shifts = places[1:] - places[0]
     shifts[np.isnan(shifts)] = 1.0  # a metre: a joint whose fit fails when its base moves is not known
@@ -549,34 +547,28 @@ def in_both_segments(place: JointPlace, poses: Mapping[str, SegmentPoses]) -> Jo
     places[own] = estimate.center
     if child is None:  # its axes are the parent's
         places[1] = places[0]
-    covariance, axes = estimate.covariance, np.full((2, 3), np.nan)
-    if own == 1 and parent is not None:
-        both = parent.known & estimate.poses.known
-        if both.any():
-            relative = relative_rotation(parent.rotation[:, :, both], estimate.poses.rotation[:, :, both])
-            covariance = mean_rotated_covariance(relative, covariance)
-    if estimate.axis is not None:
-        axes[own] = estimate.axis
-        if parent is not None and child is not None:
-            # rotations show an axis better than the planes of a few arcs; but errors are across the estimate's own axis
-            pair = next((e.pair for e in place.estimates if e.pair is not None), None) or symmetric_fit(parent, child)
-            if pair is not None and place.status != JointStatus.DISAGREE:
-                axes = pair.axes
-            else:
-                one, other = (parent, child)[own], (parent, child)[1 - own]
-                both = one.known & other.known
-                turns = other.rotation[:, :, both], one.rotation[:, :, both]
-                mean = np.einsum("jit,jkt,k->i", *turns, axes[own], optimize=True)
-                length = np.linalg.norm(mean)
-                axes[1 - own] = mean / length if length > 0.0 else np.nan
-    return replace(
-        place,
-        in_parent=places[0],
-        in_child=places[1],
-        covariance=covariance,
-        axis_in_parent=axes[0],
-        axis_in_child=axes[1],
-    )
+    covariance = estimate.covariance
+    if own == 1 and parent is not None and (both := parent.known & estimate.poses.known).any():
+        relative = relative_rotation(parent.rotation[:, :, both], estimate.poses.rotation[:, :, both])
+        covariance = mean_rotated_covariance(relative, covariance)
+    place = replace(place, in_parent=places[0], in_child=places[1], covariance=covariance)
+    if estimate.axis is None:
+        return place
+    axes = np.full((2, 3), np.nan)
+    axes[own] = estimate.axis
+    if parent is not None and child is not None:
+        # rotations show an axis better than the planes of a few arcs; but errors are across the estimate's own axis
+        pair = next((e.pair for e in place.estimates if e.pair is not None), None) or symmetric_fit(parent, child)
+        if pair is not None and place.status != JointStatus.DISAGREE:
+            axes = pair.axes
+        else:
+            one, other = (parent, child)[own], (parent, child)[1 - own]
+            both = one.known & other.known
+            turns = other.rotation[:, :, both], one.rotation[:, :, both]
+            mean = np.einsum("jit,jkt,k->i", *turns, axes[own], optimize=True)
+            length = np.linalg.norm(mean)
+            axes[1 - own] = mean / length if length > 0.0 else np.nan
+    return replace(place, axis_in_parent=axes[0], axis_in_child=axes[1])
 
 
 def _shape(name: str, body: _Body, joints: Sequence[JointPlace]) -> SegmentShape:

@@ -51,31 +51,8 @@ _SLACK = 0.1
 """...if it is also this share of the median away from it: on a stiff segment distances scatter by next to nothing."""
 
 
-def usual_distances(x: Floats) -> tuple[Floats, Floats]:
-    """Median distance between each two markers, and the largest deviation from it that is accepted.
-
-    Args:
-        x: markers of one segment (m, 3, frames), metres; NaN where missing.
-
-    Returns:
-        Two arrays (m, m), metres; NaN for markers that no frame shows together.
-    """
-    m = len(x)
-    middle, limit = np.full((m, m), np.nan), np.full((m, m), np.nan)
-    np.fill_diagonal(middle, 0.0)
-    for i in range(m):
-        for j in range(i):
-            distance = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=0))
-            distance = distance[~np.isnan(distance)]
-            if len(distance):
-                middle[i, j] = middle[j, i] = np.median(distance)
-                spread = 1.4826 * np.median(np.abs(distance - middle[i, j]))  # 1 for a Gaussian of deviation 1
-                limit[i, j] = limit[j, i] = max(_FAR * spread, _SLACK * middle[i, j])
-    return middle, limit
-
-
-def distance_outliers(x: Floats, middle: Floats, limit: Floats) -> Bools:
-    """Find samples whose distances to the other markers of the frame are wrong.
+def distance_outliers(x: Floats) -> tuple[Floats, Bools]:
+    """Find the usual distances between markers, and the samples whose distances to the other markers are wrong.
 
     In each frame the marker with the most wrong distances is rejected, then the next, until the rest agree; of two
     markers with equally many, the one with the larger deviations. Of two markers alone either may be wrong, so both
@@ -83,19 +60,23 @@ def distance_outliers(x: Floats, middle: Floats, limit: Floats) -> Bools:
 
     Args:
         x: markers of one segment (m, 3, frames), metres; NaN where missing.
-        middle: their usual distances (m, m).
-        limit: largest accepted deviation from these (m, m).
 
     Returns:
-        Samples to reject (m, frames).
+        Median distance between each two markers (m, m), metres, NaN for those that no frame shows together; and the
+        samples to reject (m, frames).
     """
     m = len(x)
-    off = np.zeros((m, m, x.shape[2]))
-    for i in range(m):
-        for j in range(i):
-            distance = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=0))
+    middle, off = np.full((m, m), np.nan), np.zeros((m, m, x.shape[2]))  # off: deviations, in units of the limit
+    np.fill_diagonal(middle, 0.0)
+    for i, j in itertools.combinations(range(m), 2):
+        distance = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=0))
+        known = distance[~np.isnan(distance)]
+        if len(known):
+            middle[i, j] = middle[j, i] = np.median(known)
+            spread = 1.4826 * np.median(np.abs(known - middle[i, j]))  # 1 for a Gaussian of deviation 1
+            limit = max(_FAR * spread, _SLACK * middle[i, j])
             with np.errstate(invalid="ignore", divide="ignore"):
-                off[i, j] = off[j, i] = np.nan_to_num(np.abs(distance - middle[i, j]) / limit[i, j])
+                off[i, j] = off[j, i] = np.nan_to_num(np.abs(distance - middle[i, j]) / limit)
     result = np.zeros((m, x.shape[2]), dtype=np.bool_)
     suspect = np.flatnonzero((off > 1.0).any(axis=(0, 1)))
     part = off[:, :, suspect]
@@ -114,7 +95,7 @@ def distance_outliers(x: Floats, middle: Floats, limit: Floats) -> Bools:
         rejected |= (wrong > 0) & (left & ((wrong > 0).sum(axis=0) == 2) & last_two)
         result[:, suspect] |= rejected
         part = np.where(rejected[:, None] | rejected[None], 0.0, part)
-    return result
+    return middle, result
 
 
 _EXCHANGE = 0.01
@@ -181,8 +162,7 @@ def fit_template(x: Floats) -> tuple[Floats, Bools, Bools]:
         right (m, frames); and those whose distances are wrong, as those of swapped markers (m, frames).
     """
     m, seen = len(x), ~np.isnan(x).any(axis=1)
-    middle, limit = usual_distances(x)
-    outliers = distance_outliers(x, middle, limit)
+    middle, outliers = distance_outliers(x)
     good, points = seen & ~outliers, np.full((m, 3), np.nan)
     if m < 3:  # along the first axis, about their middle
         points = np.zeros((m, 3))
@@ -492,17 +472,13 @@ class SegmentPoses:
         cut = {name: getattr(self, name)[..., frames] for name in ("rotation", "origin", "known", "good", "outliers")}
         return replace(self, noise=self.noise.in_frames(frames), **cut)
 
-    def world_covariance(self, point: Floats, own: Floats | float = 0.0) -> Floats:
-        """Covariance in the world of a point fixed in the segment.
-
-        Args:
-            point: in the segment's axes (3,), metres.
-            own: covariance of its place there (3, 3), m².
+    def world_covariance(self, point: Floats) -> Floats:
+        """Covariance in the world of a point fixed in the segment (3,), metres, from the poses' noise.
 
         Returns:
-            One for each frame (3, 3, frames), m², the poses' noise included.
+            One for each frame (3, 3, frames), m².
         """
-        fixed = self.noise.covariance_at(point) + own
+        fixed = self.noise.covariance_at(point)
         return np.asarray(np.einsum("ijt,jk,lkt->ilt", self.rotation, fixed, self.rotation, optimize=True))
 
 

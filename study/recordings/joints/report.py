@@ -14,7 +14,7 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.fits import fit, mgdk
-from study.recordings.joints.estimate import SHORT_TEXTS, mean_difference, side_differences
+from study.recordings.joints.estimate import SHORT_TEXTS, SymmetricFit, mean_difference, side_differences
 from study.recordings.joints.find import Calibration, JointPlace
 from study.recordings.recording import Recording
 from study.recordings.rigid import cap_angle, relative_rotation, rotation_range
@@ -58,20 +58,16 @@ def accuracy_columns(place: JointPlace) -> dict[str, float]:
     values, estimate = dict.fromkeys(names, float("nan")), place.estimate
     if estimate is None:
         return values
-    sphere, pair = estimate.sphere, estimate.pair
     apart = max((side.distance for side in side_differences(estimate, place.estimates[1:])), default=np.nan)
-    values |= {"error": place.standard_error, "floor": estimate.floor, "frames": float(estimate.frames)}
-    values |= {"worth": float(estimate.effective_frames), "apart": apart}
-    if sphere is not None:
-        radii = sphere.radii[np.isfinite(sphere.radii)]
-        values |= {"sigma": float(sphere.noise), "rho": float(sphere.condition)}
-        values |= {"radius_mean": float(radii.mean())} if len(radii) else {}
-    elif pair is not None:
-        values["sigma"] = float(pair.gap) / np.sqrt(3.0)
-    if (fit := sphere or pair) is not None:
-        angles = np.degrees(fit.rms_angles)
-        values |= {"moved_least": float(angles.min()), "moved_most": float(angles.max())}
-    return values
+    fit, angles = estimate.fit, np.degrees(estimate.fit.rms_angles)
+    values |= {"error": place.standard_error, "floor": estimate.floor, "frames": float(fit.frames), "apart": apart}
+    values |= {"worth": float(fit.effective_frames)}
+    values |= {"moved_least": float(angles.min()), "moved_most": float(angles.max())}
+    if isinstance(fit, SymmetricFit):
+        return values | {"sigma": float(fit.gap) / np.sqrt(3.0)}
+    radii = fit.radii[np.isfinite(fit.radii)]
+    values |= {"radius_mean": float(radii.mean())} if len(radii) else {}
+    return values | {"sigma": float(fit.noise), "rho": float(fit.condition)}
 
 
 _FAR = 10.0

@@ -21,8 +21,8 @@ import numpy as np
 
 from study.arrays import Bools, Floats, Ints
 from study.recordings import rigid
-from study.recordings.joints.center import LocalMarker, fit_center
-from study.recordings.joints.estimate import Estimate, PlaceDifference, symmetric_fit
+from study.recordings.joints.center import fit_center
+from study.recordings.joints.estimate import Estimate, PlaceDifference, local_marker, symmetric_fit
 from study.recordings.joints.poses import SegmentPoses
 from study.recordings.markersets import Joint
 from study.recordings.recording import Recording
@@ -249,10 +249,8 @@ class SkinErrors:
         if estimate.pair is not None:
             pair = symmetric_fit(poses, estimate.pair.child.in_frames(part), estimate.pair.hinge)
             return None if pair is None else (pair.in_parent, pair.covariance)
-        markers = [
-            LocalMarker(poses.to_local(self.recording.of(name)[:, part]), used[part], poses.sigma**2)
-            for name, used in zip(estimate.markers, estimate.used, strict=True)
-        ]
+        x, pairs = self.recording, zip(estimate.markers, estimate.used, strict=True)
+        markers = [local_marker(poses, x.of(name)[:, part], used[part]) for name, used in pairs]
         fit = fit_center(markers, *estimate.noise_model(poses))
         return (fit.center, fit.covariance) if fit is not None and fit.significant else None
 

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Literal, Self, TypeVar, cast
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -119,14 +119,13 @@ def _segments(parts: MarkerSetParts) -> Iterator[Fault]:
     """Faults of the segments: doubled names and markers, parents that do not come before their children."""
     owner: dict[str, str] = {}
     before: list[str] = []
-    for number, segment in enumerate(parts.segments):
+    for segment in parts.segments:
         here = ("segments", segment.name)
         if segment.name in before:
             yield Fault(here, "two segments have this name")
-        if number == 0 and segment.parent is not None:
-            yield Fault((*here, "parent"), "the first segment is a root and has no parent", segment.parent)
-        elif segment.parent is not None and segment.parent not in before:
-            words = f"must be an earlier segment: {', '.join(before)}"
+        if segment.parent not in (None, *before):
+            earlier = f"must be an earlier segment: {', '.join(before)}"
+            words = earlier if before else "the first segment is a root and has no parent"
             yield Fault((*here, "parent"), words, segment.parent)
         for marker in segment.markers:
             if marker in owner:
@@ -170,24 +169,22 @@ def _joints(parts: MarkerSetParts) -> Iterator[Fault]:
 _Part = TypeVar("_Part", Segment, Joint)
 
 
-def name_faults(document: Mapping[str, object], faults: Sequence[Fault]) -> list[Fault]:
+def name_faults(
+    tables: Mapping[str, Sequence[Mapping[str, object]]], optional: object, faults: Sequence[Fault]
+) -> list[Fault]:
     """Faults between the parts of a document that can be read; those that may follow from the others are left out.
 
     Args:
-        document: the sections as lists of tables, each with its name.
+        tables: those of the segments and those of the joints, each with its name.
+        optional: the entry of this name.
         faults: of the schema, found already.
     """
-    unreadable = {fault.path[0] for fault in faults if len(fault.path) < 3 and fault.path[0] in ("segments", "joints")}
-    if unreadable:  # a whole table, whose names are not known
-        return []
-    lists = {key: value if isinstance(value, list) else [] for key, value in document.items()}
-    tables = {key: [t for t in lists.get(key, []) if isinstance(t, Mapping)] for key in ("segments", "joints")}
+    if any(len(fault.path) < 3 and fault.path[0] in tables for fault in faults):
+        return []  # a whole table, whose names are not known
     segments = tuple(_loosely(Segment, table, {"markers": ()}) for table in tables["segments"])
     joints = tuple(_loosely(Joint, table, {"parent": "", "child": ""}) for table in tables["joints"])
-    optional = tuple(word for word in lists.get("optional", []) if isinstance(word, str))
-    if not segments:
-        return []
-    parts = MarkerSetParts.model_construct(name="", segments=segments, joints=joints, optional=optional, aliases={})
+    words = tuple(word for word in optional if isinstance(word, str)) if isinstance(optional, list) else ()
+    parts = MarkerSetParts.model_construct(name="", segments=segments, joints=joints, optional=words, aliases={})
     seen = {fault.path for fault in faults}
     # without all markers nobody knows which of them are on no segment
     vague = any(path[0] == "segments" and path[2:3] == ("markers",) for path in seen)
@@ -197,13 +194,11 @@ def name_faults(document: Mapping[str, object], faults: Sequence[Fault]) -> list
 
 def _loosely(model: type[_Part], table: Mapping[str, object], blank: Mapping[str, object]) -> _Part:
     """A part with the entries that are right, and blanks for those that are not."""
-    wrong: set[object] = set()
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        wrong = {entry["loc"][0] for entry in error.errors() if entry["loc"]}
-    right = {key: value for key, value in table.items() if key in model.model_fields and key not in wrong}
-    right = {key: as_tuple(value) for key, value in right.items()}
+        wrong = {entry["loc"][0] for entry in error.errors()}
+    right = {key: as_tuple(value) for key, value in table.items() if key in model.model_fields and key not in wrong}
     return model.model_construct(**{**blank, **right})  # type: ignore[arg-type]
 
 
@@ -271,28 +266,26 @@ def parse_markerset(text: str, source: str = "marker set") -> MarkerSet:
     faults: list[Fault] = []
     document: dict[str, object] = dict(raw)
     keys: dict[tuple[str, ...], list[str]] = {(): list(MarkerSetParts.model_fields)}
-    names: dict[str | int, list[str | int]] = {}
+    rows: dict[str, list[dict[str, object]]] = {}
     for key, model in _TABLES.items():
-        if key not in raw:
-            continue
-        tables = raw[key]
+        tables = raw.get(key, {})
         if not isinstance(tables, dict):
             faults.append(Fault((key,), f"must be tables such as [{key}.NAME]", tables))
             tables = {}
         # in the file's order, each with its name as an entry, which may say another
-        rows = [{"name": n, **table} if isinstance(table, dict) else table for n, table in tables.items()]
-        document[key] = rows
-        names[key] = [t["name"] if isinstance(t, dict) else i for i, t in enumerate(rows)]
+        rows[key] = [{"name": n, **table} if isinstance(table, dict) else table for n, table in tables.items()]
+        document |= {key: rows[key]} if key in raw else {}
         keys[key,] = [field for field in model.model_fields if field != "name"]
     try:
         parts = MarkerSetParts.model_validate(document)
     except ValidationError as error:
         for fault in report(error, keys):
             path = list(fault.path)
-            if len(path) > 1 and isinstance(path[1], int):  # the name of a segment or joint in place of its number
-                path[1] = names[path[0]][path[1]] if path[0] in names else path[1]
+            if len(path) > 1 and isinstance(path[1], int) and path[0] in rows:  # a name in place of its number
+                row = rows[str(path[0])][path[1]]
+                path[1] = cast("str | int", row["name"]) if isinstance(row, dict) else path[1]
             faults.append(Fault(tuple(path), fault.words, fault.value))
-        faults += name_faults(document, faults)
+        faults += name_faults(rows, raw.get("optional"), faults)
     else:
         faults += misfits(parts)
         words = "must name at least one marker"
@@ -363,11 +356,7 @@ def landmarks(labels: Sequence[str]) -> dict[str, str]:
     """
     spelt = {form.removesuffix("study"): label for form, label in reversed(spellings(labels).items())}
     spelt |= {form[:4]: label for form, label in spelt.items() if re.match("[lr]hjc.", form) and form[:4] not in spelt}
-    result: dict[str, str] = {}
-    for form, point in LANDMARKS.items():
-        if form in spelt:
-            result.setdefault(point, spelt[form])
-    return result
+    return {point: spelt[form] for form, point in reversed(LANDMARKS.items()) if form in spelt}
 
 
 def is_output(label: str) -> bool:
@@ -529,11 +518,9 @@ def match(markerset: MarkerSet, recording: Recording) -> Match:
         label = m if m in visible else next((spelt[plain(name)] for name in names if plain(name) in spelt), None)
         if label is not None and label not in labels.values():
             labels[m] = label
-    lacking = {
-        segment.name: lacks
-        for segment in markerset.segments
-        if (lacks := tuple(m for m in segment.markers if m not in labels and m not in markerset.optional))
-    }
+    given = {*labels, *markerset.optional}
+    lacks = {s.name: tuple(marker for marker in s.markers if marker not in given) for s in markerset.segments}
+    lacking = {name: markers for name, markers in lacks.items() if markers}
     return Match(markerset, recording, labels, lacking, _lost(markerset, set(labels)))
 
 

@@ -48,16 +48,11 @@ _POINTS = {
     "pelvis": ("asis", "psis", "sacrum", "hip centre"),
     "thigh": ("lateral epicondyle", "medial epicondyle"),
     "shank": ("lateral malleolus", "medial malleolus"),
-    "foot": ("heel", "first metatarsal", "fifth metatarsal"),
+    "foot": ("heel", "fifth metatarsal", "first metatarsal"),
 }
+"""Points of each part of the body; the last two of a part of a leg are the lateral and the medial one at its end."""
 _OWNERS = {point: part for part, points in _POINTS.items() for point in points}
 """The part of the body that each point is on."""
-_ENDS = {
-    "thigh": ("lateral epicondyle", "medial epicondyle"),
-    "shank": ("lateral malleolus", "medial malleolus"),
-    "foot": ("fifth metatarsal", "first metatarsal"),
-}
-"""The lateral and the medial point at the end of each part of a leg."""
 _MIRROR = {"left": -1.0, "right": 1.0}
 
 
@@ -128,18 +123,15 @@ def _frame(first: int, along: Floats, second: int, towards: Floats) -> Floats | 
 
 def _pelvis(points: Mapping[str, Floats]) -> tuple[Floats, Floats, float, float] | None:
     """Axes of the pelvis (3, 3), the middle of the anterior spines (3,), width and depth, metres; None without them."""
-    if not {"left asis", "right asis"} <= points.keys():
-        return None
-    left, right = points["left asis"], points["right asis"]
     behind = [points[name] for name in ("left psis", "right psis") if name in points]
     back = np.mean(behind, axis=0) if len(behind) == 2 else points.get("sacrum")
-    if back is None:
+    if back is None or not {"left asis", "right asis"} <= points.keys():
         return None
+    left, right = points["left asis"], points["right asis"]
     middle = 0.5 * (left + right)
     axes = _frame(2, right - left, 0, middle - back)
-    if axes is None:
-        return None
-    return axes, middle, float(np.linalg.norm(right - left)), float(np.linalg.norm(middle - back))
+    width, depth = float(np.linalg.norm(right - left)), float(np.linalg.norm(middle - back))
+    return None if axes is None else (axes, middle, width, depth)
 
 
 def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> dict[str, Floats]:
@@ -151,7 +143,7 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
         result[segments["pelvis"]] = pelvis[0]
     for name, segment in segments.items():
         one, _, part = name.partition(" ")
-        lateral, medial = (points.get(f"{one} {end}") for end in _ENDS.get(part, ("", "")))
+        lateral, medial = (points.get(f"{one} {end}") for end in _POINTS.get(part, ("", ""))[-2:])
         if lateral is None or medial is None:
             continue
         middle, outwards = 0.5 * (lateral + medial), _MIRROR[one] * (lateral - medial)  # to the right on both sides
@@ -207,16 +199,10 @@ def _with_regression(place: JointPlace, skeleton: Skeleton, points: Mapping[str,
     i, j = (skeleton.segments.index(name) for name in (place.joint.parent, place.joint.child))
     world = to_world(skeleton.rotations[i], skeleton.origins[i], center)
     local = to_local(skeleton.rotations[j], skeleton.origins[j], world)
-    known = local[:, ~np.isnan(local[0])]
-    return replace(
-        place,
-        status=JointStatus.REGRESSION,
-        reason=f"{words}; by motion: {SHORT_TEXTS[place.status]}",
-        in_parent=center,
-        in_child=np.median(known, axis=1) if known.size else center,
-        covariance=covariance,
-        floor=float("nan"),
-    )
+    known, reason = local[:, ~np.isnan(local[0])], f"{words}; by motion: {SHORT_TEXTS[place.status]}"
+    in_child = np.median(known, axis=1) if known.size else center
+    place = replace(place, status=JointStatus.REGRESSION, reason=reason, floor=float("nan"))
+    return replace(place, in_parent=center, in_child=in_child, covariance=covariance)
 
 
 def weighted(center: Floats, motion: Floats, covariance: Floats) -> tuple[Floats, Floats, bool]:

@@ -269,22 +269,18 @@ def other_subject(calibration: Calibration, recording: Recording, refit: bool = 
     """
     joints = [place.joint for place in calibration.joints if not np.isnan(place.in_parent).any()]
     carrying = {segment for joint in joints for segment in (joint.parent, joint.child)}
-    names, rows = [], []
-    for shape in calibration.shapes:
-        difference = _shape_difference(shape, recording) if shape.segment in carrying else None
-        if difference is not None:
-            names.append(shape.segment)
-            rows.append(difference)
+    compared = {s.segment: _shape_difference(s, recording) for s in calibration.shapes if s.segment in carrying}
+    rows = {name: row for name, row in compared.items() if row is not None}
     if not rows:
         return ""
-    squares, spare, extents, along = np.array(rows).T
+    squares, spare, extents, along = np.array(list(rows.values())).T
     off = np.sqrt(3.0 * squares / np.maximum(spare, 1.0))
     counted = spare > 0.0
     counted[off.argmax()] &= counted.sum() < _ROBUST
     freedom = spare[counted].sum()
     sigma = max(np.sqrt(squares[counted].sum() / freedom), _LEAST) if freedom else _UNKNOWN
     scale, error = along.sum() / extents.sum(), sigma / np.sqrt(extents.sum())
-    apart = {n: f"{1000 * d:.0f} mm from its places" for n, d in zip(names, off, strict=True) if d > _REPLACED}
+    apart = {n: f"{1000 * d:.0f} mm from its places" for n, d in zip(rows, off, strict=True) if d > _REPLACED}
     reasons = []
     if not refit and freedom and np.sqrt(3.0) * sigma > _REPLACED:
         listed = "; ".join(f"{segment}: {words}" for segment, words in apart.items())

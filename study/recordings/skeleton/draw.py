@@ -151,7 +151,6 @@ class InterpolatedRotation:
         part = rotation[:, :, self.fitted]
         inside = part if parent is None else relative_rotation(parent[:, :, self.fitted], part)
         self.inside = np.moveaxis(inside, 2, 0)  # (fitted, 3, 3)
-        self._tables: dict[bool, tuple[Floats, Floats]] = {}
 
     def ends(self, wanted: Ints) -> tuple[Ints, Ints]:
         """Places in ``fitted`` of the frames before and after those wanted (w,), the nearest one where one is missing.
@@ -203,31 +202,26 @@ class InterpolatedRotation:
 
     def _table(self, inner: bool, distances: Floats) -> Floats:
         """Covariance (w, 3, 3) of errors over these numbers of frames, between two ends or beyond one."""
-        if not len(distances):
-            return np.zeros((0, 3, 3))
-        if inner not in self._tables:
-            lags, squares = [0.0], [np.zeros((3, 3))]
-            for lag in 4 ** np.arange(int(np.log2(max(len(self.fitted), 2))) // 2 + 1):
-                if lags[-1] >= distances.max():
-                    break
-                first, last = self.fitted, self.fitted + (2 * lag if inner else lag)
-                one, two = np.searchsorted(self.fitted, last), np.searchsorted(self.fitted, first + lag)
-                fits = np.flatnonzero((one < len(self.fitted)) & (two < len(self.fitted)))
-                fits = fits[(self.fitted[one[fits]] == last[fits]) & (self.fitted[two[fits]] == first[fits] + lag)]
-                if len(fits) < _FEWEST:
-                    break
-                fits = fits[:: max(len(fits) // _ENOUGH, 1)]
-                guess = self.inside[fits]
-                if inner:
-                    guess = _between(guess, self.inside[one[fits]], np.full(len(fits), 0.5))
-                off = Rotation.from_matrix(self.inside[two[fits]] @ guess.swapaxes(1, 2)).as_rotvec()
-                lags.append(float(lag))
-                squares.append(off.T @ off / len(off))
-            self._tables[inner] = np.array(lags), np.array(squares)
-        steps, table = self._tables[inner]
+        steps, squares = [0.0], [np.zeros((3, 3))]
+        for lag in 4 ** np.arange(int(np.log2(max(len(self.fitted), 2))) // 2 + 1):
+            if steps[-1] >= distances.max(initial=0.0):
+                break
+            first, last = self.fitted, self.fitted + (2 * lag if inner else lag)
+            one, two = np.searchsorted(self.fitted, last), np.searchsorted(self.fitted, first + lag)
+            fits = np.flatnonzero((one < len(self.fitted)) & (two < len(self.fitted)))
+            fits = fits[(self.fitted[one[fits]] == last[fits]) & (self.fitted[two[fits]] == first[fits] + lag)]
+            if len(fits) < _FEWEST:
+                break
+            fits = fits[:: max(len(fits) // _ENOUGH, 1)]
+            guess = self.inside[fits]
+            if inner:
+                guess = _between(guess, self.inside[one[fits]], np.full(len(fits), 0.5))
+            off = Rotation.from_matrix(self.inside[two[fits]] @ guess.swapaxes(1, 2)).as_rotvec()
+            steps.append(float(lag))
+            squares.append(off.T @ off / len(off))
         if len(steps) < 2:
             return np.full((len(distances), 3, 3), np.nan)
-        entries = [np.interp(distances, steps, table[:, i, j]) for i in range(3) for j in range(3)]
+        entries = [np.interp(distances, steps, entry) for entry in np.array(squares).reshape(-1, 9).T]
         beyond = np.maximum(distances / steps[-1], 1.0) ** 2  # as if it went on in one direction
         return np.asarray(np.stack(entries, axis=1).reshape(-1, 3, 3) * beyond[:, None, None])
 
@@ -339,16 +333,20 @@ class _SkeletonBuilder:
         self.pivots = np.zeros((count, 3, n))
         """...and the place in its axes that it rotates about there, metres."""
 
+    def _pivot(self, segment: Segment) -> tuple[JointPlace | None, Floats, Floats]:
+        """The joint that a segment rotates about, if any, and its place in the segment's axes and in the world."""
+        place = pivot_joint(self.above.get(segment.name), self.calibration.shape(segment.name))
+        if place is None:
+            return None, np.zeros(3), np.full((3, self.recording.frames), np.nan)
+        return place, place.in_child, self._shown(place.joint.parent, place.in_parent)
+
     def place_by_markers(self, segment: Segment) -> None:
         """Place a segment in the frames that show it by its own markers, at its joint if its parent is seen."""
         number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
         x = np.full((len(shape.markers), 3, self.recording.frames), np.nan)
         for k, marker in enumerate(shape.markers):
             x[k] = self.recording.of(marker) if marker in self.recording.markers else np.nan
-        place = pivot_joint(self.above.get(segment.name), shape)
-        local, world = np.zeros(3), np.full((3, self.recording.frames), np.nan)
-        if place is not None:
-            local, world = place.in_child, self._shown(place.joint.parent, place.in_parent)
+        place, local, world = self._pivot(segment)
         path = fit_poses_about(shape.places, _limits(shape, place), x, local, world)
         self.rotations[number], self.origins[number], fitted, used, square = path
         seen, self.markers[segment.name] = ~np.isnan(x[:, 0]), np.where(used[:, None], x, np.nan)
@@ -371,11 +369,8 @@ class _SkeletonBuilder:
         frames = np.flatnonzero(self.flags[number] != Flag.SEEN)
         if not len(frames):
             return
-        own = pivot_joint(self.above.get(segment.name), shape)
-        local, world = np.zeros(3), np.full((3, len(frames)), np.nan)
-        if own is not None:
-            local, world = own.in_child, self._shown(own.joint.parent, own.in_parent)[:, frames]
-        below = self._below(segment.name)
+        own, local, world = self._pivot(segment)
+        world, below = world[:, frames], self._below(segment.name)
         others = (self._shown(p.joint.child, p.in_child)[None, :, frames] for p in below)
         x = np.concatenate([self.markers[segment.name][:, :, frames], *others])
         shown = ~np.isnan(x[:, 0])
@@ -400,40 +395,32 @@ class _SkeletonBuilder:
 
     def bridge(self, segment: Segment, reach: int) -> None:
         """Place a segment about a joint that is seen, or about one of its markers, with its expected rotation."""
-        number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
-        flags, own, below = (
-            self.flags[number],
-            pivot_joint(self.above.get(segment.name), shape),
-            self._below(segment.name),
-        )
-        seen = ~np.isnan(self.markers[segment.name][:, 0])
+        number, above = self.numbers[segment.name], self.above.get(segment.name)
+        flags, seen = self.flags[number], ~np.isnan(self.markers[segment.name][:, 0])
         marker: Bools = np.asarray(seen.any(axis=0))
         # places in its axes and in the world, of its own joint first, and last of its first marker
-        pivots = [] if own is None else [(own.in_child, self._shown(own.joint.parent, own.in_parent))]
-        pivots += [(place.in_parent, self._shown(place.joint.child, place.in_child)) for place in below]
+        pivots = [self._pivot(segment)[1:]]
+        pivots += [(p.in_parent, self._shown(p.joint.child, p.in_child)) for p in self._below(segment.name)]
         about = [(at, world, ~np.isnan(world[0])) for at, world in pivots]
         about.append((np.zeros(3), np.full((3, self.recording.frames), np.nan), marker))
         for at, world, shown in about:
-            wanted, above = np.flatnonzero((flags == Flag.UNKNOWN) & shown), self.above.get(segment.name)
+            wanted = np.flatnonzero((flags == Flag.UNKNOWN) & shown)
             if not len(wanted):
                 continue
-            # the rotation in its parent for the frames that show that, and in the world for others
-            within = np.zeros(len(wanted), dtype=np.bool_)
-            if above is not None:
+            courses = [(wanted, InterpolatedRotation(self.rotations[number], None, flags == Flag.SEEN))]
+            if above is not None:  # the rotation in its parent for the frames that show that, else in the world
                 within = self.flags[self.numbers[above.joint.parent], wanted] == Flag.SEEN
-            for inside in (True, False) if above is not None else (False,):
-                frames = wanted[within == inside]
-                course = InterpolatedRotation(self.rotations[number], None, flags == Flag.SEEN)
-                if inside and above is not None:
-                    course = self._in_parent(above)
+                courses = [(wanted[within], self._in_parent(above)), (wanted[~within], courses[0][1])]
+            for frames, course in courses:
                 frames = frames[(course.distance(frames) <= reach) | marker[frames]]
                 self._complete(segment.name, frames, at, world, course)
                 frames = frames[~np.isnan(self.rotations[number][0, 0, frames])]
                 flags[frames] = Flag.BRIDGED
                 self.turning[number, frames] = course.covariance(frames)
                 self.pivots[number][:, frames] = at[:, None]
-                if np.isnan(world).all() and len(frames):
-                    self.pivots[number][:, frames] = shape.places[seen[:, frames].argmax(axis=0)].T
+                if np.isnan(world).all():
+                    places = self.calibration.shape(segment.name).places
+                    self.pivots[number][:, frames] = places[seen[:, frames].argmax(axis=0)].T
 
     def _in_parent(self, place: JointPlace) -> InterpolatedRotation:
         """Rotation of a joint's child in its parent, from the frames that show both."""

@@ -19,34 +19,36 @@ from typing import Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pydantic
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.random import stream
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import nearest_rotation
+from study.recordings.rigid import rotation_vectors
 
-Triple = tuple[float, float, float]
-Interval = tuple[float, float]
+Number = int | float
+Triple = tuple[Number, Number, Number]
+Interval = tuple[Number, Number]
 MARKER_SETS = ("cmu41", "rizzoli")
 """Marker sets that the body can wear: 41 markers all over, or the landmarks of trunk and legs."""
 _UNEVEN = {"RUPA": -0.110, "RFRM": -0.085, "RTHI": -0.110, "RSHN": -0.150}
 """z of the right side's markers that differ from the left's, in heights."""
 
 
-@dataclass(frozen=True)
+@pydantic.dataclasses.dataclass(frozen=True)
 class BodyPart:
     """A segment, its markers, and the joint to its parent; lengths in heights of the body."""
 
     name: str
-    parent: str | None
-    joint: str | None
-    at: Triple
-    """The joint in the parent's axes."""
     ranges: tuple[Interval, Interval, Interval]
     """Range of motion: least and greatest angle about y, x and z, degrees, in this order, about the rotated axes."""
     markers: dict[str, Triple]
     """Each marker in the segment's axes."""
+    parent: str | None = None
+    joint: str | None = None
+    at: Triple = (0.0, 0.0, 0.0)
+    """The joint in the parent's axes."""
     axis: Triple | None = None
     """Axis of a hinge in the parent's axes; the angle about y is the angle about it, and the other two do not count."""
 
@@ -57,28 +59,21 @@ def body(markerset: str = "cmu41") -> tuple[BodyPart, ...]:
     tables = tomllib.loads(Path(__file__).with_name("body.toml").read_text(encoding="utf-8"))
     parts = []
     for name, table in tables.items():
-        markers = {label: tuple(place) for label, place in table.get(markerset, {}).items()}
-        axis = tuple(table["axis"]) if "axis" in table else None
-        about_y, about_x, about_z = map(tuple, table["ranges"])
-        at = tuple(table.get("at", (0, 0, 0)))
-        parts.append(
-            BodyPart(name, table.get("parent"), table.get("joint"), at, (about_y, about_x, about_z), markers, axis)
-        )
+        worn = {known: table.pop(known, {}) for known in MARKER_SETS}
+        parts.append(BodyPart(name=name, markers=worn[markerset], **table))
     return (*parts, *(_mirrored(part) for part in parts if part.name.startswith("left_")))
 
 
 def _mirrored(part: BodyPart) -> BodyPart:
     """The segment of the right side: rotations about x and z change their sign, as do those components of an axis."""
     name, parent, joint = (text and text.replace("left_", "right_") for text in (part.name, part.parent, part.joint))
-    markers = {}
-    for label, (x, y, z) in part.markers.items():
-        right = "R" + label[1:]
-        markers[right] = (x, -y, _UNEVEN.get(right, z))
+    places = {"R" + label[1:]: place for label, place in part.markers.items()}
+    markers = {label: (x, -y, _UNEVEN.get(label, z)) for label, (x, y, z) in places.items()}
     about_y, *others = part.ranges
     about_x, about_z = ((-high, -low) for low, high in others)
     axis = part.axis and (-part.axis[0], part.axis[1], -part.axis[2])
     at = part.at[0], -part.at[1], part.at[2]
-    return BodyPart(str(name), parent, joint, at, (about_y, about_x, about_z), markers, axis)
+    return BodyPart(str(name), (about_y, about_x, about_z), markers, parent, joint, at, axis)
 
 
 PARTS = body()
@@ -105,17 +100,8 @@ def nearest_pairs(parts: tuple[BodyPart, ...] = PARTS) -> list[tuple[str, str]]:
     return [(labels[i], labels[j]) for i, j in sorted(pairs)]
 
 
-_LIMITS = {
-    "frames": (2, 10**7),
-    "rate": (1, 1e5),
-    "seed": (0, 2**63),
-    "noise": (0, 10),
-    "soft_tissue": (0, 10),
-    "gaps": (0, 1),
-    "swaps": (0, 1),
-    "height": (0.1, 10),
-    "reach": (0, 1),
-}
+_LIMITS: dict[str, Interval] = {"frames": (2, 10**7), "rate": (1, 1e5), "seed": (0, 2**63), "noise": (0, 10)}
+_LIMITS |= {"soft_tissue": (0, 10), "gaps": (0, 1), "swaps": (0, 1), "height": (0.1, 10), "reach": (0, 1)}
 """Least and greatest value of each number of a recipe."""
 SKIN = ("mixed", "random", "angle", "velocity", "cluster", "slide")
 """Laws by which the skin moves the markers; see `skin_motion`."""
@@ -422,8 +408,7 @@ def _rotation_vectors(rotations: Floats) -> Floats:
     for i, part in enumerate(PARTS):
         if part.parent is not None:
             relative = np.swapaxes(rotations[rows[part.parent]], 1, 2) @ rotations[i]
-            mean = nearest_rotation(relative.sum(axis=0))
-            vectors[i] = Rotation.from_matrix(relative @ mean.T).as_rotvec().T
+            vectors[i] = rotation_vectors(np.moveaxis(relative, 0, 2))
     return vectors
 
 

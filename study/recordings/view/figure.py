@@ -9,7 +9,7 @@ that the figure states. That of a hinge is a disc, and a line shows its axis, al
 """
 
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -31,7 +31,7 @@ from study import style
 from study.arrays import Bools, Bytes, Floats
 from study.recordings.recording import RecordingError, written
 from study.recordings.skeleton.draw import Flag
-from study.recordings.skeleton.scene import Scene
+from study.recordings.skeleton.scene import Scene, known_mean
 
 
 @dataclass(frozen=True)
@@ -201,12 +201,9 @@ class SkeletonDrawing:
         rotations = Rotation.from_quat(scene.orientations[known, frame]).as_matrix() if known else np.empty((0, 3, 3))
         shapes = outlines(self._half[known], rotations, self.camera) if known else np.empty((0, 1, 2))
         self._ellipsoids.set_verts(list(shapes + seen[known, None, :2]))
-        rods = [
-            seen[i, :2] + np.array([[-_ROD], [_ROD]]) * (self.camera.axes[:2] @ rotation[:, 2])
-            for i, rotation in zip(known, rotations, strict=True)
-            if self._hinges[i]
-        ]
-        self._rods.set_segments(rods)
+        across, ends = self.camera.axes[:2], np.array([[-_ROD], [_ROD]])
+        rods = zip(known, rotations, strict=True)
+        self._rods.set_segments([seen[i, :2] + ends * (across @ r[:, 2]) for i, r in rods if self._hinges[i]])
 
 
 def _grid(middle: Floats, height: float, camera: Camera, squares: int = 5) -> Floats:
@@ -400,17 +397,17 @@ def write_video(scene: Scene, path: str | Path, advance: Callable[[float], None]
     path, module = Path(path), encoder()
     if path.suffix.lower() != ".mp4":
         raise RecordingError(f"{path}: a video is written to a file whose name ends in .mp4")
-    film = _Film(scene.at_most(_RATE))
+    scene = scene.at_most(_RATE)
     output = ["-crf", _QUALITY, "-preset", "medium", "-movflags", "+faststart", "-tune", "animation"]
     options = {"codec": "libx264", "quality": None, "macro_block_size": 1, "output_params": output}
 
     def fill(temporary: Path) -> None:
-        writer = module.write_frames(str(temporary), _PIXELS, pix_fmt_in="rgba", fps=film.scene.rate, **options)
+        writer = module.write_frames(str(temporary), _PIXELS, pix_fmt_in="rgba", fps=scene.rate, **options)
         writer.send(None)
         try:
-            for frame in range(film.scene.frames):
-                writer.send(film.picture(frame))
-                advance(1.0 / film.scene.frames)
+            for picture in _film(scene):
+                writer.send(picture)
+                advance(1.0 / scene.frames)
         finally:
             writer.close()
 
@@ -429,80 +426,67 @@ def encoder() -> ModuleType:
         raise RecordingError("a video needs imageio-ffmpeg: pip install '.[mocap]'") from None
 
 
-class _Film:
-    """A matplotlib figure that shows one frame after the other."""
+def _film(scene: Scene) -> Iterator[Bytes]:
+    """Draw the frames one after the other: pixels (height, width, 4), red, green, blue, opacity."""
+    with style.journal():
+        figure = Figure(figsize=(_PIXELS[0] / _DPI, _PIXELS[1] / _DPI), dpi=_DPI)
+        canvas, ax = FigureCanvasAgg(figure), figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        drawing, middle = SkeletonDrawing(ax, scene, Camera(30.0, 12.0), _ON_SCREEN), _smooth_middle(scene)
+        left, bottom, width, height = _box(drawing, middle)
 
-    @style.journal()
-    def __init__(self, scene: Scene) -> None:
-        self.scene, self.camera = scene, Camera(30.0, 12.0)
-        self.figure = Figure(figsize=(_PIXELS[0] / _DPI, _PIXELS[1] / _DPI), dpi=_DPI)
-        self.canvas = FigureCanvasAgg(self.figure)
-        self.ax = self.figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        self.drawing = SkeletonDrawing(self.ax, scene, self.camera, _ON_SCREEN)
-        self.middle = _smooth_middle(scene)
-        self.box = self._box()
-        name = self._text(0.02, 0.975, scene.name, fontsize=10.0)
-        legend = self._text(0.02, 0.935, self._legend())
-        self.fixed = self._drawn()  # once, because drawing text takes longer than all the rest
-        name.remove()
-        legend.remove()
-        self.time = self._text(0.98, 0.975, "", fontsize=10.0)
-        self.flags = self._text(0.98, 0.935, "")
-        self.flags.set_color(FLAGGED)
+        def text(x: float, y: float, words: str, size: float = style.SMALL) -> Text:
+            """Text in the upper left or right corner, at a place in parts of the figure."""
+            side, place = "left" if x < 0.5 else "right", figure.transFigure
+            return ax.text(x, y, words, fontsize=size, transform=place, ha=side, va="top", linespacing=1.5)
 
-    def _text(self, x: float, y: float, text: str, fontsize: float = style.SMALL) -> Text:
-        """Text in the upper left or right corner; ``x`` and ``y`` in parts of the figure."""
-        side = "left" if x < 0.5 else "right"
-        place = self.figure.transFigure
-        return self.ax.text(x, y, text, fontsize=fontsize, transform=place, ha=side, va="top", linespacing=1.5)
+        def drawn() -> Bytes:
+            canvas.draw()  # type: ignore[no-untyped-call]
+            return np.array(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
 
-    def picture(self, frame: int) -> Bytes:
-        """Pixels of a frame (height, width, 4): red, green, blue, opacity."""
-        middle = self.middle[:, frame]
-        self.drawing.show(frame, middle[:2])
-        right, up = self.camera.project(middle)[:2]
-        left, bottom, width, height = self.box
-        self.ax.set_xlim(right + left, right + left + width)
-        self.ax.set_ylim(up + bottom, up + bottom + height)
-        self.time.set_text(f"{frame / self.scene.rate:.1f} s")
-        names = {flag.value: flag.name.lower() for flag in Flag}
-        flags = zip(self.scene.joints, self.scene.flags[:, frame], strict=True)
-        lines = [f"{joint.replace('_', ' ')} {names[flag]}" for joint, flag in flags if flag != Flag.SEEN]
-        self.flags.set_text("\n".join(lines))
-        return np.minimum(self._drawn(), self.fixed)
+        same = text(0.02, 0.975, scene.name, 10.0), text(0.02, 0.935, _film_legend(drawing))
+        fixed = drawn()  # once, because drawing text takes longer than all the rest
+        for part in same:
+            part.remove()
+        time, unseen = text(0.98, 0.975, "", 10.0), text(0.98, 0.935, "")
+        unseen.set_color(FLAGGED)
+        for frame, flags in enumerate(scene.flags.T):
+            drawing.show(frame, middle[:2, frame])
+            right, up = drawing.camera.project(middle[:, frame])[:2]
+            ax.set_xlim(right + left, right + left + width)
+            ax.set_ylim(up + bottom, up + bottom + height)
+            time.set_text(f"{frame / scene.rate:.1f} s")
+            names = zip(scene.joints, map(Flag, flags), strict=True)
+            lines = [f"{joint.replace('_', ' ')} {flag.name.lower()}" for joint, flag in names if flag != Flag.SEEN]
+            unseen.set_text("\n".join(lines))
+            yield np.minimum(drawn(), fixed)
 
-    def _drawn(self) -> Bytes:
-        self.canvas.draw()  # type: ignore[no-untyped-call]
-        return np.array(self.canvas.buffer_rgba())  # type: ignore[no-untyped-call]
 
-    def _box(self) -> tuple[float, float, float, float]:
-        """Left, bottom, width and height of the view about the middle, metres; nearly all frames fit into it."""
-        projected = np.einsum("ij,pjt->pit", self.camera.axes[:2], self.scene.points - self.middle)
-        lowest = np.array([*self.middle[:2].mean(axis=1), self.drawing.ground])
-        floor = float(self.camera.project(lowest - self.middle.mean(axis=1))[1])
-        low = np.nanquantile(np.fmin.reduce(projected, axis=0), 0.002, axis=1)
-        high = np.nanquantile(np.fmax.reduce(projected, axis=0), 0.998, axis=1)
-        bottom, top = min(float(low[1]), floor) - 0.15, float(high[1]) + 0.25
-        width = max(float(high[0] - low[0]) + 0.2, (top - bottom) * _PIXELS[0] / _PIXELS[1])
-        height = width * _PIXELS[1] / _PIXELS[0]
-        return 0.5 * float(low[0] + high[0]) - 0.5 * width, bottom, width, height
+def _box(drawing: SkeletonDrawing, middle: Floats) -> tuple[float, float, float, float]:
+    """Left, bottom, width and height of the view about the middle, metres; nearly all frames fit into it."""
+    camera = drawing.camera
+    projected = np.einsum("ij,pjt->pit", camera.axes[:2], drawing.scene.points - middle)
+    lowest = np.array([*middle[:2].mean(axis=1), drawing.ground])
+    floor = float(camera.project(lowest - middle.mean(axis=1))[1])
+    low = np.nanquantile(np.fmin.reduce(projected, axis=0), 0.002, axis=1)
+    high = np.nanquantile(np.fmax.reduce(projected, axis=0), 0.998, axis=1)
+    bottom, top = min(float(low[1]), floor) - 0.15, float(high[1]) + 0.25
+    width = max(float(high[0] - low[0]) + 0.2, (top - bottom) * _PIXELS[0] / _PIXELS[1])
+    return 0.5 * float(low[0] + high[0]) - 0.5 * width, bottom, width, width * _PIXELS[1] / _PIXELS[0]
 
-    def _legend(self) -> str:
-        """The meaning of the colours, and the joints that are not reliable."""
-        lines = ["blue: left, orange: right"]
-        if not np.isnan(self.scene.errors).all():
-            axes = "; axes of hinges" if hinges(self.scene).any() else ""
-            lines.append(f"green: {100 * LEVEL:.0f} % error ellipsoids, {_enlarged(self.drawing.factor)}{axes}")
-        doubts = zip(self.scene.joints, self.scene.doubts, strict=True)
-        lines += [f"not reliable: {joint.replace('_', ' ')}" for joint, doubt in doubts if doubt]
-        return "\n".join(lines)
+
+def _film_legend(drawing: SkeletonDrawing) -> str:
+    """The meaning of the colours, and the joints that are not reliable."""
+    scene, lines = drawing.scene, ["blue: left, orange: right"]
+    if not np.isnan(scene.errors).all():
+        axes = "; axes of hinges" if hinges(scene).any() else ""
+        lines.append(f"green: {100 * LEVEL:.0f} % error ellipsoids, {_enlarged(drawing.factor)}{axes}")
+    doubts = zip(scene.joints, scene.doubts, strict=True)
+    return "\n".join([*lines, *(f"not reliable: {joint.replace('_', ' ')}" for joint, doubt in doubts if doubt)])
 
 
 def _smooth_middle(scene: Scene) -> Floats:
     """The smoothed middle of the skeleton (3, frames), metres."""
-    with np.errstate(invalid="ignore"):
-        known = ~np.isnan(scene.centers[:, 0])
-        middle = np.where(known[:, None], scene.centers, 0.0).sum(axis=0) / known.sum(axis=0)
+    middle = known_mean(scene.centers, axis=0)
     times = np.arange(scene.frames)
     present = np.flatnonzero(~np.isnan(middle[0]))
     filled = np.stack([np.interp(times, present, row[present]) for row in middle])
