@@ -247,7 +247,7 @@ def fit_one_joint(recording: Recording, markerset: MarkerSet) -> OneJoint:
     world, axis, turn, frame = np.full((3, recording.frames), np.nan), None, np.nan, 0
     places = np.full((len(markerset.segment(PARENT).markers), 3), np.nan)
     if parent is not None:
-        world, places = parent.to_world(found.in_parent), parent.template
+        world, places = parent.to_world(found.in_parent), parent.template[-len(places) :]  # a joint is before markers
         frame = int(np.nan_to_num(np.einsum("iit->t", parent.rotation), nan=-1.0).argmax()) + 1
         axis = None if found.axis is None else np.einsum("ijt,j->it", parent.rotation, found.axis)
         if child is not None:

@@ -109,6 +109,18 @@ def test_distance_is_the_median_over_frames_with_both():
     assert only == ("LHJC", 2.0, 3)
 
 
+def test_a_parent_that_is_posed_with_the_joint():
+    """Markers of a parent that lie nearly on a line have their places, and the joint that completes them has none."""
+    recording, _ = synthesize(Recipe(600))
+    arm = find_clusters(recording, "LSHO,LUPA,LELB", "LWRA,LWRB,LFRM", hinge=True)
+    found = fit_one_joint(recording, arm)
+    assert found.places.shape == (3, 3)
+    length = np.linalg.norm(found.places[1] - found.places[2])
+    apart = np.linalg.norm(recording.of("LUPA") - recording.of("LELB"), axis=0)
+    assert length == pytest.approx(np.median(apart), abs=0.002)
+    assert list(json.loads(joint_json(found))["parent_markers"]) == ["LSHO", "LUPA", "LELB"]
+
+
 def test_a_ball_that_moved_as_a_hinge_is_not_ok():
     """Its place along the axis shows in nothing; as a hinge it is ok, with the true axis, and no other place counts."""
     axis = np.array([0.0, 0.6, 0.8])
