@@ -178,12 +178,9 @@ class JointSamples:
         values = np.linalg.eigvalsh(reduced)
         fine = values[:, 0] > 0.0
         reduced[~fine] = np.eye(basis.shape[1])
-        if axis is None:
-            centers = np.linalg.solve(reduced, right[:, :, None])[:, :, 0]
-        else:
-            middle = self._mean(index) @ np.outer(axis, axis)
-            shifted = right - np.einsum("bij,bj->bi", left, middle)
-            centers = middle + np.linalg.solve(reduced, (shifted @ basis)[:, :, None])[:, :, 0] @ basis.T
+        middle = self._mean(index) @ (np.zeros((3, 3)) if axis is None else np.outer(axis, axis))
+        shifted = right - np.einsum("bij,bj->bi", left, middle)
+        centers = middle + np.linalg.solve(reduced, (shifted @ basis)[:, :, None])[:, :, 0] @ basis.T
         centers[~fine] = np.nan
         return np.asarray(centers)
 

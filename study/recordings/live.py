@@ -274,10 +274,8 @@ class LiveJoints:
         self._rows = {marker: row for row, marker in enumerate(markers)}
         self._markers = {marker.casefold(): marker for marker in markers} | {m: m for m in markers}
         self._segments = {tuple(parent): GrowingSegment([self._rows[m] for m in parent]) for _, parent, _ in joints}
-        self.joints = {
-            name: GrowingJoint(self._segments[tuple(parent)], [self._rows[m] for m in child])
-            for name, parent, child in joints
-        }
+        growing = ((name, self._segments[tuple(parent)], child) for name, parent, child in joints)
+        self.joints = {name: GrowingJoint(segment, [self._rows[m] for m in child]) for name, segment, child in growing}
         self.frames = 0
         self.labels: dict[str, None] = {}
         self.lacking: dict[str, None] = markers

@@ -254,10 +254,8 @@ def merge_calibrations(markerset: MarkerSet, calibrations: Sequence[Calibration]
     changes = [axes_changes(calibrations, index, references) for index in numbers]
     trials = list(zip(calibrations, changes, strict=True))
     shapes = tuple(_merged_shape(name, references[name], trials, static) for name in segments)
-    parts = {
-        joint.name: [replace(moved(c[joint.name], change), trials=(c.source,)) for c, change in trials]
-        for joint in markerset.joints
-    }
+    names = [joint.name for joint in markerset.joints]
+    parts = {name: [replace(moved(c[name], change), trials=(c.source,)) for c, change in trials] for name in names}
     source, frames = ", ".join(one.source for one in calibrations), sum(one.frames for one in calibrations)
     merged = Calibration(source, frames, markerset, shapes, tuple(map(pool_places, parts.values())))
     return Session(merged, parts, tuple(calibrations))
@@ -285,15 +283,14 @@ def _merged_shape(name: str, reference: int, trials: Sequence[Trial], static: in
     return SegmentShape(name, markers, merged, scatters, own or first.has_own_pose, first.reason)
 
 
-def hinges_placed(session: Session, static: Calibration, recording: Recording) -> Session:
+def hinges_placed(merged: Calibration, static: Calibration, recording: Recording) -> Calibration:
     """Move hinges along their axes to the middle of the two points across them, as far as a static trial shows these.
 
     Args:
-        session: of all trials.
+        merged: calibration of all trials.
         static: calibration of the static trial alone, with the poses of its segments.
         recording: the static trial.
     """
-    merged = session.calibration
     places = list(merged.joints)
     for k, place in enumerate(places):
         parent, ends, axis = place.joint.parent, place.joint.across, place.axis
@@ -311,7 +308,7 @@ def hinges_placed(session: Session, static: Calibration, recording: Recording) -
             in_child = place.mean_rotation.T @ axis
         in_parent, in_child = place.in_parent + step * axis, place.in_child + step * in_child
         places[k] = replace(place, in_parent=in_parent, in_child=in_child)
-    return replace(session, calibration=replace(merged, joints=tuple(places)))
+    return replace(merged, joints=tuple(places))
 
 
 def calibrate_session(
@@ -340,10 +337,9 @@ def calibrate_session(
         before = merge_calibrations(markerset, calibrations[:index]).calibration
         forced += require_same_subject(before, every[index], force=force) if before.has_poses else []
     session = merge_calibrations(markerset, calibrations, None if static is None else len(trials))
-    if static is not None:
-        session = hinges_placed(session, calibrations[-1], static)
+    merged = session.calibration if static is None else hinges_placed(session.calibration, calibrations[-1], static)
     checked = (with_checks(one, trial) for one, trial in zip(calibrations, every, strict=True))
-    return replace(_checked(session, every), trials=tuple(checked), overruled=tuple(forced))
+    return replace(session, calibration=_checked(merged, every), trials=tuple(checked), overruled=tuple(forced))
 
 
 def fit_session(
@@ -371,14 +367,13 @@ def fit_session(
     return together, merged
 
 
-def _checked(session: Session, trials: Sequence[Recording]) -> Session:
+def _checked(calibration: Calibration, trials: Sequence[Recording]) -> Calibration:
     """Add the misfits of the shapes, root mean square over the trials, and doubts and warnings of the joints.
 
     A joint is as far outside the markers' hull as in the trial in which it is least.
     """
-    calibration = session.calibration
     if not calibration.has_poses:
-        return session
+        return calibration
     drawn = [draw_skeleton(calibration, trial) for trial in trials]
     misfits = np.array([one.misfits for one in drawn])
     weights = np.where(np.isnan(misfits), 0.0, np.array([[trial.frames] for trial in trials], dtype=np.float64))
@@ -386,7 +381,7 @@ def _checked(session: Session, trials: Sequence[Recording]) -> Session:
         total = np.sqrt((weights * np.nan_to_num(misfits) ** 2).sum(axis=0) / weights.sum(axis=0))
     shapes = tuple(replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, total, strict=True))
     outside = [hull_distances(trial.positions, one.centers)[0] for one, trial in zip(drawn, trials, strict=True)]
-    return replace(session, calibration=with_doubts(replace(calibration, shapes=shapes), np.fmin.reduce(outside)))
+    return with_doubts(replace(calibration, shapes=shapes), np.fmin.reduce(outside))
 
 
 def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:
@@ -401,10 +396,8 @@ def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:
     """
     here = find_joints(calibration.markerset, recording)
     merged = merge_calibrations(calibration.markerset, [calibration, here], static=1).calibration
-    shapes = (
-        new if old.has_own_pose and here.shape(old.segment).has_own_pose else old
-        for old, new in zip(calibration.shapes, merged.shapes, strict=True)
-    )
+    fitted = zip(calibration.shapes, here.shapes, merged.shapes, strict=True)
+    shapes = (new if old.has_own_pose and own.has_own_pose else old for old, own, new in fitted)
     return replace(calibration, shapes=tuple(replace(s, misfit=calibration.shape(s.segment).misfit) for s in shapes))
 
 

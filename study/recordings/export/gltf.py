@@ -119,11 +119,9 @@ class _Document:
         joints = np.zeros((len(owners), 4), dtype="B")
         joints[:, 0] = owners
         weights = np.tile(np.array([1, 0, 0, 0], dtype="f"), (len(joints), 1))
-        attributes = gltf.Attributes(
-            POSITION=self._accessor((vertices @ Y_UP.T).astype("f"), gltf.ARRAY_BUFFER, bounds=True),
-            JOINTS_0=self._accessor(joints, gltf.ARRAY_BUFFER),
-            WEIGHTS_0=self._accessor(weights, gltf.ARRAY_BUFFER),
-        )
+        place = self._accessor((vertices @ Y_UP.T).astype("f"), gltf.ARRAY_BUFFER, bounds=True)
+        owner, weight = (self._accessor(values, gltf.ARRAY_BUFFER) for values in (joints, weights))
+        attributes = gltf.Attributes(POSITION=place, JOINTS_0=owner, WEIGHTS_0=weight)
         primitives = []
         marked = doubted[owners[faces[:, 0]]]
         for colour, part in ((_PLAIN, faces[~marked]), (_DOUBTED, faces[marked])):

@@ -218,20 +218,18 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     columns: dict[str, Floats] = {"time": np.arange(skeleton.frames) / skeleton.rate}
     world = Y_UP @ motion.upright
     angles = _zxy(np.einsum("ij,jkt->ikt", world @ motion.upright.T, (turns | clinical)[root]))
-    for name, values in zip(("tilt", "list", "rotation"), angles, strict=True):
-        columns[f"{root}_{name}"] = values
-    for axis, values in zip("xyz", world @ skeleton.origins[0], strict=True):
-        columns[f"{root}_t{axis}"] = values
+    names = [f"{root}_{name}" for name in ("tilt", "list", "rotation", "tx", "ty", "tz")]
+    columns |= dict(zip(names, [*angles, *(world @ skeleton.origins[0])], strict=True))
     between, segments = clinical_joints(skeleton.calibration), legs(skeleton.calibration.markerset)
     shanks = {segments.get("left shank"), segments.get("right shank")}
     for place in skeleton.calibration.joints:
-        if place.joint.name in between:
-            turn = relative_rotation(clinical[place.joint.parent], clinical[place.joint.child])
-            columns |= _ball(place.joint.name, turn, -1.0 if place.joint.child in shanks else 1.0)
-            continue
-        turn = relative_rotation(turns[place.joint.parent], turns[place.joint.child])
-        hinge = place.joint.kind == "hinge" and not np.isnan(place.axis_in_parent).any()
-        columns |= _hinge(place, turn, standing) if hinge else _ball(place.joint.name, turn)
+        joint, anatomical = place.joint, place.joint.name in between
+        rotations = clinical if anatomical else turns
+        turn = relative_rotation(rotations[joint.parent], rotations[joint.child])
+        if joint.kind == "hinge" and place.axis is not None and not anatomical:
+            columns |= _hinge(place, turn, standing)
+        else:
+            columns |= _ball(joint.name, turn, -1.0 if anatomical and joint.child in shanks else 1.0)
     return pd.DataFrame(columns)
 
 

@@ -81,11 +81,8 @@ def _columns(table: list[list[str]], axes: int) -> list[tuple[int, str, str]]:
     heads = titles["type"], titles["name"], table[axes - 1]
     kinds, names, holds = ([cell.strip() for cell in [*row, *[""] * width][:width]] for row in heads)
     axis = [cell.strip().lower() for cell in table[axes]]
-    return [
-        (i, kinds[i].lower(), names[i])
-        for i in range(2, width - 2)
-        if axis[i : i + 3] == ["x", "y", "z"] and holds[i].lower() == "position"
-    ]
+    places = [i for i in range(2, width - 2) if axis[i : i + 3] == ["x", "y", "z"] and holds[i].lower() == "position"]
+    return [(i, kinds[i].lower(), names[i]) for i in places]
 
 
 _QUALISYS = "NO_OF_FRAMES"

@@ -23,9 +23,8 @@ class DownloadError(RecordingError):
     """A download failed although the library may have the recording; it may work at another time or place."""
 
 
-LIBRARIES = {
-    "cmu": "free for research and in products, not to be resold; acknowledge mocap.cs.cmu.edu, NSF EIA-0196217",
-}
+_TERMS = "free for research and in products, not to be resold; acknowledge mocap.cs.cmu.edu, NSF EIA-0196217"
+LIBRARIES = {"cmu": _TERMS}
 """The known libraries, and their terms of use in short."""
 CMU = "http://mocap.cs.cmu.edu/subjects"
 """Address of the folder with all recordings of the library cmu."""

@@ -466,11 +466,9 @@ def fit_center(
         # sizes, not residuals: moving the centre to where the pose itself rotates least makes any residual smaller
         before = size if size < CONDITION_LIMIT * pooled.largest_size(everything) else 0.0
         planar_significance = pooled.significance(planar_size, effective, across, max(SHAPE_ERROR, tissue))
-        if hinge or (
-            planar_size < _WORSE * max(before, 1.0)
-            and planar_significance > _SIGNIFICANT
-            and along.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(along[None])[0][0, 0]
-        ):
+        no_worse = planar_size < _WORSE * max(before, 1.0) and planar_significance > _SIGNIFICANT
+        unexplained = along.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(along[None])[0][0, 0]
+        if hinge or (no_worse and unexplained):
             size, center, basis, axis, significance = planar_size, planar_center, across, least, planar_significance
             covariance, share = _covariance(planar_scores, pooled, size, center, basis)
         else:

@@ -39,15 +39,7 @@ from scipy import special
 
 from study.arrays import Bools, Floats
 from study.fits.samples import Worded
-from study.recordings.joints.center import (
-    SHAPE_ERROR,
-    SIGNIFICANT,
-    CenterFit,
-    LocalMarker,
-    center_only,
-    fit_center,
-    reject_outliers,
-)
+from study.recordings.joints.center import SHAPE_ERROR, CenterFit, LocalMarker, center_only, fit_center, reject_outliers
 from study.recordings.joints.poses import PoseNoise, SegmentPoses, long_run_covariance, times
 from study.recordings.rigid import across, mean_rotated_covariance, relative_rotation
 
@@ -221,9 +213,8 @@ class _Agreement:
 
 def _side(poses: SegmentPoses, frames: Bools, size: float) -> tuple[Floats, Floats, Floats, Floats]:
     """G Rᵀ (3, 3, n) of a segment, its centroid in its axes and in the world, and the noise's mean shift (3, n)."""
-    rotation, origin, noise = poses.rotation[:, :, frames], poses.origin[:, frames], poses.noise
-    by_pattern = noise.expansion(size), noise.centroid, noise.mean_shift(size)
-    expansion, centroid, shift = (noise.in_patterns_of(values, frames) for values in by_pattern)
+    rotation, origin = poses.rotation[:, :, frames], poses.origin[:, frames]
+    expansion, centroid, shift = poses.noise.mean_effects(frames, size)
     back = np.einsum("ijt,kjt->ikt", np.broadcast_to(expansion, rotation.shape), rotation)
     return back, centroid, times(rotation, centroid) + origin, shift
 
@@ -357,7 +348,7 @@ def _fit_with_noise(
         fit = fit_center(clean, noise, size=size)
         if fit is not None and hinge and fit.axis is None and not fit.clear and size is None:
             planar = fit_center(clean, noise, True)
-            fit = planar if planar is not None and planar.significance > SIGNIFICANT else fit
+            fit = planar if planar is not None and planar.significant else fit
         if fit is None:
             return None
         accepted = [marker.near_sphere(fit.center, fit.axis) for marker in clean]

@@ -413,6 +413,12 @@ class _Body:
         """Markers in a segment's axes in some of the frames, without the outliers in their own segments."""
         return [local_marker(poses, self.recording.of(name)[:, frames], self._accepted(name)[frames]) for name in names]
 
+    def by_spheres(self, side: Side, poses: SegmentPoses | None, names: Sequence[str], hinge: bool) -> Estimate | None:
+        """An estimate from markers in a segment's axes; None without a pose, or if the markers do not move."""
+        if poses is None or not names:
+            return None
+        return estimate_from_spheres(side, poses, names, self.local_markers(names, poses), hinge)
+
     def _accepted(self, marker: str) -> Bools:
         """Samples of a marker (frames,) that are no outliers in its own segment."""
         owner = next((poses for poses in self.poses.values() if marker in poses.points), None)
@@ -464,14 +470,9 @@ def _fit(joint: Joint, body: _Body) -> JointPlace:
     """Fit a joint from each side that has poses without it, and choose among the estimates."""
     markerset, hinge = body.markerset, joint.kind == "hinge"
     parent, child = body.poses.get(joint.parent), body.own.get(joint.child)
-    sides: list[tuple[Side, SegmentPoses | None, tuple[str, ...]]] = [
-        ("parent", parent, markerset.markers_for(joint)),
-        ("child", child, markerset.segment(joint.parent).markers),
-    ]
     estimates = [
-        estimate_from_spheres(side, poses, names, body.local_markers(names, poses), hinge)
-        for side, poses, names in sides
-        if poses is not None and names
+        body.by_spheres("parent", parent, markerset.markers_for(joint), hinge),
+        body.by_spheres("child", child, markerset.segment(joint.parent).markers, hinge),
     ]
     if parent is not None and child is not None and (pair := symmetric_fit(parent, child)) is not None:
         estimates.append(estimate_from_poses(parent, pair, hinge))

@@ -342,9 +342,13 @@ class PoseNoise:
             frames: its frames (frames,), n of them, in which the pose is known.
             size: variance of the noise, in units of what this says.
         """
-        centroid = self.in_patterns_of(self.centroid, frames)
-        shift = self.in_patterns_of(self.mean_shift(size), frames)
-        return centroid - shift + times(self.in_patterns_of(self.expansion(size), frames), y - centroid)
+        expansion, centroid, shift = self.mean_effects(frames, size)
+        return centroid - shift + times(expansion, y - centroid)
+
+    def mean_effects(self, frames: Bools, size: float) -> tuple[Floats, Floats, Floats]:
+        """`expansion` (3, 3, n), centroid (3, n) and `mean_shift` (3, n) in n frames, for noise of this variance."""
+        expansion, shift = self.in_patterns_of(self.expansion(size), frames), self.mean_shift(size)
+        return expansion, self.in_patterns_of(self.centroid, frames), self.in_patterns_of(shift, frames)
 
     def covariances(self, y: Floats, frames: Bools, own: float) -> Floats:
         """Covariance F (3, 3, n), m², of a marker by (*), for each of n samples.
@@ -355,8 +359,6 @@ class PoseNoise:
             own: variance s² of its own noise, m².
         """
         shift = self.in_patterns_of(self.shift + own * np.eye(3), frames)
-        if not self.tilt.any():  # an exact pose
-            return np.broadcast_to(shift, (3, 3, y.shape[1]))
         v, cross = y - self.in_patterns_of(self.centroid, frames), self.in_patterns_of(self.cross, frames)
         tilted = _crossed(v, self.in_patterns_of(self.tilt, frames))
         half = _crossed(v, 0.5 * tilted.swapaxes(0, 1) - cross)  # ½ [v] Cov δ [v]ᵀ - [v] Cov(δ, ε̄)
@@ -541,10 +543,8 @@ def fit_poses(
 
 def poses_from_markers(markerset: MarkerSet, recording: Recording, reference: int = 0) -> dict[str, SegmentPoses | str]:
     """Fit each segment's poses to its own markers alone; for a segment without any, the reason why."""
-    return {
-        s.name: fit_poses(s.name, s.markers, [recording.of(marker) for marker in s.markers], reference=reference)
-        for s in markerset.segments
-    }
+    paths = [(s, [recording.of(marker) for marker in s.markers]) for s in markerset.segments]
+    return {s.name: fit_poses(s.name, s.markers, x, reference=reference) for s, x in paths}
 
 
 def reference_frame(recording: Recording) -> int:

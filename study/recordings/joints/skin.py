@@ -218,9 +218,7 @@ class SkinErrors:
             radii = np.linalg.norm(y - estimate.center[:, None], axis=1)
             slope = radius_slope(np.where(estimate.used[:, self.part], radii, np.nan), angles)
             self.by_radius[joint.name, other] = 0.0 if np.isnan(slope) else slope
-        slopes = [
-            max(self._slope(name, angles), self.by_radius.get((joint.name, name), 0.0)) for name in (frame, other)
-        ]
+        slopes = [max(self._slope(one, angles), self.by_radius.get((joint.name, one), 0.0)) for one in (frame, other)]
         skin, floor = self._covariances(estimate, angles, (slopes, ((0.5 * _FLOOR) ** 2, _FLOOR**2)))
         size = float(np.sqrt(max(np.linalg.eigvalsh(floor)[-1], 0.0)))
         return replace(estimate, covariance=estimate.covariance + skin, skin=estimate.skin + skin, floor=size)

@@ -120,13 +120,10 @@ def _complete_poses(places: Floats, x: Floats, pin: Floats, at: Floats, rotation
                 if count == 1 and not pinned:
                     for i in range(3):
                         a[i], b[i] = places[k, i], x[k, i, t]
+                p0, p1, p2 = places[k, 0] - a[0], places[k, 1] - a[1], places[k, 2] - a[2]
                 for i in range(3):
                     v[i] += x[k, i, t] - b[i]
-                    u[i] += (
-                        r[i, 0] * (places[k, 0] - a[0])
-                        + r[i, 1] * (places[k, 1] - a[1])
-                        + r[i, 2] * (places[k, 2] - a[2])
-                    )
+                    u[i] += r[i, 0] * p0 + r[i, 1] * p1 + r[i, 2] * p2
         if count > 0:
             _rotate_by_arc(u, v, r)
         for i in range(3):

@@ -329,18 +329,14 @@ def bone_table(scene: Scene) -> pd.DataFrame:
 def skeleton_lines(scene: Scene) -> Iterator[str]:
     """Lay out bones, distances of joints from the markers' hull, shares of bridged frames, and reasons to doubt."""
     bones = []
-    for row in bone_table(scene).to_dict("records"):
-        uneven = row["uneven"]
-        bones.append([f"{row['start']} - {row['end']}", f"{row['length']:.3f} m"])
-        bones[-1] += [_millimetres(row["error"]), _millimetres(row["spread"])]
-        bones[-1] += ["" if np.isnan(uneven) else f"{round(100 * uneven, 1) + 0.0:+.1f} %"]  # no minus before zero
-        bones[-1] += ["uneven" if abs(uneven) > UNEVEN else ""]
+    for start, end, length, spread, error, uneven in bone_table(scene).itertuples(index=False):
+        difference = "" if np.isnan(uneven) else f"{round(100 * uneven, 1) + 0.0:+.1f} %"  # no minus before zero
+        sizes = f"{length:.3f} m", _millimetres(error), _millimetres(spread)
+        bones.append([f"{start} - {end}", *sizes, difference, "uneven" if abs(uneven) > UNEVEN else ""])
     yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
-    hulls = [
-        [name, number(share, ".0%"), _millimetres(distance) if distance > 0.0 else "-"]
-        for name, share, distance in zip(scene.joints, *hull_distances(scene.places, scene.centers), strict=True)
-    ]
-    yield from columns(hulls, ["joint", "outside", "by"], "<>")
+    hulls = zip(scene.joints, *hull_distances(scene.places, scene.centers), strict=True)
+    rows = [[name, number(share, ".0%"), _millimetres(by) if by > 0.0 else "-"] for name, share, by in hulls]
+    yield from columns(rows, ["joint", "outside", "by"], "<>")
     yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
     for name, flags in zip(scene.joints, scene.flags, strict=True):
         shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]

@@ -229,13 +229,12 @@ _LETTER = 0.058
 """Mean width of a letter of the labels, inches."""
 
 
-def prepare(scene: Scene, frame: int | None = None, azimuth: float | None = None) -> tuple[int, Camera]:
-    """Choose a frame and a direction of view.
+def prepare(scene: Scene, frame: int | None = None) -> tuple[int, Camera]:
+    """Choose a frame, and a direction of view from which the joints appear well apart.
 
     Args:
         scene: the motion.
         frame: number of the frame, from 0; if None, one in which all joints are known and appear well apart.
-        azimuth: direction of view, degrees from x to y; if None, one from which they appear well apart.
 
     Raises:
         RecordingError: if there is no such frame.
@@ -254,8 +253,7 @@ def prepare(scene: Scene, frame: int | None = None, azimuth: float | None = None
         i, j = np.triu_indices(len(seen), 1)
         return float(np.log(np.linalg.norm(seen[i] - seen[j], axis=1) + 0.02).mean()) if len(seen) > 1 else 0.0
 
-    azimuths = _AZIMUTHS if azimuth is None else np.array([azimuth])
-    views = [Camera(float(a), _ELEVATION) for a in azimuths]
+    views = [Camera(float(azimuth), _ELEVATION) for azimuth in _AZIMUTHS]
     return max(((int(t), view) for t in (best if frame is None else [frame]) for view in views), key=apart)
 
 

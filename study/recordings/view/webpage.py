@@ -55,10 +55,9 @@ def motion_document(scene: Scene, rate: float = _RATE) -> dict[str, object]:
     half = np.where(np.isnan(shown.errors), np.nan, half_axes(shown))
     turns, count = _rounded(_LARGEST * shown.anatomy).transpose(1, 0, 2), len(shown.joints)
     axes = {"axes": turns[:, :count], "root_axes": turns[:, count:]}
-    joints = [
-        {"name": name, "doubt": doubt, "errors": _numbers(errors), "half_axes": _numbers(lengths)}
-        for name, doubt, errors, lengths in zip(shown.joints, shown.doubts, shown.errors, half, strict=True)
-    ]
+    columns = shown.joints, shown.doubts, map(_numbers, shown.errors), map(_numbers, half)
+    names = "name", "doubt", "errors", "half_axes"
+    joints = [dict(zip(names, joint, strict=True)) for joint in zip(*columns, strict=True)]
     arrays = {
         "markers": _base64(counts[:, : len(shown.markers)]),
         "points": _base64(counts[:, len(shown.markers) :]),
