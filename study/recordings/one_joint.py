@@ -273,10 +273,9 @@ def _doubts(joints: Calibration, n: Mapping[str, float], recording: Recording, w
     wanted = JointStatus.HINGE if found.joint.kind == "hinge" else JointStatus.OK
     doubts = [] if found.status == wanted else [found.reason]
     if found.joint.kind == "ball" and n["moved_least"] < _ONE_AXIS * n["moved_most"]:
-        doubts.append(
-            f"it moved by {n['moved_least']:.0f}° about one axis and {n['moved_most']:.0f}° about another: a joint "
-            "with one axis, as a knee, is a hinge (--hinge); soft tissue alone may place it along the axis"
-        )
+        moved = f"it moved by {n['moved_least']:.0f}° about one axis and {n['moved_most']:.0f}° about another"
+        remedy = "a joint with one axis, as a knee, is a hinge (--hinge); soft tissue alone may place it along the axis"
+        doubts.append(f"{moved}: {remedy}")
     doubts += joints.without_pose.values() if found.estimate is None else ()
     rows = [row for row, label in enumerate(recording.markers) if not is_centre(label)]
     if not np.isnan(world).all():

@@ -88,16 +88,14 @@ def change_between(points: Mapping[str, Floats], onto: Mapping[str, Floats]) -> 
     return AxesChange(rotation[:, :, 0], origin[:, 0]) if known[0] else UNKNOWN
 
 
-def axes_changes(
-    calibrations: Sequence[Calibration], index: int, references: Mapping[str, int]
-) -> dict[str, AxesChange]:
+def axes_changes(trials: Sequence[Calibration], index: int, references: Mapping[str, int]) -> dict[str, AxesChange]:
     """The change of axes of each segment of a trial, by its number, to those of the segment's reference trial.
 
     A segment without a pose in either has its parent's axes.
     """
-    calibration, changes = calibrations[index], dict[str, AxesChange]()
+    calibration, changes = trials[index], dict[str, AxesChange]()
     for segment, shape in zip(calibration.markerset.segments, calibration.shapes, strict=True):
-        other = calibrations[references[segment.name]]
+        other = trials[references[segment.name]]
         onto = other.shape(segment.name)
         change = UNKNOWN
         if other is calibration:

@@ -18,6 +18,8 @@ from study.arrays import Bools, Floats, Ints
 from study.recordings.export.tree import Y_UP, ExportedMotion, JointNode, joint_tree
 from study.recordings.rigid import quaternions
 
+Numbers = np.typing.NDArray[np.generic]
+"""Numbers of the kinds that a file has: floats, and bytes or words without sign."""
 _WIDTH = 0.08
 """Half the width of a bone, in units of its length..."""
 _THICK = 0.02
@@ -152,9 +154,7 @@ class _Document:
                 animation.samplers.append(gltf.AnimationSampler(input=times, output=output, interpolation="LINEAR"))
         self.gltf.animations.append(animation)
 
-    def _accessor(
-        self, values: "np.typing.NDArray[np.generic]", target: int | None = None, bounds: bool = False
-    ) -> int:
+    def _accessor(self, values: Numbers, target: int | None = None, bounds: bool = False) -> int:
         """Append an array (count, components) to the bytes; returns the number of its accessor."""
         self.bytes += bytes(-len(self.bytes) % 4)
         data = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<")).tobytes()

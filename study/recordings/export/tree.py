@@ -40,7 +40,7 @@ from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, skew, to_world, zxy_angles
 from study.recordings.skeleton.anatomy import legs
 from study.recordings.skeleton.draw import Skeleton, pivot_joint
-from study.recordings.skeleton.scene import Scene, upright_rotation
+from study.recordings.skeleton.scene import TIP, Scene, upright_rotation
 
 _WORDS = {
     "arm": ("forearm", "arm", "hand", "humerus", "ulna", "radius", "clavicle", "scapula", "finger"),
@@ -52,8 +52,6 @@ _WORDS = {
 _LEFT, _FORWARD, _UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Rotation from axes with z up to those with y up."""
-_TIP = 0.7
-"""A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
 
 
 class RestPose(Enum):
@@ -136,7 +134,7 @@ def _bone(name: str, below: Sequence[tuple[str, Floats]], calibration: Calibrati
 def limb_end(shape: SegmentShape, joint: Floats) -> Floats | None:
     """End of a segment (3,), in its axes: the middle of its markers farthest from its joint; None without markers."""
     away = np.linalg.norm(shape.places - joint, axis=1)
-    return np.asarray(shape.places[away >= _TIP * away.max()].mean(axis=0)) if len(away) else None
+    return np.asarray(shape.places[away >= TIP * away.max()].mean(axis=0)) if len(away) else None
 
 
 def _shortest(vector: Floats, target: Floats) -> Floats:

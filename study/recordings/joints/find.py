@@ -70,23 +70,13 @@ _Serial = pydantic.PlainSerializer(lambda values: np.where(np.isnan(values), np.
 """Nested lists of an array's numbers; NaN becomes null."""
 Vector = Annotated[Floats, _array(3), _Serial]
 Matrix = Annotated[Floats, _array(3, 3), _Serial]
-Number = Annotated[
-    float,
-    pydantic.BeforeValidator(lambda value: float("nan") if value is None else value),
-    pydantic.PlainSerializer(lambda value: None if np.isnan(value) else value),
-]
+_FROM_NULL = pydantic.BeforeValidator(lambda value: float("nan") if value is None else value)
+_TO_NULL = pydantic.PlainSerializer(lambda value: None if np.isnan(value) else value)
+Number = Annotated[float, _FROM_NULL, _TO_NULL]
 """A number that is null in JSON where it is not known, and NaN here."""
-Status = Annotated[
-    JointStatus,
-    pydantic.BeforeValidator(lambda value: JointStatus[value] if isinstance(value, str) else value),
-    pydantic.PlainSerializer(lambda status: status.name),
-]
+_BY_NAME = pydantic.BeforeValidator(lambda value: JointStatus[value] if isinstance(value, str) else value)
+Status = Annotated[JointStatus, _BY_NAME, pydantic.PlainSerializer(lambda status: status.name)]
 _CONFIG = pydantic.ConfigDict(arbitrary_types_allowed=True, populate_by_name=True)
-
-
-def _named(name: str) -> object:
-    """Mark a field that has another name in the file."""
-    return pydantic.Field(validation_alias=name, serialization_alias=name)
 
 
 def _unknown(*shape: int) -> Callable[[], Floats]:
@@ -114,8 +104,8 @@ class SegmentShape:
     markers: tuple[str, ...]
     places: Annotated[Floats, _array(-1, 3), _Serial]
     scatter: Annotated[Floats, _array(-1), _Serial]
-    has_own_pose: Annotated[bool, _named("own")]
-    reason: Annotated[str, _named("why")]
+    has_own_pose: Annotated[bool, pydantic.Field(alias="own")]
+    reason: Annotated[str, pydantic.Field(alias="why")]
     misfit: Number = float("nan")
     anatomy: Matrix = field(default_factory=_unknown(3, 3))
 
@@ -162,7 +152,7 @@ class JointPlace:
     covariance: Matrix = field(default_factory=_unknown(3, 3))
     axis_in_parent: Vector = field(default_factory=_unknown(3))
     axis_in_child: Vector = field(default_factory=_unknown(3))
-    mean_rotation: Annotated[Matrix, _named("rest")] = field(default_factory=lambda: np.eye(3))
+    mean_rotation: Annotated[Matrix, pydantic.Field(alias="rest")] = field(default_factory=lambda: np.eye(3))
     trials: tuple[str, ...] = ()
     floor: Number = float("nan")
     allowance: Floats = pydantic.Field(default_factory=lambda: np.zeros((3, 3)), exclude=True, repr=False)
@@ -222,7 +212,7 @@ class Calibration:
     source: str
     frames: int
     markerset: MarkerSet
-    shapes: Annotated[tuple[SegmentShape, ...], _named("segments")]
+    shapes: Annotated[tuple[SegmentShape, ...], pydantic.Field(alias="segments")]
     joints: tuple[JointPlace, ...]
     poses: Mapping[str, pydantic.InstanceOf[SegmentPoses]] = pydantic.Field(
         default_factory=dict, exclude=True, repr=False
@@ -366,10 +356,9 @@ def exchange(markers: Sequence[str], recording: Recording) -> str:
     if exchanged is None:
         return ""
     one, two, frames = exchanged
-    return (
-        f"{names[one]} and {names[two]} exchange their labels in {frames.mean():.0%} of the frames, first in frame "
-        f"{int(frames.argmax()) + 1}: exchange them back where the markers are labelled, or leave these frames out"
-    )
+    share, first = f"{frames.mean():.0%} of the frames", int(frames.argmax()) + 1
+    words = f"{names[one]} and {names[two]} exchange their labels in {share}, first in frame {first}"
+    return f"{words}: exchange them back where the markers are labelled, or leave these frames out"
 
 
 class _Body:
@@ -449,10 +438,7 @@ def _from_the_root(body: _Body) -> Iterator[JointPlace]:
     """Fit the joints, parents first, until no more can be fitted; their places in both segments are still open."""
     order = [segment.name for segment in body.markerset.segments]
     waiting = sorted(body.markerset.joints, key=lambda joint: order.index(joint.child))
-    while ready := (
-        [joint for joint in waiting if joint.parent in body.poses]
-        or [joint for joint in waiting if joint.child in body.own]
-    ):
+    while ready := [j for j in waiting if j.parent in body.poses] or [j for j in waiting if j.child in body.own]:
         joint = ready[0]
         waiting.remove(joint)
         place = _fit(joint, body)

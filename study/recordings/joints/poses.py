@@ -359,6 +359,8 @@ class PoseNoise:
             own: variance s² of its own noise, m².
         """
         shift = self.in_patterns_of(self.shift + own * np.eye(3), frames)
+        if not self.tilt.any():  # an exact pose
+            return np.broadcast_to(shift, (3, 3, y.shape[1]))
         v, cross = y - self.in_patterns_of(self.centroid, frames), self.in_patterns_of(self.cross, frames)
         tilted = _crossed(v, self.in_patterns_of(self.tilt, frames))
         half = _crossed(v, 0.5 * tilted.swapaxes(0, 1) - cross)  # ½ [v] Cov δ [v]ᵀ - [v] Cov(δ, ε̄)

@@ -157,7 +157,7 @@ def known_mean(x: Floats, axis: int) -> Floats:
         return np.asarray(np.where(known, x, 0.0).sum(axis=axis) / known.sum(axis=axis))
 
 
-_TIP = 0.7
+TIP = 0.7
 """A limb ends in the middle of its markers that are at least this share of the farthest one's distance away."""
 
 
@@ -236,7 +236,7 @@ def _ends(recording: Recording, markerset: MarkerSet, joints: Sequence[Joint], c
         places = np.stack([recording.of(name) for name in names])
         away = np.linalg.norm(places - center, axis=1)
         far = np.array([np.nanmedian(row) if not np.isnan(row).all() else 0.0 for row in away])
-        ends[joint.child] = np.asarray(places[far >= _TIP * far.max()].mean(axis=0))
+        ends[joint.child] = np.asarray(places[far >= TIP * far.max()].mean(axis=0))
     return ends
 
 

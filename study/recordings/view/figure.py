@@ -260,9 +260,8 @@ def prepare(scene: Scene, frame: int | None = None) -> tuple[int, Camera]:
 def label(scene: Scene, joint: int, frame: int) -> str:
     """Name of a joint and its largest standard error."""
     name = scene.joints[joint].replace("_", " ")
-    errors = scene.errors[joint]
-    known = errors[~np.isnan(errors)]
-    text = f"{name} {1000 * known.max():.1f} mm" if len(known) else name
+    error = np.fmax.reduce(scene.errors[joint])
+    text = name if np.isnan(error) else f"{name} {1000 * error:.1f} mm"
     return text + " (bridged)" * bool(scene.flags[joint, frame] == Flag.BRIDGED) + "*" * bool(scene.doubts[joint])
 
 

@@ -118,27 +118,20 @@ def viewer_page(scene: Scene, rate: float = _RATE) -> str:
     Returns:
         The document. The same scene gives the same bytes.
     """
-    environment = Environment(
-        loader=FileSystemLoader(_FOLDER, encoding="utf-8"),
-        autoescape=False,  # nearly all of it is code; names from a user are escaped below
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-    )
+    # nearly all of it is code; names from a user are escaped below
+    loader = FileSystemLoader(_FOLDER, encoding="utf-8")
+    environment = Environment(loader=loader, autoescape=False, undefined=StrictUndefined, keep_trailing_newline=True)
     colors = {"sides": figure.SIDES, "marker": figure.MARKER, "ellipsoid": figure.ELLIPSOID}
     colors |= {"flagged": figure.FLAGGED, "floor": figure.FLOOR, "ghost": figure.GHOST}
     library = f"\n/*\n{_part('three.LICENSE.txt').strip()}\n*/\n{_part('three.min.js')}\n"
     viewer = "\n".join(_part(name) for name in _SCRIPTS)
     scripts = library, f'\n"use strict";\nconst COLORS = {json.dumps(colors)};\n{viewer}\n'
     hashes = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts)
-    return environment.get_template("page.html").render(
-        digests=" ".join(f"'sha256-{text}'" for text in hashes),  # the only scripts that may run
-        title=html.escape(scene.name, quote=False),
-        style=_part("page.css"),
-        # in a script, HTML reads only its end tag and the start of a comment; without "<" there is neither
-        motion=motion_text(scene, rate).replace("<", "\\u003c"),
-        three=THREE,
-        scripts=scripts,
-    )
+    digests = " ".join(f"'sha256-{text}'" for text in hashes)  # the only scripts that may run
+    # in a script, HTML reads only its end tag and the start of a comment; without "<" there is neither
+    motion, title = motion_text(scene, rate).replace("<", "\\u003c"), html.escape(scene.name, quote=False)
+    page, css = environment.get_template("page.html"), _part("page.css")
+    return page.render(digests=digests, title=title, style=css, motion=motion, three=THREE, scripts=scripts)
 
 
 def write_viewer(scene: Scene, path: str | Path) -> Path:

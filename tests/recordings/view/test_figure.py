@@ -96,7 +96,7 @@ def test_the_view_is_the_widest(scene, frame):
     apart = []
     number, chosen = frame
     for azimuth in (chosen.azimuth, *range(0, 360, 45)):
-        _, camera = prepare(scene, number, float(azimuth))
+        camera = Camera(float(azimuth), chosen.elevation)
         seen = camera.project(scene.points[:, :, number])[:, :2]
         i, j = np.triu_indices(len(seen), 1)
         apart.append(np.log(np.linalg.norm(seen[i] - seen[j], axis=1) + 0.02).mean())
