@@ -184,7 +184,7 @@ _MEDIAN_VARIANCES = (0.316, 1.36)
 
 
 def _words(run: Run) -> dict[str, object]:
-    """What the page by ADEMP says of a run besides numbers of its config and manifest."""
+    """Words of the page by ADEMP about a run, besides numbers of its config and manifest."""
     study = run.study
     comments = [line.lstrip("# ") for line in config_of(run).splitlines() if line.startswith("#")]
     low, high = (math.sqrt(variance / study.design.trials) for variance in _MEDIAN_VARIANCES)  # n = v/e²

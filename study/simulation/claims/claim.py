@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -468,9 +468,8 @@ def has_estimators(errors: pd.DataFrame, *estimators: str) -> bool:
 def cells(errors: pd.DataFrame, estimator: str) -> Iterator[tuple[float, float, pd.DataFrame]]:
     """Angle, σ/r and rows of an estimator in each condition of a grid, in the order of angle and σ/r."""
     rows = rows_of(errors, estimator)
-    at: Any
-    for at, part in rows.groupby([rows["angle"], relative_noise(rows)]):
-        yield float(at[0]), float(at[1]), part
+    for _, part in rows.groupby([rows["angle"], relative_noise(rows)]):
+        yield float(part["angle"].iloc[0]), float(relative_noise(part.iloc[:1])[0]), part
 
 
 def relative_noise(errors: pd.DataFrame) -> Floats:

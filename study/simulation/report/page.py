@@ -178,6 +178,8 @@ def _part(name: str) -> str:
 _LOOKS = dict(zip(map(str, Verdict), ("good", "partly", "bad", "untested"), strict=True))
 _SHORT = dict(zip(map(str, Verdict), ("yes", "part", "no", "–"), strict=True))
 _PROSE = "stacked prose"
+_Claim = dict[Any, Any]
+"""A row of the claims table."""
 
 
 def claims_section(material: Material) -> Iterable[Section]:
@@ -204,7 +206,7 @@ def claims_section(material: Material) -> Iterable[Section]:
     yield Section("The paper's claims", "claims", content)
 
 
-def _place(claim: dict[Any, Any]) -> list[str]:
+def _place(claim: _Claim) -> list[str]:
     return [str(claim["number"]), claim["section"], claim["statement"]]
 
 
@@ -222,7 +224,7 @@ def _badge(verdict: str, words: str) -> Markup:
     return html.badge(words, _LOOKS.get(verdict, "untested"))
 
 
-def _judged(claim: dict[Any, Any], material: Material) -> list[Content]:
+def _judged(claim: _Claim, material: Material) -> list[Content]:
     """A claim with a verdict."""
     name, verdict, figure = claim["name"], claim["verdict"], claim["figure"]
     places = {tables.name: run_id(tables) for tables in material.runs}
@@ -299,7 +301,7 @@ def readings_section(material: Material) -> Iterable[Section]:
     yield Section("The paper read otherwise", "readings", [html.paragraph(said), choices, matrix, numbers])
 
 
-def _missing(rest: list[dict[Any, Any]], judged: list[dict[Any, Any]], material: Material) -> Iterable[Markup]:
+def _missing(rest: list[_Claim], judged: list[_Claim], material: Material) -> Iterable[Markup]:
     """Sentence that names the runs or tables that the remaining claims need."""
     reads, had = ([read for claim in some for read in claim["reads"].split(", ")] for some in (rest, judged))
     given = {tables.run.study.name for tables in material.runs}
