@@ -21,19 +21,14 @@ def drawn(rng, counts, radii, noise=0.01, angle=60.0, center=0.0, d=3):
     return [center + r * u + rng.standard_normal(u.shape) @ root.T for r, u in pairs], directions
 
 
-def moments(points):
-    """Centroid, C and S of paper eqs 4-6, and the number of samples."""
-    y = points - points.mean(axis=0)
-    s = np.sum(y * np.sum(y**2, axis=1)[:, None], axis=0) / (len(points) - 1)
-    return points.mean(axis=0), np.cov(points.T), s, len(points)
-
-
 def weighed(markers, sigma, weights):
-    """Corrected eq. 22: [Σw(C - Σ̂)]⁻¹ Σw[(C - Σ̂)x̄ + ½S]."""
+    """Corrected eq. 22: [Σw(C - Σ̂)]⁻¹ Σw[(C - Σ̂)x̄ + ½S], with C and S of eqs 5 and 6."""
     left, right = 0.0, 0.0
     for points, weight in zip(markers, weights, strict=True):
-        mean, c, s, _ = moments(points)
-        left, right = left + weight * (c - sigma), right + weight * ((c - sigma) @ mean + s / 2)
+        mean, matrix = points.mean(axis=0), np.cov(points.T) - sigma
+        y = points - mean
+        s = np.sum(y * np.sum(y**2, axis=1)[:, None], axis=0) / (len(points) - 1)
+        left, right = left + weight * matrix, right + weight * (matrix @ mean + s / 2)
     return np.linalg.solve(left, right)
 
 

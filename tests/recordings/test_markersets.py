@@ -162,6 +162,15 @@ def recording(markers, never=()):
     return Recording("walk", tuple(markers), positions, 100.0)
 
 
+def test_all_there():
+    """Markers come in the order of the set, each with its own positions; extra ones are named."""
+    labels = ("sword", *reversed(CMU.markers()))
+    source = Recording("walk", labels, np.random.default_rng(1).normal(size=(42, 3, 4)), 100.0)
+    found = markersets.match(CMU, source)
+    assert (found.recording.markers, found.extra) == (CMU.markers(), ("sword",))
+    np.testing.assert_array_equal(found.recording.positions, source.select(CMU.markers()).positions)
+
+
 def test_what_is_lacking_and_what_can_still_be_found():
     """A hand without its marker loses the wrist alone; a segment of two markers loses the joints fixed in it."""
     there = [m for m in CMU.markers() if m not in ("LFIN", "RTHI")]

@@ -57,18 +57,15 @@ def test_missing_samples():
     assert assemble(contents(points), "walk").missing().tolist() == [0.6, 1.0]
 
 
-def recording():
+def test_lines():
+    """The lines are a headline, notes, problems, then one per marker, with gaps and extents counted by hand."""
     positions = np.zeros((3, 3, 100))
     positions[0] = np.linspace(0, [3.0, 4.0, 0.0], 100).T
     positions[0, :, 40:60] = positions[0, :, 70:73] = np.nan
     positions[1] = np.nan
     positions[2] = 1.0
-    return Recording("walk", ("A", "LONGNAME", "C"), positions, 100.0, ("something was odd",))
-
-
-def test_lines():
-    """The lines are a headline, notes, problems, then one per marker, with gaps and extents counted by hand."""
-    assert describe(recording()) == [
+    recording = Recording("walk", ("A", "LONGNAME", "C"), positions, 100.0, ("something was odd",))
+    assert describe(recording) == [
         "walk: 3 markers, 100 frames at 100 Hz, 0.99 s, 41.0% of the samples missing",
         "note: something was odd",
         "without any sample: LONGNAME",

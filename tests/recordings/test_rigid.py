@@ -102,14 +102,9 @@ def test_exact_motion_with_missing_and_unused_points(rng, moved):
     assert np.isnan(origin[:, 5]).all()
 
 
-def rotations(rng, frames=30):
-    """Random rotations (3, 3, frames)."""
-    return Rotation.random(frames, rng=rng).as_matrix().transpose(1, 2, 0)
-
-
 def test_mean_rotated_covariance(rng):
     """It is the mean over frames of R Σ Rᵀ, one by one."""
-    axes, root = rotations(rng), rng.standard_normal((3, 3))
+    axes, root = Rotation.random(30, rng=rng).as_matrix().transpose(1, 2, 0), rng.standard_normal((3, 3))
     covariance = root @ root.T
     wanted = np.mean([axes[:, :, t] @ covariance @ axes[:, :, t].T for t in range(30)], axis=0)
     np.testing.assert_allclose(rigid.mean_rotated_covariance(axes, covariance), wanted, atol=1e-12)

@@ -22,13 +22,6 @@ LEFT, FORWARD, UP = np.array([1.0, 0, 0]), np.array([0, -1.0, 0]), np.array([0, 
 
 
 @pytest.fixture(scope="module")
-def known(exact, exported):
-    """A body without noise, and the truth about it."""
-    recording, truth, joints = exact
-    return exported(recording, with_checks(joints, recording)), truth
-
-
-@pytest.fixture(scope="module")
 def posed(motion):
     """A function for the angles of the standing body with one segment, and all that hang on it, rotated."""
     standing = rest_rotations(motion.skeleton.calibration, np.eye(3), RestPose.STANDING)
@@ -83,12 +76,13 @@ def test_signs_of_the_trunk(posed):
 
 
 @pytest.mark.parametrize("joint", ["left_knee", "right_knee", "left_elbow", "right_elbow"])
-def test_hinges_of_a_body_without_noise(known, joint):
+def test_hinges_of_a_body_without_noise(exact, exported, joint):
     """The angle about the true axis to a tenth of a degree, up to its zero, the straight limb, within two degrees.
 
     The place of a hinge along its axis is not known, so the direction of a bone that ends there is not exact.
     """
-    motion, truth = known
+    recording, truth, joints = exact
+    motion = exported(recording, with_checks(joints, recording))
     number = truth.joints.index(joint)
     parent, child = (truth.segments.index(names[number]) for names in (truth.parents, truth.children))
     turns = np.einsum("tji,tjk->tik", truth.rotations[parent], truth.rotations[child])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from study.recordings.joints.center import LocalMarker, PooledMoments
-from study.recordings.joints.poses import PoseNoise, fit_poses, reference_frame
+from study.recordings.joints.poses import PoseNoise, fit_poses, poses_from_markers, reference_frame
 from study.recordings.markersets import load_markerset
 from study.recordings.synthetic.make import Recipe, synthesize
 
@@ -72,6 +72,16 @@ def figure():
     """A noisy figure and its marker set."""
     recording, truth = synthesize(Recipe(frames=600, noise=0.002, gaps=0.1))
     return load_markerset("cmu41"), recording, truth
+
+
+def test_sigma_and_scatter(figure):
+    """Sigma is the noise, 2 mm, to 6 %; a point's rms distance is below √3 of it, for the fit absorbs some."""
+    markerset, recording, _ = figure
+    for name in ("pelvis", "thorax", "left_foot"):
+        poses = poses_from_markers(markerset, recording)[name]
+        assert poses.sigma == pytest.approx(0.002, rel=0.06)
+        assert (poses.scatter < np.sqrt(3) * 0.0022).all()
+        assert (poses.scatter > 0.0005).all()
 
 
 def test_joint_as_third_point(figure):
