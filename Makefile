@@ -3,7 +3,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-INSTALL := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
+# Modules are translated when they are first imported: translating all of them takes longer than installing.
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --no-compile -c constraints.txt
 
 .PHONY: paper article calibration skeleton test smoke lint numbers tables bench docs clean
 .DELETE_ON_ERROR:
@@ -123,14 +124,11 @@ $(VENV)/.run: $(VENV)/.installed
 	@$(BIN)/python -m study.simulation.compile_loops configs/smoke.toml
 	touch $@
 
-# ... and those of the paper's studies, and vector and scalar code for the table of costs.
-$(VENV)/.compiled: $(VENV)/.run
-	@echo "Loops of the paper's studies are compiled:"
-	@$(BIN)/python -m study.simulation.compile_loops $(CONFIGS)
-	@echo "Loops with and without vector instructions, for the table of costs:"
-	@$(BIN)/python -m study.simulation.analysis.cost time 3 20 >/dev/null
-	@$(BIN)/python -m study.simulation.analysis.cost scalar 3 20 >/dev/null
-	touch $@
+# ... and with them those of the paper's studies, and scalar code for the table of costs.
+$(VENV)/.compiled: $(VENV)/.installed
+	@echo "Loops are compiled, once after an installation or an update; about a minute:"
+	@$(BIN)/python -m study.simulation.compile_loops --cost configs/smoke.toml $(CONFIGS)
+	touch $(VENV)/.run $@
 
 $(VENV)/.mocap: $(VENV)/.run
 	$(INSTALL) -e '.[mocap]'

@@ -298,7 +298,8 @@ def _search(
         place of that where T is 0, or -1. The lower end is negative where a plane is not rejected.
     """
     low = high = below = above = math.nan
-    k, count, tries, origin, at_plane = max(first, _FLAT), 0, 0, -1, False
+    k, tries, origin, at_plane = max(first, _FLAT), 0, -1, False
+    count = int(np.int64(0))  # for a plain 0, functions that get it would be compiled apart
     turn, wanted, bracket = 0, 0.0, _open(math.nan, math.nan, math.nan)
     for _ in range(_MOST):
         sharp = abs(k) > _SHARPEST

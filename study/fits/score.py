@@ -178,7 +178,7 @@ def solve_profile(points: PointSet, profile: Profile, least: float) -> tuple[boo
     """
     sphere, toward, matrix, sums = profile.sphere, profile.toward, profile.system, profile.sums
     n, d, r = points.rows.shape[1], toward.size, sphere[0]
-    means, done, fine = radial_means(r, 1.0, 2), False, False
+    means, done, fine = radial_means(r, 1.0, d), False, False
     for _ in range(_MAX_STEPS):
         means = radial_means(r, sphere[2], d)
         if done:

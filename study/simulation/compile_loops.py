@@ -1,16 +1,29 @@
 """Compile the loops that studies and claims use, so that none waits for the compiler: once after an installation.
 
 ``python -m study.simulation.compile_loops CONFIG…``. Numba keeps the compiled code beside the sources. A plan of a
-study computes a few of its trials, and so compiles what its run needs.
+study computes a few of its trials, and so compiles what its run needs. ``--cost`` adds the loops of the table of costs.
+
+Two processes compile, and so twice as fast. Where both store versions of one function at the same time, numba may keep
+the last alone; so all is computed once more, which compiles what is missing.
 """
 
 import logging
 import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from logging.handlers import QueueHandler, QueueListener
+from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 from study import instruction_set
 
+if TYPE_CHECKING:
+    from multiprocessing.queues import Queue
+
+_PROCESSES = 2
 _PAUSE = 5.0
 """Seconds between two lines where standard error is no terminal."""
 
@@ -24,59 +37,85 @@ class Progress(logging.Handler):
         super().__init__(logging.DEBUG)
         self.console = Console(stderr=True, highlight=False, soft_wrap=True)
         self.status = self.console.status("")  # shows nothing where there is no terminal
-        self.task, self.loops = "", 0
+        self.loops = 0
         self.start = self.last = perf_counter()
-
-    def begin(self, task: str) -> None:
-        """Show a task that may compile loops."""
-        self.task = task
-        self._show()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Count a loop."""
         if record.levelno == logging.DEBUG:
             self.loops += 1
-            self._show()
+            now = perf_counter()
+            self.status.update(self.words(now))
+            if not self.console.is_terminal and now - self.last >= _PAUSE:
+                self.console.print(self.words(now))
+                self.last = now
 
-    def _show(self) -> None:
-        now = perf_counter()
-        words = f"compiling: {self.task}, {self.loops} loops so far, {now - self.start:.0f} s"
-        self.status.update(words)
-        if not self.console.is_terminal and now - self.last >= _PAUSE:
-            self.console.print(words)
-            self.last = now
+    def words(self, now: float) -> str:
+        """Loops and seconds so far."""
+        return f"compiled {self.loops} loops in {now - self.start:.0f} s"
 
 
-def compile_loops(configs: list[Path]) -> None:
+def compile_loops(configs: list[Path], costs: bool = False) -> None:
     """Compile the loops of studies, and of fits in two and three dimensions with their intervals.
 
     Args:
         configs: files of the studies.
+        costs: true to compile vector and scalar code for the table of costs, too.
     """
-    import numpy as np
+    from study.simulation.analysis.cost import timed, timed_scalar
 
-    from study.fits import fit
+    context, progress = get_context("spawn"), Progress()
+    records: Queue[logging.LogRecord] = context.Queue()
+    tasks: list[Callable[[], object]] = [
+        partial(_fit, 2),
+        *(partial(_plan, path) for path in configs),
+        partial(_fit, 3),
+    ]
+    if costs:
+        tasks[:0] = [partial(timed_scalar, 3, 20), partial(timed, 3, 20)]
+    listener = QueueListener(records, progress)
+    listener.start()
+    with progress.status:
+        with ProcessPoolExecutor(_PROCESSES, context, _report_to, (records,)) as pool:
+            for done in [pool.submit(task) for task in tasks]:
+                done.result()
+        _report_to(records)
+        for task in tasks:
+            task()
+    listener.stop()
+    progress.console.print(progress.words(perf_counter()))
+
+
+def _report_to(records: "Queue[logging.LogRecord]") -> None:
+    """Send the name of each compiled function to the first process."""
+    log = logging.getLogger("study.fits.jit")
+    log.addHandler(QueueHandler(records))
+    log.setLevel(logging.DEBUG)
+    log.propagate = False
+
+
+def _plan(config: Path) -> None:
+    """Compute a few trials of a study."""
     from study.simulation.experiment.config import load
     from study.simulation.runs.plan import extremes, plan
 
-    progress, log = Progress(), logging.getLogger("study.fits.jit")
-    log.addHandler(progress)
-    log.setLevel(logging.DEBUG)
-    log.propagate = False
-    with progress.status:
-        for number, config in enumerate(configs, start=1):
-            progress.begin(f"{config} ({number} of {len(configs)})")
-            for part in extremes(load(config)).values():
-                plan(part, 1)
-        for dimension in (2, 3):
-            progress.begin(f"fits in {dimension} dimensions")
-            points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(2, 30, dimension)
-            points /= np.linalg.norm(points, axis=2, keepdims=True)
-            for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
-                str(answer)  # computes the intervals
-    progress.console.print(f"compiled {progress.loops} loops in {perf_counter() - progress.start:.0f} s")
+    for part in extremes(load(config)).values():
+        plan(part, 1)
+
+
+def _fit(dimension: int) -> None:
+    """Fit points, with intervals."""
+    import numpy as np
+
+    from study.fits import fit
+
+    points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(2, 30, dimension)
+    points /= np.linalg.norm(points, axis=2, keepdims=True)
+    for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
+        str(answer)  # computes the intervals
 
 
 if __name__ == "__main__":
     instruction_set.fix()
-    compile_loops([Path(name) for name in sys.argv[1:]])
+    names = sys.argv[1:]
+    compile_loops([Path(name) for name in names if name != "--cost"], "--cost" in names)

@@ -86,7 +86,7 @@ def _scalar_code() -> Iterator[str]:
 
 def _timed_elsewhere(dimension: int, samples: int, environment: dict[str, str]) -> dict[str, float]:
     """Seconds as in `timed`, by this module as a program with other compiler settings."""
-    command = [sys.executable, "-m", "study.simulation.analysis.cost", "time", str(dimension), str(samples)]
+    command = [sys.executable, "-m", "study.simulation.analysis.cost", str(dimension), str(samples)]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **environment}, check=True)
     result: dict[str, float] = json.loads(done.stdout)
     return result
@@ -133,5 +133,4 @@ def printed(frame: pd.DataFrame) -> Iterator[str]:
 
 if __name__ == "__main__":
     instruction_set.fix()  # as in the command, so that what an installation compiles is what the command calls
-    work = {"time": timed, "scalar": timed_scalar}[sys.argv[1]]
-    print(json.dumps(work(*map(int, sys.argv[2:]))))
+    print(json.dumps(timed(*map(int, sys.argv[1:]))))
