@@ -57,23 +57,14 @@ def metadata(text: str) -> str:
     """The fields of ReScience C, from the report's text."""
     words = re.search(r"\*Abstract\.\* (.*?)\n\]", text, re.DOTALL)[1]
     code = [{"swh": identifier} for identifier in swhids().values() if identifier]
-    entries = {
-        "title": title(text),
-        "authors": DEPOSIT["authors"],
-        "keywords": DEPOSIT["keywords"],
-        "code": code,
-    }
+    entries = {"title": title(text), "authors": DEPOSIT["authors"], "keywords": DEPOSIT["keywords"], "code": code}
     entries |= {"replication": [DEPOSIT["paper"]], "abstract": " ".join(words.split()), "type": "Replication"}
     return as_yaml(entries | {"domain": DEPOSIT["domain"], "language": "Python"})
 
 
 def codecheck(text: str) -> str:
     """The file by which CODECHECK finds what to compare."""
-    paper = {
-        "title": title(text),
-        "authors": DEPOSIT["authors"],
-        "reference-other": [DEPOSIT["paper"]["url"]],
-    }
+    paper = {"title": title(text), "authors": DEPOSIT["authors"], "reference-other": [DEPOSIT["paper"]["url"]]}
     manifest = [{"file": file, "comment": comment} for file, comment in DEPOSIT["checked"].items()]
     return "---\n" + as_yaml({"version": DEPOSIT["specification"], "paper": paper, "manifest": manifest})
 
