@@ -31,6 +31,9 @@ SHARES = np.array([3.0, 1.0, 1.0, 1.0]) / 6.0
 LEVEL = 0.01
 """Overall level at which the test speaks."""
 _DEGREES = 4
+_SMOOTH = 0.5
+"""Weight of the harmonics of a degree over those of the degree before, in `_MANY` points: smooth forms have most in the
+lowest degrees. In fewer points, where shapes like ellipsoids would be seen less often, degree 2 counts alone."""
 _MOST_HARMONICS = 100
 """Number of harmonics that are tested, at most, beside those of degree 2."""
 _TOGETHER = 20_000
@@ -51,7 +54,7 @@ _LARGEST_NOISE = 0.45
 _NO_NOISE = 1e-22
 """Noise variance in square radii that rounding makes."""
 _MANY = 300
-"""Number of points from which the moments' own covariance is enough."""
+"""Number of points from which the scores' own law is enough, and forms can be seen that are small beside the noise."""
 _WAVES, _LAST_WAVE = ((0.01, 0), (1.0, 0), (1.0, 1)), 3.0
 """τ in inverse radii and degree of the waves whose moments are tested; the last goes with all degrees but 1."""
 _LEAST_TERMS = 4
@@ -331,9 +334,10 @@ def _shape(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> Floats:
 
 
 def _shape_of_little_noise(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> Floats:
-    """The p values (b,) of (R - λ) Y: of degree 2, and of degrees 3 and more freed from it; the lesser counts twice.
+    """The p values (b,) of (R - λ) Y: by weights of the degrees, and of degrees 3 and more; the lesser counts twice.
 
-    By least squares on 1 and e, which takes the errors of centre and radius out where the noise is small.
+    By least squares on 1 and e, which takes the errors of centre and radius out where the noise is small. Each degree
+    is freed from those below it.
     """
     n, d, degree = R.shape[1], len(basis.gradient), basis.degree
     value = lengths(s, d, int(degree.max()))[:, degree]
@@ -343,20 +347,40 @@ def _shape_of_little_noise(R: Floats, Y: Floats, s: Floats, basis: Harmonics) ->
     omega = gram[:, d1:, d1:] - gram[:, d1:, :d1] @ explained[:, :, :-1]
     left = (over**2).mean(axis=1) - np.einsum("bi,bi->b", g[:, :d1], explained[:, :, -1])
     g = g[:, d1:] - (gram[:, d1:, :d1] @ explained[:, :, -1:])[:, :, 0]
-    two, more, spare = degree[d1:] == 2, degree[d1:] > 2, n - d1
-    first, count, inverse = form_of(g[:, two], omega[:, two][:, :, two], spare // 2)
-    forms, counts = [first], [count]
-    if more.any() and spare // 2 > two.sum() + 1:
-        cross = omega[:, more][:, :, two] @ inverse
-        rest = g[:, more] - (cross @ g[:, two, None])[:, :, 0]
-        rest_omega = omega[:, more][:, :, more] - cross @ omega[:, two][:, :, more]
-        second, count, _ = form_of(rest, rest_omega, spare // 2 - int(two.sum()))
-        forms.append(second)
+    degree, spare, forms, counts = degree[d1:], n - d1, [], []
+    most = spare // 2
+    while len(degree):
+        now, later = degree == degree[0], degree > degree[0]
+        form, count, inverse = form_of(g[:, now], omega[:, now][:, :, now], most)
+        turn = omega[:, later][:, :, now] @ inverse
+        g = g[:, later] - (turn @ g[:, now, None])[:, :, 0]
+        omega = omega[:, later][:, :, later] - turn @ omega[:, now][:, :, later]
+        degree, most = degree[later], most - int(now.sum())
+        forms.append(form)
         counts.append(count)
-    residual, free = np.maximum(left - sum(forms), 1e-12 * left), spare - sum(counts)
-    tests = [f_tail(form / count / (residual / free), count, free) for form, count in zip(forms, counts, strict=True)]
-    tested = np.isfinite(tests).sum(axis=0)
-    return np.asarray(-np.expm1(tested * np.log1p(-np.minimum(np.fmin.reduce(tests), 1.0 - 1e-16))))
+    free = spare - sum(counts)
+    noise = np.maximum(left - sum(forms), 1e-12 * left) / free
+    tests = []
+    for first, weight in weights_of_degrees(n)[: len(forms)]:
+        square, freedom = mean_square(np.array(forms[first:]), np.array(counts[first:]), weight)
+        tests.append(f_tail(square / noise, freedom, free))
+    return np.asarray(-np.expm1(len(tests) * np.log1p(-np.minimum(np.fmin.reduce(tests), 1.0 - 1e-16))))
+
+
+def weights_of_degrees(n: int) -> tuple[tuple[int, float], tuple[int, float]]:
+    """The first degree, less 2, of both tests of a form in n points, and the weight of each degree over that before."""
+    return (0, _SMOOTH if n >= _MANY else 0.0), (1, 1.0)
+
+
+def mean_square(sums: Floats, counts: Ints, weight: float) -> tuple[Floats, Floats]:
+    """Weighted mean square (…) of sums of squares (k, …) of so many terms, and its degrees of freedom (…).
+
+    Terms of one sum have the weight of those of the sum before times ``weight``. The degrees of freedom are
+    Satterthwaite's (1946), which are exact if it is 1.
+    """
+    weights = weight ** np.arange(len(sums)).reshape(-1, *[1] * (sums.ndim - 1))
+    terms = (weights * counts).sum(axis=0)
+    return (weights * sums).sum(axis=0) / terms, terms**2 / (weights**2 * counts).sum(axis=0)
 
 
 def _shape_of_much_noise(R: Floats, Y: Floats, s: Floats, basis: Harmonics) -> Floats:

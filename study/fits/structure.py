@@ -29,10 +29,12 @@ from study.fits.goodness import (
     goodness,
     harmonics,
     highest_degree,
+    mean_square,
     number_of,
     on_the_fit,
     scores_of_residuals,
     tail_statistic,
+    weights_of_degrees,
 )
 from study.fits.intervals import Intervals, intervals
 from study.fits.jit import compiled, dot
@@ -212,7 +214,11 @@ def _cosine(h: float) -> float:
 
 @compiled
 def _look(x: Floats, centers: Floats, radii: Floats, products: Ints, ends: Ints, out: Floats) -> None:
-    """Write the statistics of each set (b, 7): two F of shape, F of unequal noise, and more, as `_quick` reads them."""
+    """Write the statistics of each set (b, 5 + degrees), of which the first is NaN where the test in full must tell.
+
+    They are those of memory, the largest residual, the means of the residuals' sine and cosine, F of unequal noise, and
+    the square sum of each degree from 2 on over the noise variance.
+    """
     b, d, n = x.shape
     k, d1 = products.shape[0], d + 1
     Y, rho, w = np.empty((k, n)), np.empty(n), np.empty(n)
@@ -226,16 +232,16 @@ def _look(x: Floats, centers: Floats, radii: Floats, products: Ints, ends: Ints,
             continue
         _coefficients(Y, L, rho, k, v)
         total = dot(rho, rho)
-        second = more = 0.0
         for j in range(d1):
             total -= v[j] * v[j]
-        for j in range(d1, two):
-            second += v[j] * v[j]
-        for j in range(two, k):
-            more += v[j] * v[j]
-        rest = (total - second - more) / (n - k)
-        out[t, 0] = second / (two - d1) / rest
-        out[t, 1] = more / max(k - two, 1) / rest
+        rest = total
+        for j in range(d1, k):
+            rest -= v[j] * v[j]
+        for degree in range(2, ends.size):
+            form = 0.0
+            for j in range(ends[degree - 1], ends[degree]):
+                form += v[j] * v[j]
+            out[t, 3 + degree] = form / rest * (n - k)
         for i in range(n):  # residuals of the regression on 1 and e, from the last column to the first
             w[i] = 0.0
         for j in range(d1 - 1, -1, -1):
@@ -249,8 +255,8 @@ def _look(x: Floats, centers: Floats, radii: Floats, products: Ints, ends: Ints,
         products_of_rows = 0.0
         for i in range(n - 1):
             products_of_rows += rho[i] * rho[i + 1]
-        out[t, 2] = products_of_rows / total
-        out[t, 3] = _standardise(Y, L, total / (n - d1), rho, V, w)
+        out[t, 0] = products_of_rows / total
+        out[t, 1] = _standardise(Y, L, total / (n - d1), rho, V, w)
         odd = even = mean = 0.0
         for i in range(n):
             h = min(max(0.5 * rho[i], -_FURTHEST), _FURTHEST)
@@ -260,14 +266,14 @@ def _look(x: Floats, centers: Floats, radii: Floats, products: Ints, ends: Ints,
             size = abs(rho[i])
             w[i] = math.sqrt(size * math.sqrt(size))  # |t|^¾ for |t|^⅔, which takes ten times as long
             mean += w[i]
-        out[t, 4], out[t, 5] = odd / n, even / n
+        out[t, 2], out[t, 3] = odd / n, even / n
         for i in range(n):
             w[i] -= mean / n
         _coefficients(Y, L, w, two, v)
         form, square = 0.0, dot(w, w)
         for j in range(1, two):
             form += v[j] * v[j]
-        out[t, 6] = form / (two - 1) / ((square - form) / (n - two))
+        out[t, 4] = form / (two - 1) / ((square - form) / (n - two))
 
 
 class Look(NamedTuple):
@@ -292,21 +298,23 @@ def quick_look(samples: Samples, fit: Estimates) -> Look:
     usable = (noise > _ROUNDING) & (noise < np.inf)
     if len(products) - d - 1 > (n - d - 1) // 2 or n - d - 1 < 30:
         return Look(usable, usable)  # among few points outliers hide in each other's residuals
-    out = np.empty((b, 7))
+    sizes = np.diff(ends)[1:]
+    out = np.empty((b, 5 + len(sizes)))
     with np.errstate(all="ignore"):
         _look(samples.rows, fit.center, fit.radius, products, ends, out)
         noisy = (noise > SMALL).astype(np.int64)
         shape, other = np.outer(-np.expm1(SHARES[:2] * math.log1p(-LEVEL)), [_MARGIN, _NOISY_MARGIN])
-        two, more = ends[2] - d - 1, len(products) - ends[2]
-        seen = ~(out[:, 0] < fdtri(two, n - len(products), 1.0 - 0.6 * shape)[noisy])
-        seen |= ~(out[:, 1] < fdtri(max(more, 1), n - len(products), 1.0 - 0.6 * shape)[noisy]) & bool(more)
-        seen |= ~(out[:, 6] < fdtri(ends[2] - 1, n - ends[2], 1.0 - 1.5 * other)[noisy])
-        seen |= tail_statistic(out[:, 4], out[:, 5], n, n - d - 1) > -2.0 * np.log(other)[noisy]
+        seen = np.isnan(out[:, 0])
+        for first, weight in weights_of_degrees(n)[: len(sizes)]:
+            square, freedom = mean_square(out[:, 5 + first :].T, sizes[first:, None], weight)
+            seen |= ~(square < fdtri(freedom, n - len(products), 1.0 - 0.6 * shape)[noisy])
+        seen |= ~(out[:, 4] < fdtri(ends[2] - 1, n - ends[2], 1.0 - 1.5 * other)[noisy])
+        seen |= tail_statistic(out[:, 2], out[:, 3], n, n - d - 1) > -2.0 * np.log(other)[noisy]
         spare = n - d - 1.0
-        along = np.maximum(np.abs(out[:, 2] * n), np.abs(out[:, 2] * n + d + 1.0))  # its mean lies between 0 and d + 1
+        along = np.maximum(np.abs(out[:, 0] * n), np.abs(out[:, 0] * n + d + 1.0))  # its mean lies between 0 and d + 1
         seen |= along**2 / spare > fdtri(1, spare, 1.0 - other)[noisy]
         seen |= noise > _ALL_NOISE
-    return Look(seen & usable, usable & (_extreme(out[:, 3], n, d) | np.isnan(out[:, 0])))
+    return Look(seen & usable, usable & (_extreme(out[:, 1], n, d) | np.isnan(out[:, 0])))
 
 
 class Structure(NamedTuple):

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import binom
+from scipy.stats import binom, f
 
 import study
 from study import Status
@@ -231,6 +231,28 @@ def test_nothing_is_said_without_freedom_noise_or_sound_points():
     seen = structure(Samples(x))
     assert not seen.doubted[:3].any()
     assert (seen.ratio[:3] == 1.0).all()
+
+
+@pytest.mark.parametrize(("n", "weights"), [(100, [1.0, 0.0, 0.0]), (400, [1.0, 0.5, 0.25])])
+def test_shape_is_two_sums_of_squares_over_the_noise(n, weights):
+    """Of coefficients on polynomials of the directions that NumPy makes orthonormal, for noise so small that λ is r.
+
+    The weighted sum has Satterthwaite's degrees of freedom, that of degrees 3 and 4 Fisher's law; the lesser p value
+    counts twice.
+    """
+    rng = np.random.default_rng(17)
+    u = on_cap(rng, 1, n, 60.0)[0]
+    x = noisy(rng, u * (1.0 + 2e-6 * u[:, :1] ** 2 * u[:, 1:2]), 1e-6)
+    rho = np.linalg.norm(x, axis=1) - 1.0
+    powers = [(i, j, k) for of in range(5) for i in range(5) for j in range(5) for k in (0, 1) if i + j + k == of]
+    Q = np.linalg.qr(np.column_stack([np.prod(u**power, axis=1) for power in powers]))[0]
+    squares, sizes, weights = (Q.T @ rho) ** 2, np.array([5, 7, 9]), np.array(weights)
+    q, free = np.array([part.sum() for part in np.split(squares[4:], [5, 12])]), n - 25
+    q /= (rho @ rho - squares.sum()) / free
+    weighted = f.sf(weights @ q / (weights @ sizes), (weights @ sizes) ** 2 / (weights**2 @ sizes), free)
+    least = min(weighted, f.sf((q[1] + q[2]) / 16.0, 16, free))
+    assert 1e-6 < least < 0.3
+    assert answer_of(x[None]).shape[0] == pytest.approx(1.0 - (1.0 - least) ** 2, rel=1e-4)
 
 
 def test_memory_has_its_exact_mean_and_variance():
