@@ -115,7 +115,8 @@ class C3DHeader:
     frames: int
     """Number of frames; `LONG` for that many or more."""
     sound: bool
-    """True if each parameter ends where the next one begins, and none promises more than the file can hold."""
+    """True if each parameter ends where the next one begins, none promises more than the file can hold, and those of
+    analog samples are there."""
     rate: float
     """Frames per second by the header; 0 if it gives none."""
     plain: bool
@@ -158,6 +159,8 @@ def read_header(path: Path) -> C3DHeader:
         raise RecordingError(f"its header promises {words} {_size(size)}: it is damaged; get a whole copy of it")
     rotations = frames * numbers.get("ROTATION:RATIO", 0.0) * 4
     sound = sound and rotations <= _MUCH * size + _LITTLE
+    needed = ("ANALOG:SCALE", "ANALOG:OFFSET") if numbers.get("ANALOG:USED") else ()
+    sound = sound and all(name in numbers for name in needed)  # without them ezc3d ends the program
     agree = numbers.get("POINT:USED", points) == points and numbers.get("POINT:FRAMES", 0.0) <= frames
     per_frame = numbers.get("ANALOG:RATE", 0.0) / max(numbers.get("POINT:RATE", rate), 1.0)
     agree = agree and abs(numbers.get("ANALOG:USED", 0.0) * per_frame - analog) < 0.5

@@ -467,8 +467,7 @@ def fit_center(
         before = size if size < CONDITION_LIMIT * pooled.largest_size(everything) else 0.0
         planar_significance = pooled.significance(planar_size, effective, across, max(SHAPE_ERROR, tissue))
         no_worse = planar_size < _WORSE * max(before, 1.0) and planar_significance > _SIGNIFICANT
-        unexplained = along.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(along[None])[0][0, 0]
-        if hinge or (no_worse and unexplained):
+        if hinge or (no_worse and along.sum() ** 2 < _SIGNIFICANT**2 * long_run_covariance(along[None])[0][0, 0]):
             size, center, basis, axis, significance = planar_size, planar_center, across, least, planar_significance
             covariance, share = _covariance(planar_scores, pooled, size, center, basis)
         else:

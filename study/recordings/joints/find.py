@@ -66,7 +66,9 @@ def _array(*shape: int) -> pydantic.BeforeValidator:
     return pydantic.BeforeValidator(convert)
 
 
-_Serial = pydantic.PlainSerializer(lambda values: np.where(np.isnan(values), np.array(None), values).tolist())
+_Serial = pydantic.PlainSerializer(
+    lambda values: np.where(np.isnan(values), np.array(None), np.asarray(values, dtype=float)).tolist()
+)
 """Nested lists of an array's numbers; NaN becomes null."""
 Vector = Annotated[Floats, _array(3), _Serial]
 Matrix = Annotated[Floats, _array(3, 3), _Serial]

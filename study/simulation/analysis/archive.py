@@ -271,6 +271,8 @@ def archive(runs: Sequence[Run], out: Path) -> Path:
             raise RunError(stopped)
         if faults := Verification(run, share=0.0).faults:
             raise RunError(faults[0])
+        for table in run.manifest()["tables"]:  # one that this version does not know, too
+            run.check(table)
     texts = {
         "README.md": readme(runs),
         "ADEMP.md": ademp(runs),

@@ -8,6 +8,7 @@ import itertools
 import math
 import shutil
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -363,7 +364,7 @@ def test_the_page_judges_and_stores_when_asked(run, judged, monkeypatch, capsys,
     assert capsys.readouterr().out == f"{said}{page}\n"  # the work is not lost
 
 
-def test_verdicts_that_cannot_be_stored_are_printed(run, capsys, files_of):
+def test_verdicts_that_cannot_be_stored_are_printed(run, capsys, files_of, monkeypatch):
     """While another process writes to the folder, or the disk does not let it, the work is not lost."""
     with writing(run.folder):
         before = files_of(run.folder)
@@ -373,6 +374,10 @@ def test_verdicts_that_cannot_be_stored_are_printed(run, capsys, files_of):
     said = capsys.readouterr().out
     commands.claims([run.folder])
     assert capsys.readouterr().out == said != ""
+    monkeypatch.setattr(Run, "join", Mock(side_effect=RunError("cannot be written: No space left")))
+    with pytest.raises(RunError, match="No space"):
+        claims.save(run, claims.judge_all([run]).assign(verdict="reproduced"))
+    assert run.valid("claims")  # those stored before
 
 
 @pytest.mark.parametrize("change", ["missing", "damaged"])
