@@ -291,11 +291,10 @@ class LiveJoints:
         x = np.full((len(self._rows), 3), np.nan)
         for label, place in frame.items():
             marker = self._markers.get(label) or self._markers.get(label.casefold())
-            if marker is None:
-                continue
             if marker == label:
                 self._spelt[marker] = label
-            if self._spelt.setdefault(marker, label) != label:  # a stream may have labels that differ in case alone
+            # a stream may have labels that differ in case alone
+            if marker is None or self._spelt.setdefault(marker, label) != label:
                 continue
             if place.any():
                 x[self._rows[marker]] = place

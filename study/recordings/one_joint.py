@@ -100,22 +100,21 @@ def find_clusters(recording: Recording, parent: str, child: str, across: str = "
             two for the axis.
     """
     folded, exact = {label.casefold(): label for label in reversed(recording.markers)}, set(recording.markers)
-    clusters: list[tuple[str, ...]] = []
-    unknown: dict[str, list[str]] = {}
-    for option, names in ((f"--{PARENT}", parent), (f"--{CHILD}", child), ("--across", across)):
-        labels = []
-        for name in filter(None, (part.strip() for part in names.split(","))):
-            forms = name, name.rpartition(":")[2].strip()
-            labelled = (form if form in exact else folded.get(form.casefold(), "") for form in forms)
-            if label := next(filter(None, labelled), ""):
-                labels.append(label)
-            else:
-                unknown.setdefault(option, []).append(name)
-        clusters.append(tuple(labels))
-    if unknown:
-        listed = "; ".join(f"{option} {', '.join(map(repr, names))}" for option, names in unknown.items())
-        remedy = did_you_mean([name for names in unknown.values() for name in names], recording.markers)
+    options = {f"--{PARENT}": parent, f"--{CHILD}": child, "--across": across}
+    named = {option: [name for part in text.split(",") if (name := part.strip())] for option, text in options.items()}
+
+    def label(name: str) -> str:
+        """The recording's label of this name, with the subject's prefix or without, in capitals or not; "" if none."""
+        forms = name, name.rpartition(":")[2].strip()
+        labelled = (form if form in exact else folded.get(form.casefold(), "") for form in forms)
+        return next(filter(None, labelled), "")
+
+    if unknown := [name for names in named.values() for name in names if not label(name)]:
+        lacking = {option: [repr(name) for name in names if name in unknown] for option, names in named.items()}
+        listed = "; ".join(f"{option} {', '.join(names)}" for option, names in lacking.items() if names)
+        remedy = did_you_mean(unknown, recording.markers)
         raise RecordingError(f"{recording.name}: no marker of this name: {listed}; {remedy}")
+    clusters = [tuple(map(label, names)) for names in named.values()]
     if fault := next(_faults(recording, *clusters), ""):
         raise RecordingError(f"{recording.name}: {fault}")
     segments = Segment(name=PARENT, markers=clusters[0]), Segment(name=CHILD, markers=clusters[1], parent=PARENT)

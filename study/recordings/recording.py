@@ -359,9 +359,8 @@ def gaps(seen: Bools) -> tuple[int, int, int]:
 
 def extents(recording: Recording) -> Floats:
     """Diagonal of the bounding box of each marker's path (markers,), metres; NaN for a marker without samples."""
-    positions = recording.positions
-    low = np.fmin.reduce(positions, axis=2)  # unlike nanmin, it does not warn about a marker without samples
-    high = np.fmax.reduce(positions, axis=2)
+    # unlike nanmin, these do not warn about a marker without samples
+    low, high = (reduce(recording.positions, axis=2) for reduce in (np.fmin.reduce, np.fmax.reduce))
     return np.asarray(np.linalg.norm(high - low, axis=1))
 
 
@@ -422,10 +421,9 @@ def recording_data(recording: Recording) -> dict[str, object]:
         missing.
     """
     seen = recording.seen()
-    markers = [
-        {"marker": marker, **dict(zip(("missing", "gaps", "longest"), gaps(row), strict=True)), "extent": float(far)}
-        for marker, row, far in zip(recording.markers, seen, extents(recording), strict=True)
-    ]
+    counts = [dict(zip(("missing", "gaps", "longest"), gaps(row), strict=True)) for row in seen]
+    rows = zip(recording.markers, counts, extents(recording), strict=True)
+    markers = [{"marker": marker, **count, "extent": float(far)} for marker, count, far in rows]
     names = "rate", "frames", "duration"
     data = {"recording": recording.name} | {name: getattr(recording, name) for name in names}
     data |= {"missing": float(1.0 - np.mean(seen)), "notes": recording.notes, "markers": markers}

@@ -181,9 +181,8 @@ def turning_ways(angles: Floats, lag: int, most: int) -> list[tuple[Bools, Bools
     difference = np.full(angles.shape, np.nan)
     difference[:, lag:-lag] = angles[:, 2 * lag :] - angles[:, : -2 * lag]
     turning = axes.T @ difference
-    moving = [k for k in (2, 1)[:most] if values[k] > 0.0]
     with np.errstate(invalid="ignore"):
-        return [(turning[k] > 0.0, turning[k] < 0.0) for k in moving]
+        return [(turning[k] > 0.0, turning[k] < 0.0) for k in (2, 1)[:most] if values[k] > 0.0]
 
 
 _THIN = 0.03

@@ -436,7 +436,6 @@ def session_table(session: Session) -> pd.DataFrame:
 
 
 def _left_out(part: JointPlace) -> str:
-    error = part.standard_error
-    size = "" if np.isnan(error) else f", ± {1000 * error:.1f} mm"
+    size = "" if np.isnan(part.standard_error) else f", ± {1000 * part.standard_error:.1f} mm"
     words = f"{SHORT_TEXTS[part.status]}{size}" if part.has_vote else "hardly moved it"
     return f"{', '.join(part.trials)} ({words})"

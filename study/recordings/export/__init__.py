@@ -48,12 +48,16 @@ def write_bvh(motion: ExportedMotion, path: Path) -> None:
 
 def _describe(node: JointNode, indent: str, lines: list[str], columns: list[Floats]) -> None:
     """Add a node and all below it to the hierarchy, and its channels to the columns."""
-    kind = "ROOT" if not indent else "JOINT"
     channels = f"CHANNELS 3 {_ROTATIONS}" if node.course is None else f"CHANNELS 6 {_POSITIONS} {_ROTATIONS}"
     inner = indent + "  "
     name = "_".join(node.name.split())
     start, end = (" ".join(f"{value:.6f}" for value in Y_UP @ place) for place in (node.offset, node.end))
-    lines += [f"{indent}{kind} {name}", indent + "{", f"{inner}OFFSET {start}", inner + channels]
+    lines += [
+        f"{indent}{'JOINT' if indent else 'ROOT'} {name}",
+        indent + "{",
+        f"{inner}OFFSET {start}",
+        inner + channels,
+    ]
     if node.course is not None:
         columns.append(Y_UP @ node.course)
     columns.append(np.degrees(zxy_angles(np.einsum("ij,jkt,lk->ilt", Y_UP, node.rotation, Y_UP))))

@@ -278,8 +278,7 @@ def _zxy(turn: Floats) -> Floats:
     """Angles about z, x and y (3, frames), degrees, without jumps; NaN where the rotation is not known."""
     known = ~np.isnan(turn[0, 0])
     angles = np.full((3, turn.shape[2]), np.nan)
-    if known.any():
-        angles[:, known] = np.degrees(zxy_angles(turn[:, :, known]))
+    angles[:, known] = np.degrees(zxy_angles(turn[:, :, known]))
     return angles
 
 

@@ -143,8 +143,7 @@ def read_header(path: Path) -> C3DHeader:
         raise RecordingError("the file is cut short: its header is not complete; get a whole copy of it")
     order = ">" if data[3] == _MIPS else "<"
     sound, numbers = read_parameters(data, order)
-    points, analog, first, last = struct.unpack_from(f"{order}HHHH", header, 2)
-    (block,) = struct.unpack_from(f"{order}H", header, 16)
+    points, analog, first, last, block = struct.unpack_from(f"{order}4H6xH", header, 2)
     sign = header[{_INTEL: 15, _MIPS: 12}.get(data[3], 13)] & 0x80  # a negative scale: the data are single precision
     frame_bytes = (4 * points + analog) * (4 if sign else 2)  # four numbers a point, one an analog sample
     (rate,) = struct.unpack_from(f"{order}f", header, 20) if data[3] in (_INTEL, _MIPS) else (0.0,)

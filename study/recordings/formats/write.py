@@ -150,8 +150,7 @@ def _write_trc(recording: Recording, path: Path) -> None:
     axes = "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, count + 1))
     header = [f"PathFileType\t4\t(X/Y/Z)\t{recording.name}.trc", keys, "\t".join(values), labels, axes, ""]
     table = pd.DataFrame(1000 * recording.positions.reshape(-1, frames).T)
-    times = pd.Series(np.arange(frames) / recording.rate).map("{:.6f}".format)
-    table.insert(0, "time", times)
+    table.insert(0, "time", pd.Series(np.arange(frames) / recording.rate).map("{:.6f}".format))
     table.insert(0, "frame", np.arange(1, frames + 1))
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(header) + "\n")
@@ -161,8 +160,7 @@ def _write_trc(recording: Recording, path: Path) -> None:
 def _write_csv(recording: Recording, path: Path) -> None:
     """Write millimetres to three decimals; the cells of missing samples are empty."""
     columns = [f"{marker}_{axis}" for marker in recording.markers for axis in "XYZ"]
-    rows = recording.positions.reshape(-1, recording.frames).T
-    table = pd.DataFrame(1000 * rows, columns=columns)
+    table = pd.DataFrame(1000 * recording.positions.reshape(-1, recording.frames).T, columns=columns)
     table.insert(0, "frame", np.arange(1, recording.frames + 1))
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         file.write(f"# rate: {recording.rate!r}\n# unit: mm\n")

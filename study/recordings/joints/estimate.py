@@ -32,7 +32,7 @@ singular vectors of M are that axis in both segments (SARA, Ehrig et al. 2007, i
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from scipy import special
@@ -53,6 +53,8 @@ _STILL = 0.005
 
 Side = Literal["parent", "child", "both"]
 """Segment in whose axes the markers were, or both."""
+Compared = Side | Literal["ways"]
+"""Source of another estimate; ways: from frames in which the joint rotates one way and the other."""
 NoiseModel = Literal["pose", "isotropic", "none"]
 """Noise that a fit took off: that of the pose and the markers, the same in all directions, or none."""
 
@@ -413,13 +415,11 @@ class PlaceDifference:
     vector: Floats
     chi_square: float
     directions: int
-    side: Side | Literal["ways"]
+    side: Compared
     angle: float
 
     @classmethod
-    def of(
-        cls, off: Floats, errors: Floats, axis: Floats | None, side: Side | Literal["ways"], angle: float = 0.0
-    ) -> "PlaceDifference":
+    def of(cls, off: Floats, errors: Floats, axis: Floats | None, side: Compared, angle: float = 0.0) -> Self:
         """The difference ``off`` (3,), of covariance ``errors`` (3, 3), across an axis (3,) if there is one."""
         basis = across(axis)
         part = basis.T @ off

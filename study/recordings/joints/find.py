@@ -255,10 +255,8 @@ class Calibration:
 
     def lines(self) -> Iterator[str]:
         """Lay out status, error and floor of each joint as phase 1 left them, in millimetres, then the warnings."""
-        rows = [
-            [p.joint.name, SHORT_TEXTS[p.status], *(number(1000 * x, ".1f") for x in (p.standard_error, p.floor))]
-            for p in self.joints
-        ]
+        errors = [[number(1000 * x, ".1f") for x in (p.standard_error, p.floor)] for p in self.joints]
+        rows = [[p.joint.name, SHORT_TEXTS[p.status], *own] for p, own in zip(self.joints, errors, strict=True)]
         yield from columns(rows, [f"joint in {self.source}", "status", "error / mm", "floor / mm"], "<<>")
         yield from self.warnings()
 
@@ -448,9 +446,8 @@ def _from_the_root(body: _Body) -> Iterator[JointPlace]:
             body.complete(joint, place.estimate)
         yield place
     for joint in waiting:
-        only = "{} has one only by the joint {}"
         two = joint.parent, joint.child
-        whys = [body.reasons.get(name) or only.format(name, body.poses[name].points[0]) for name in two]
+        whys = [body.reasons.get(s) or f"{s} has one only by the joint {body.poses[s].points[0]}" for s in two]
         yield JointPlace(joint, JointStatus.NO_FRAME, f"{JointStatus.NO_FRAME.text} ({'; '.join(whys)})")
 
 

@@ -95,8 +95,7 @@ def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Float
         if name is None:
             continue
         number = skeleton.segments.index(name)
-        seen = skeleton.segment_flags[number] == Flag.SEEN
-        seen &= ~np.isnan(source.of(label)[0])
+        seen = (skeleton.segment_flags[number] == Flag.SEEN) & ~np.isnan(source.of(label)[0])
         if seen.any():
             rotation, origin = skeleton.rotations[number][:, :, seen], skeleton.origins[number][:, seen]
             places[point] = np.median(to_local(rotation, origin, source.of(label)[:, seen]), axis=1)

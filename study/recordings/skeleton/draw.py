@@ -370,8 +370,7 @@ class _SkeletonBuilder:
         world, below = world[:, frames], self._below(segment.name)
         others = (self._shown(p.joint.child, p.in_child)[None, :, frames] for p in below)
         x = np.concatenate([self.markers[segment.name][:, :, frames], *others])
-        shown = ~np.isnan(x[:, 0])
-        if (shown.sum(axis=0) + ~np.isnan(world[0]) < 3).all():
+        if ((~np.isnan(x[:, 0])).sum(axis=0) + ~np.isnan(world[0]) < 3).all():
             return
         places = np.concatenate([shape.places, *(place.in_parent[None] for place in below)])
         limits = np.concatenate([_limits(shape, None), np.full(len(below), _ANY)])

@@ -199,10 +199,6 @@ def make_scene(
     errors, directions = zip(*map(_principal_directions, shown), strict=True)
     parents = [(place.joint.parent, columns) for place, columns in zip(shown, directions, strict=True)]
     turning = [(name, axes[name]) for name in (*(place.joint.child for place in shown), *roots)]
-    orientations, anatomy = (
-        np.stack([_orientations(upright, skeleton.rotation(name), columns) for name, columns in pairs])
-        for pairs in (parents, turning)
-    )
     return Scene(
         name=recording.name,
         source=source,
@@ -218,10 +214,10 @@ def make_scene(
         doubts=tuple(doubts[i] for i in known),
         errors=np.stack(errors),
         bridging=upright**2 @ skeleton.bridging[known],
-        orientations=orientations,
+        orientations=_orientations(upright, skeleton, parents),
         notes=tuple(notes),
         roots=tuple(roots.values()),
-        anatomy=anatomy,
+        anatomy=_orientations(upright, skeleton, turning),
     )
 
 
@@ -253,11 +249,17 @@ def _principal_directions(joint: JointPlace) -> tuple[Floats, Floats]:
     return errors, directions
 
 
-def _orientations(upright: Floats, rotation: Floats, axes: Floats) -> Floats:
-    """Quaternions x, y, z, w (frames, 4) of axes fixed in a segment, in the upright world, without jumps of sign."""
-    result, known = np.full((rotation.shape[2], 4), np.nan), ~np.isnan(rotation[0, 0])
-    if known.any() and not np.isnan(axes).any():
-        result[known] = quaternions(np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes))
+def _orientations(upright: Floats, skeleton: Skeleton, fixed: Sequence[tuple[str, Floats]]) -> Floats:
+    """Quaternions x, y, z, w (n, frames, 4) of axes fixed in n segments, in the upright world.
+
+    Their signs do not jump.
+    """
+    result = np.full((len(fixed), skeleton.frames, 4), np.nan)
+    for row, (name, axes) in zip(result, fixed, strict=True):
+        rotation = skeleton.rotation(name)
+        known = ~np.isnan(rotation[0, 0])
+        if known.any() and not np.isnan(axes).any():
+            row[known] = quaternions(np.einsum("ij,jkt,kl->til", upright, rotation[:, :, known], axes))
     return result
 
 
@@ -384,10 +386,9 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
         RecordingError: if none of its joints is known in any frame.
     """
     calibration = skeleton.calibration
-    own = calibration.source == skeleton.name
-    source = "joints found in this recording" if own else f"joints found in {calibration.source}"
+    found = "this recording" if calibration.source == skeleton.name else calibration.source
     doubts = []
     for place, *hull in zip(calibration.joints, *hull_distances(recording.positions, skeleton.centers), strict=True):
         reasons = ("" if place.status in USABLE else place.reason, hull_doubt(*hull))
         doubts.append("; ".join(filter(None, reasons)))
-    return make_scene(skeleton, recording, doubts, source, (*recording.notes, *notes))
+    return make_scene(skeleton, recording, doubts, f"joints found in {found}", (*recording.notes, *notes))
