@@ -24,36 +24,7 @@ import pytest  # noqa: E402
 import study  # noqa: E402
 from study.fits.cap import sample_cap  # noqa: E402
 from study.simulation.runs.run_folder import Run  # noqa: E402
-
-CIRCLES = """
-# a config with <script>alert("1 < 2 && 'x'")</script> & more
-name = "circles"
-seed = 3
-dimension = 2
-estimators = ["mle", "lls", "gdke", "ugdk"]
-keep_points = 2
-[design]
-kind = "grid"
-trials = 60
-samples = [20, 40, 80, 160]
-noise = 0.05
-angle = 40
-radius = 2.0
-center = 1.0
-"""
-
-RANDOM = """
-name = "random"
-seed = 2009
-estimators = ["mle", "gdke", "ugdk"]
-[design]
-kind = "random"
-trials = 60
-samples = { law = "log_uniform", low = 4, high = 100 }
-noise = { law = "log_uniform", low = 1e-9, high = 1e9 }
-angle = { law = "uniform", low = 0, high = 180 }
-"""
-
+from tests.configs import config, log_uniform, uniform  # noqa: E402
 
 PATIENCE = 600
 """Seconds after which a test that waits is taken to hang."""
@@ -266,16 +237,6 @@ def estimator(request):
 
 
 @pytest.fixture(scope="session")
-def status_of():
-    """Names of the statuses of a fit, for messages that can be read."""
-
-    def names(fit):
-        return [study.Status(int(value)).name for value in np.ravel(fit.status)]
-
-    return names
-
-
-@pytest.fixture(scope="session")
 def make_run(tmp_path_factory):
     """Run a config into a folder of its own, with its summary, and its posteriors if it asks for them."""
     from study.simulation.analysis.summary import summarise
@@ -298,10 +259,15 @@ def make_run(tmp_path_factory):
 @pytest.fixture(scope="session")
 def circles(make_run):
     """A grid of circles with figures 3, 4, 5 and 7, and a comment that would be a script."""
-    return make_run(CIRCLES)
+    comment = """\n# a config with <script>alert("1 < 2 && 'x'")</script> & more\n"""
+    top = {"name": "circles", "seed": 3, "dimension": 2, "estimators": ["mle", "lls", "gdke", "ugdk"], "keep_points": 2}
+    design = {"samples": [20, 40, 80, 160], "noise": 0.05, "angle": 40, "radius": 2.0, "center": 1.0}
+    return make_run(comment + config(top, trials=60, **design))
 
 
 @pytest.fixture(scope="session")
 def random(make_run):
     """A random design with figure 2 and fits that are not ok."""
-    return make_run(RANDOM)
+    laws = {"samples": log_uniform(4, 100), "noise": log_uniform(1e-9, 1e9), "angle": uniform(0, 180)}
+    top = {"name": "random", "seed": 2009, "estimators": ["mle", "gdke", "ugdk"]}
+    return make_run("\n" + config(top, kind="random", trials=60, **laws))

@@ -12,7 +12,7 @@ import pytest
 import study
 from study.fits import Estimator
 from study.fits.samples import blank
-from study.simulation.experiment.compute import Result, compute, draw, lost
+from study.simulation.experiment.compute import Result, compute, draw
 from study.simulation.experiment.designs import Batch
 
 ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
@@ -101,21 +101,6 @@ def test_an_estimator_that_takes_no_covariance(make_study):
     result = compute(made, next(made.units()))
     assert set(result.errors["status"]) == {study.Status.FAILED}
     assert all(message.startswith("ValueError: ") for message in result.failures["message"])
-
-
-def test_order_and_number_of_rows(make_study):
-    """Rows come cell by cell, estimator by estimator, trial by trial, with the cell's values beside them."""
-    made = make_study({"estimators": ["ugdk", "lls"]}, trials=3, noise=[0.1, 0.2], radius=[1, 2])
-    unit = next(made.units())
-    found = compute(made, unit).errors
-    cells = next(unit.parts(0)).cells
-    expected = [(c.name, e, t) for c in cells for e in ("ugdk", "lls") for t in range(3)]
-    assert list(zip(found["cell"], found["estimator"], found["trial"], strict=True)) == expected
-    by_name = {c.name: c for c in cells}
-    for i, name in enumerate(found["cell"]):
-        cell = by_name[name]
-        values = (cell.samples, cell.noise, cell.angle, cell.radius, cell.distance)
-        assert tuple(found[k][i] for k in ("samples", "noise", "angle", "radius", "center")) == values
 
 
 @pytest.mark.parametrize("keep", [0, 1, 3, 99])
@@ -250,21 +235,6 @@ def test_a_long_message_is_cut(make_study, monkeypatch):
     assert [len(m) for m in compute(made, next(made.units())).failures["message"]] == [500]
 
 
-def test_a_lost_unit(make_study):
-    """A unit that could not be computed has all its rows, in the same order, failed and without numbers."""
-    made = make_study({"estimators": ["ugdk", "lls"]}, trials=4, noise=[0.1, 0.2])
-    unit = next(made.units())
-    told, real = lost(made, unit, "the worker died"), compute(made, unit)
-    assert list(told.errors) == list(real.errors)
-    for name in ("cell", "trial", "estimator", "samples", "noise", "angle", "radius", "center"):
-        np.testing.assert_array_equal(told.errors[name], real.errors[name])
-    assert set(told.errors["status"]) == {study.Status.FAILED}
-    assert np.isnan(told.errors["error"]).all()
-    assert np.isnan(told.errors["bound"]).all()
-    assert len(told.failures["message"]) == len(told.errors["trial"])
-    assert set(told.failures["cause"]) == {"worker"}
-
-
 LEVELS = {"noise": [0.5, 2.0, 8.0], "radius": [1, 3], "center": [0, 4]}
 
 
@@ -287,16 +257,6 @@ def test_points_are_centre_plus_direction_plus_noise(make_study, d):
             u, z, c = map(Fraction, (draws.directions[t, i, k], draws.unit_noise[t, i, k], level.center[i]))
             terms = (c, r * ((1 - u) if i == 0 else u), s * z)
             assert abs(Fraction(point) - sum(terms)) <= 3 * 2.0**-53 * float(sum(map(abs, terms)))
-
-
-@pytest.mark.parametrize(
-    "change", [{"top": {"seed": 2}}, {"angle": 91}, {"samples": 11}, {"top": {"dimension": 4}}], ids=str
-)
-def test_groups_share_nothing(make_study, change):
-    """Another seed, angle, number of samples or dimension is another draw."""
-    one, other = make_study(), make_study(**change)
-    left, right = draw(one, first_batch(one)), draw(other, first_batch(other))
-    assert not np.intersect1d(left.unit_noise, right.unit_noise).size
 
 
 SHAPES = {

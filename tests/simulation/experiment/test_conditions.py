@@ -20,6 +20,7 @@ from scipy import stats
 from study.simulation.experiment import conditions as module
 from study.simulation.experiment.conditions import CONDITIONS, Choice, Constant, Law, LogUniform, Uniform
 from study.simulation.experiment.designs import Cell, GridDesign, RandomDesign
+from tests.configs import config, log_uniform
 
 SCRIPT = Path(__file__).with_name("one_more_condition.py")
 
@@ -27,27 +28,27 @@ TWO = {"shift": [0.0, 0.5], "family": ["normal", "other"]}
 
 
 @pytest.fixture(scope="module")
-def wider(tmp_path_factory, make_text):
+def wider(tmp_path_factory):
     """Run commands on configs in the package with two more conditions: output of each, and the folder of the runs."""
     folder = tmp_path_factory.mktemp("wider")
-    random = {"kind": "random", "trials": 30, "noise": {"law": "log_uniform", "low": 0.01, "high": 0.1}}
+    random = {"kind": "random", "trials": 30, "noise": log_uniform(0.01, 0.1)}
     law = {"law": "choice", "values": [0.0, 0.5]}
     plain, top = {"noise": [0.1, 0.2], "trials": 40}, {"estimators": ["gdke", "als"]}
     posterior = "[posterior]\ntrials = 1\nwalkers = 16\nmax_steps = 100\nwhere = { shift = 0.5 }\n"
     shift = {"shift": TWO["shift"]}
     configs = {
-        "plain": make_text(top, **plain),
-        "default": make_text(top, **plain, shift=0, family="normal"),
-        "both": make_text(top, **plain, **TWO),
-        "chains": make_text(top, **plain, **shift) + posterior,
-        "summary": make_text(top | {"keep": "summary"}, **plain, **TWO),
-        "random": make_text(top, **random),
-        "law": make_text(top, **random, shift=law),
-        "wrong": make_text(top, **plain, shift=-1, family="odd"),
-        "no-law": make_text(top, **random, family="other"),
-        "moments": make_text(top | {"route": "moments"}, **plain, **TWO),
-        "no-cell": make_text(top, **plain, **shift) + posterior.replace("0.5", "0.7"),
-        "no-account": make_text(top, **plain, **TWO) + posterior,
+        "plain": config(top, **plain),
+        "default": config(top, **plain, shift=0, family="normal"),
+        "both": config(top, **plain, **TWO),
+        "chains": config(top, **plain, **shift) + posterior,
+        "summary": config(top | {"keep": "summary"}, **plain, **TWO),
+        "random": config(top, **random),
+        "law": config(top, **random, shift=law),
+        "wrong": config(top, **plain, shift=-1, family="odd"),
+        "no-law": config(top, **random, family="other"),
+        "moments": config(top | {"route": "moments"}, **plain, **TWO),
+        "no-cell": config(top, **plain, **shift) + posterior.replace("0.5", "0.7"),
+        "no-account": config(top, **plain, **TWO) + posterior,
     }
     for name, text in configs.items():
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
@@ -171,15 +172,6 @@ def test_a_cell_has_every_stored_condition():
     assert CONDITIONS["noise_over_radius"].of(CELL.values) == 0.05
 
 
-def test_labels():
-    """N, σ/r and φ are always named, the others where they tell rows apart."""
-    row = {name: CELL.values[name] for name in (condition.name for condition in module.COLUMNS)}
-    assert module.label(row) == "N = 10, σ/r = 0.05, φ = 20°"
-    assert module.label(row | {"outlier_share": 0.1}) == "N = 10, σ/r = 0.05, φ = 20°, outliers = 0.1"
-    rows = pd.DataFrame([CELL.values, CELL.values | {"center": 1.0}])
-    assert [condition.symbol for condition in module.distinguishing(rows)] == ["N", "σ/r", "φ", "|c|"]
-
-
 exact = settings(derandomize=True, deadline=None)
 
 LAST = float(np.nextafter(1.0, 0.0))
@@ -232,15 +224,6 @@ def test_log_uniform_stays_within_its_ends(ends, u):
     value = LogUniform(law="log_uniform", low=low, high=high).at(u)
     assert low * (1 - 1e-12) <= value <= high
     assert LogUniform(law="log_uniform", low=low, high=high).at(0.0) == high
-
-
-def test_possible():
-    """A law's possible values are its list, or the ends of its range; a constant is its value to the last bit."""
-    assert Constant(law="constant", value=2.0).possible() == (2.0,)
-    assert Choice(law="choice", values=[3.0, 1.0, 2.0]).possible() == (3.0, 1.0, 2.0)
-    assert Uniform(law="uniform", low=1.0, high=4.0).possible() == (1.0, 4.0)
-    assert LogUniform(law="log_uniform", low=1.0, high=4.0).possible() == (1.0, 4.0)
-    assert {Constant(law="constant", value=0.12345678901234567).at(u) for u in QUANTILES} == {0.12345678901234567}
 
 
 def test_what_may_be_written_for_a_law():

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from study.simulation.experiment.config import MEASURES, Study, load, parse
 from study.toml import ConfigError
+from tests.configs import toml
 
 GRID = """name = "test"
 seed = 1
@@ -94,18 +95,15 @@ NO_NUMBERS = ['angle = "wide"', "angle = [180, true]", "noise = nan", "angle = {
 NO_CELL = [("angle", 45, 45), ("samples", [20, 21], 21), ("noise", 0.1000001, 0.1000001), ("radius", 3, 3)]
 NO_CELL += [("noise_over_radius", 0.15, 0.15), ("center", 1, 1), ("directions", '"polar"', "polar")]
 CASES = [
-    *(("gr", f'name = "{name}"', f"name = '{name}'", NAME) for name in ("../x", "a/b", "", "a\\n")),
+    *(("gr", f"name = '{name}'", f"name = '{name}'", NAME) for name in ("../x", "..", "/tmp/x", "a/b", "", "a b")),
     ("gr", "name = 7", "name = 7", "string"),
     ("gr", "seed = -1", "seed = -1", "greater than or equal to 0"),
-    ("gr", "seed = 1.5", "seed = 1.5", "integer"),
     ("gr", "seed = true", "seed = True", "integer"),
     ("gr", "^ bogus = 1", "bogus = 1", "unknown key; known are name, seed"),
     ("gr", "dimension = 1", "dimension = 1", "greater than or equal to 2"),
-    ("gr", 'dimension = "3"', "dimension = '3'", "integer"),
     ("gr", "^ keep_points = -1", "keep_points = -1", "greater than or equal to 0"),
     ("gr", "estimators = []", "estimators = []: must have a value"),
     ("gr", 'estimators = "lls"', "estimators = 'lls': must be a list, such as [\"lls\"]"),
-    ("gr", "estimators = 5", "must be a list"),
     ("gr", 'estimators = ["lsl"]', "estimators = ['lsl']", "'lsl' unknown; did you mean 'lls'? Known are mle, "),
     ("gr", 'estimators = ["lls", "lls"]', "estimators", "'lls' given more than once; give each value once"),
     ("gr", "^ noise_shape = [[1, 0], [0, 1]]", "noise_shape = [[1, 0], [0, 1]]", DEFINITE),
@@ -122,13 +120,11 @@ CASES = [
     ("gr", "samples = 10.5", "design.samples = 10.5|10.5 not allowed", "whole number"),
     ("gr", "samples = 3", "design.samples", "3 samples are too few: a sphere in dimension 3 needs at least 4"),
     *(("gr", f"samples = {few}", "a sphere in dimension 3 needs at least 4") for few in (0, -1)),
-    ("gr", "samples = 1e300", "samples are too many for memory: at most 1,000,000,000 are allowed"),
-    ("gr", "samples = 1_000_000_001", MEMORY),
+    ("gr", "samples = 1_000_000_001", MEMORY + ": at most 1,000,000,000 are allowed"),
     *(("g", f"samples = {many}", MEMORY) for many in ("[10, 2e9]", "{ logspace = [10, 1e10, 3] }")),
     *(("r", f"samples = {{ law = {law} }}", MEMORY) for law in MANY_SAMPLES),
     ("gr", "noise > ", "line 5: design: give noise or noise_over_radius, one of the two (found neither)"),
     ("gr", "noise_over_radius = 1", "line 5: design: ", "one of the two (found noise and noise_over_radius)"),
-    ("gr", "noise = -0.1", "design.noise = -0.1|-0.1 not allowed", "above 0"),
     ("gr", "noise = 0", "design.noise = 0|0 not allowed", "above 0"),
     ("gr", 'noise = "a"', "design.noise = 'a'", "above 0|law"),
     ("gr", "noise = true", "design.noise = True", "number|every value"),
@@ -143,19 +139,16 @@ CASES = [
     ("g", "samples = []", "design.samples = []", "the list is empty"),
     ("g", "samples = [10, 3.5]", "3.5 not allowed", "whole number"),
     ("g", "samples = [20, 10, 20, 1e1]", "design.samples", "20, 10 given more than once; give each value once"),
-    ("g", "samples = [10, 3]", "design.samples", "3 samples are too few"),
     ("g", "samples = { linspace = [3, 9, 3] }", "design.samples", "3 samples are too few"),
     ("g", "samples = { linspace = [4, 9] }", "linspace = [4, 9] not understood", "[first, last, count]"),
     ("g", "samples = { linspace = [4, 9, 0] }", "count = 0", "whole number"),
     ("g", "samples = { linspace = [4, 9, 2.5] }", "count = 2.5", "whole number"),
-    ("g", "samples = { linspace = [-1.7e308, 1.7e308, 3] }", "design.samples = "),
     ("g", "noise = { linspace = [-1.7e308, 1.7e308, 3] }", "design.noise = "),
     ("g", "noise = { linspace = [1, 2, 1] }", "cannot be 1 value"),
     ("g", "noise = { logspace = [0, 1, 3] }", "logspace from 0 to 1", "both ends above 0"),
     ("g", "noise = { linspace = [nan, 1, 3] }", "not understood", "[first, last, count]"),
     ("g", "noise = { linspce = [1, 2, 3] }", "keys linspce not understood", "logspace"),
     ("g", "noise = [0.1, -1, 'a', true]", "-1, 'a', True not allowed", "above 0"),
-    ("g", "noise = [inf, nan]", "inf, nan not allowed", "above 0"),
     ("g", "noise = [1, 0.1, 1.0]", "design.noise", "1 given more than once; give each value once"),
     ("g", 'noise = { law = "uniform", low = 1, high = 2 }', "design.noise", "linspace"),
     ("g", "angle = [90, 0, 181]", "0, 181 not allowed", "at most 180 degrees"),
@@ -164,10 +157,8 @@ CASES = [
     *(("r", f"samples = {{ law = {law} }}", "design.samples", "3 samples are too few") for law in FEW_SAMPLES),
     ("r", 'samples = { law = "choice", values = [4, 4.5, 9] }', "design.samples", "4.5", "whole number"),
     ("r", "noise = [0.1, 0.2]", "design.noise", 'law = "uniform"'),
-    ("r", "noise = { linspace = [1, 2, 3] }", "design.noise", 'law = "uniform"'),
     ("r", "noise = { low = 1, high = 2 }", "design.noise", 'law = "uniform"'),
     ("r", 'noise = { law = "normal", low = 1 }', "design.noise.law = 'normal'", "'uniform', 'log_uniform'"),
-    ("r", 'noise = { law = "uniform", low = 2, high = 1 }', "design.noise", "low = 2 must be below high = 1"),
     ("r", 'noise = { law = "uniform", low = 2, high = 2 }', "design.noise", "low = 2 must be below high = 2"),
     ("r", 'noise = { law = "uniform", low = 1, hihg = 2 }', "design.noise.hihg = 2", "did you mean 'high'?"),
     ("r", 'noise = { law = "uniform", low = 1 }', "design.noise.high", "required, but missing"),
@@ -201,18 +192,8 @@ CASES = [
     ("g", MOMENTS + '\nlaw = "laplace"', 'line 1: route: the route "moments" takes no account of law: take it out'),
     ("g", MOMENTS + "\nstated_variance = 0.5", "line 1: route: ", "takes no account of stated_variance: take it out"),
     ("g", f'law = "radial"\n{SHAPED}', "is the covariance of normal noise: take law"),
-    (
-        "g",
-        "outlier_share = 0.1\n[posterior]",
-        "posterior: its likelihoods, of normal noise",
-        "account of outlier_share: ",
-    ),
-    (
-        "g",
-        "stated_variance = 0.5\n[posterior]",
-        "of the true σ and directions by area",
-        "of stated_variance: take it out",
-    ),
+    ("g", "outlier_share = 0.1\n[posterior]", "posterior: its likelihoods, of normal", "account of outlier_share: "),
+    ("g", "stated_variance = 0.5\n[posterior]", "the true σ and directions by area", "of stated_variance: take it"),
     ("g", "noise > noise_over_radius = 1e-250\nradius = 1e-100", "line 9: design.noise_over_radius = 1e-250: with "),
     ("gr", "noise = 1e-300\nradius = 1e100", "line 9: design.noise = 1e-300: with radius = 1e+100 σ/r is 0 in float64"),
     ("gr", "noise = 1e300\nradius = 1e-100", "line 9: design.noise = 1e+300: with radius = 1e-100 σ/r is inf in flo"),
@@ -227,7 +208,6 @@ CASES = [
     ("c", "[posterior]\nwalkers = 11", "posterior.walkers = 11: at least 12 are needed in dimension 3"),
     ("c", "dimension = 2\n[posterior]\nwalkers = 9", "posterior.walkers = 9: at least 10 are needed in dimension 2"),
     ("g", "dimension = 5\n[posterior]\nwalkers = 15", "posterior.walkers = 15: at least 16 are needed in dimension 5"),
-    ("cl", '[posterior]\nnoise = "knwon"', "posterior.noise[0] = 'knwon'", "'known' or 'unknown'"),
     ("cl", '[posterior]\nnoise = ["known", "both"]', "posterior.noise[1] = 'both'", "'known' or 'unknown'"),
     ("cl", "[posterior]\nnoise = 0.1", "posterior.noise[0] = 0.1", "'known' or 'unknown'"),
     *(("cl", f"[posterior]\n{key} = []", f"posterior.{key} = []", "must have a value") for key, _ in TWICE),
@@ -244,10 +224,7 @@ CASES = [
     ("l", WHERE + "{ radius = 3 }", "posterior.where: no cell has radius = 3"),
     ("l", WHERE + "{ noise_over_radius = 0.2 }", "posterior.where: no cell has noise_over_radius = 0.2"),
     ("cl", '[posterior]\nlikelihood = "whole_sphere"', WHOLE),
-    ("cl", '[posterior]\nlikelihood = ["geometric", "whole_sphere"]', WHOLE),
-    ("c", WHERE + '{ angle = [60, 180] }\nlikelihood = "whole_sphere"', WHOLE),
     ("c", WHERE + '{ angle = 60 }\nlikelihood = "whole_sphere"', WHOLE),
-    ("c", "samples = [4, 20]\n[posterior]\nnoise = 'unknown'", FEW),
     ("c", "samples = [4, 20]\n" + WHERE + "{ samples = [20, 4] }", "line 13: " + FEW),
     ("c", "samples = [4, 20]\n[posterior]", FEW),
     ("l", 'samples = { law = "uniform", low = 4, high = 9 }\n[posterior]\nnoise = ["known", "unknown"]', FEW),
@@ -262,14 +239,11 @@ CASES = [
     ("g", TARGET + "relative_target = 0.1", "line 12: precision", "one of the two (found target and relative_target)"),
     ("g", "[precision]\nfirst = 300", "line 12: precision", "or relative_target, one of the two (found neither)"),
     ("g", TARGET + "first = 99", "precision.first = 99", "greater than or equal to 100"),
-    ("g", TARGET + "first = 250.5", "precision.first = 250.5", "integer"),
     ("g", TARGET + "first = 4001", "precision.first = 4001", "design.trials = 4000 is the cap"),
     ("g", TARGET + "seconds = 0", "precision.seconds = 0", "greater than 0"),
     ("g", TARGET + "seconds = inf", "precision.seconds = inf", "finite"),
     ("g", TARGET + 'measure = "ratio_medain_ok"', "measure = 'ratio_medain_ok'", "mean 'ratio_median_ok'"),
     ("g", TARGET + 'measure = "planned"', "precision.measure = 'planned'", "known are relative_median"),
-    ("g", TARGET + "measure = 3", "precision.measure = 3", "string"),
-    ("g", TARGET + "estimators = []", "precision.estimators = []", "must have a value"),
     ("g", TARGET + 'estimators = ["mle", "mle"]', "precision.estimators", "'mle' given more than once"),
     ("g", TARGET + 'estimators = ["ugdke"]', "not among the study's; did you mean 'ugdk'? Known are mle, ugdk"),
     ("g", TARGET + "tagret = 1.0", "precision.tagret = 1.0", "unknown key; did you mean 'target'?"),
@@ -465,15 +439,6 @@ values = st.recursive(
     max_leaves=6,
 )
 any_document = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-
-
-def toml(value):
-    """A value as TOML; dictionaries become inline tables."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(k, ensure_ascii=False)} = {toml(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(toml, value)) + "]"
-    return repr(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
 def outcome(data):

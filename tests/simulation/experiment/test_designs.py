@@ -4,25 +4,19 @@ Conditions that trials of a random design draw: they follow the laws, and nothin
 """
 
 import math
-import subprocess
-import sys
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
-import study
 from study.simulation.experiment import designs
-from study.simulation.experiment.config import load
 from study.simulation.experiment.designs import Cell, block_trials
+from tests.configs import log_uniform, uniform
 
 AXES = {"samples": [4, 50], "noise": [0.1, 0.2, 0.3], "angle": [20, 90], "radius": [1, 2], "center": [0, 1, 5]}
 
-uniform = lambda low, high: {"law": "uniform", "low": low, "high": high}  # noqa: E731
-log_uniform = lambda low, high: {"law": "log_uniform", "low": low, "high": high}  # noqa: E731
 STUDIES = {
     "shared": {"trials": 1500, **AXES},
     "independent": {"trials": 1500, **AXES, "draws": "independent"},
@@ -80,17 +74,6 @@ def test_order_of_a_grid(make_study):
     assert len(set(keys)) == 32
 
 
-def test_relative_noise_is_times_the_radius(make_study):
-    """noise_over_radius of a grid is multiplied by each cell's radius; noise is not."""
-    for entries in (STUDIES["relative"], STUDIES["shared"]):
-        made = make_study(**entries)
-        relative = made.design.noise is None
-        for unit in made.units():
-            for cell in next(unit.parts(0)).cells:
-                levels = [v * cell.radius for v in made.design.noise_over_radius] if relative else made.design.noise
-                assert cell.noise in levels
-
-
 CELL = Cell(10, 0.1, 90.0, 1.0, (0.0, 0.0, 0.0))
 
 
@@ -122,20 +105,6 @@ def test_names_do_not_depend_on_the_grid(make_study):
     alone = names(samples=4, noise=0.1, angle=20, radius=2, center=5)
     assert len(alone) == 1
     assert alone <= names(**AXES) == names(**AXES, draws="independent")
-
-
-def test_names_and_order_are_the_same_in_every_process():
-    """Neither names nor the order of work depend on Python's hash seed."""
-    path = Path(study.__file__).parents[1] / "configs" / "sweep.toml"
-    code = (
-        "import sys, pathlib; from study.simulation.experiment.config import load\n"
-        "for u in load(pathlib.Path(sys.argv[1])).units(): print(u, [c.name for b in u.parts(0) for c in b.cells])"
-    )
-    own = "".join(f"{u} {[c.name for b in u.parts(0) for c in b.cells]}\n" for u in load(path).units())
-    for seed in ("1", "2"):
-        environment = {"PYTHONHASHSEED": seed, "PYTHONPATH": str(path.parents[1])}
-        command = [sys.executable, "-c", code, str(path)]
-        assert subprocess.run(command, capture_output=True, env=environment, encoding="utf-8").stdout == own
 
 
 @pytest.mark.parametrize("samples", [4, 33, 1000, 32_768, 10**6, 10**9])
@@ -252,12 +221,6 @@ def test_the_number_of_trials_moves_nothing(cells, drawn, trials):
     again = cells(trials=trials)
     shared = min(trials, TRIALS)
     assert again[:shared] == drawn[:shared]
-
-
-def test_one_trial_alone(make_study, drawn):
-    """A trial's condition is found from its number, without those before it."""
-    (group,) = make_study(kind="random", trials=TRIALS, **LAWS).groups()
-    assert [group.cell(i) for i in (2999, 7, 1024)] == [drawn[i] for i in (2999, 7, 1024)]
 
 
 def test_relative_noise_is_times_the_radius_random_design(cells):

@@ -15,16 +15,17 @@ import pytest
 import study
 from study.simulation.experiment.config import parse
 from study.simulation.runs import parts, provenance, runner
+from tests.configs import config
 
 sys.path.append(str(Path(__file__).parent))  # worker processes, too, import `deadly` by its name
 
 
 @pytest.fixture(scope="session")
-def make_text(config_writer):
+def make_text():
     """Write a small config: keyword arguments go into the design, ``top`` beside it; None leaves a key out."""
-    head = {"name": "test", "seed": 1, "estimators": ["mle", "lls", "gdke", "ugdk"]}
-    body = {"kind": "grid", "trials": 3, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180]}
-    return config_writer(head, body)
+    head = {"estimators": ["mle", "lls", "gdke", "ugdk"]}
+    body = {"trials": 3, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60, 180]}
+    return lambda top=None, **design: config(head | (top or {}), **body | design)
 
 
 @pytest.fixture
@@ -110,19 +111,6 @@ def try_mount(tmp_path):
     yield mount
     for folder in folders:
         subprocess.run(["umount", "--lazy", str(folder)], check=True)
-
-
-@pytest.fixture
-def mounted(try_mount):
-    """Mount a small disk of one's own; skip where that is not allowed."""
-
-    def mount(options):
-        folder = try_mount(options)
-        if folder is None:
-            pytest.skip("mounting is not allowed here")
-        return folder
-
-    return mount
 
 
 @pytest.fixture

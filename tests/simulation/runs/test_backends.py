@@ -8,7 +8,6 @@ other bytes than its parent.
 import contextlib
 import functools
 import gc
-import itertools
 import json
 import os
 import shutil
@@ -95,13 +94,6 @@ def cluster(gate, held, wait_for, tmp_path):
         for process in processes:
             process.kill()
             process.wait()
-
-
-def test_loky(start, expected):
-    """Two processes of this machine."""
-    run = start(jobs=Workers("loky", 2), **ENTRIES)
-    assert tables(run) == expected
-    assert run.manifest()["backend"] == "loky"
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
@@ -202,14 +194,6 @@ def test_no_scheduler(start, tmp_path, monkeypatch, address):
     distributed = pytest.importorskip("distributed")
     left = [thing for thing in gc.get_objects() if type(thing) is distributed.Client and thing.status != "closed"]
     assert left == [], "a client that is collected in the thread of another one stops both"
-
-
-@pytest.mark.parametrize("wrong", [Workers("dask"), Workers("threads", 2, "tcp://x:1"), Workers("slurm")], ids=str)
-def test_no_such_backend(start, tmp_path, wrong):
-    """A backend that is unknown, or lacks its scheduler, is refused in one line."""
-    with pytest.raises(RunError, match="--"):
-        start(jobs=wrong, folder=tmp_path / "run")
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -315,24 +299,10 @@ def test_small_items_go_together():
     assert [sum(items) for items in cut([5, 1, 1, 1, 2], weigh, 3)] == [5, 3, 2]
 
 
-@pytest.mark.parametrize("enough", [0, 10, 1e9])
-def test_every_item_is_in_one_task(enough):
-    """Whatever the weights, and however many items there are, each is in one task."""
-    items = [(number * 7919) % 101 for number in range(3000)]
-    found = list(itertools.chain.from_iterable(cut(items, weigh, enough)))
-    assert sorted(found) == sorted(items)
-
-
 @pytest.fixture
 def fresh(monkeypatch):
     """Let this process stand for a worker that has not had a task yet."""
     monkeypatch.setattr(workers, "_agreed", [])
-
-
-@pytest.mark.usefixtures("fresh")
-def test_a_worker_like_its_parent_computes():
-    """A worker that is as its parent calls the function."""
-    assert enter(introduction(), seal(divmod, 17, 5)) == (3, 2)
 
 
 @pytest.mark.usefixtures("fresh")

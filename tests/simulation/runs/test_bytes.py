@@ -16,12 +16,11 @@ from study.files import TableRows
 from study.simulation.experiment.config import parse
 from study.simulation.runs.parts import UnitTask
 from study.simulation.runs.status import RunStatus
+from tests.configs import log_uniform, uniform
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 
 
-uniform = lambda low, high: {"law": "uniform", "low": low, "high": high}  # noqa: E731
-log_uniform = lambda low, high: {"law": "log_uniform", "low": low, "high": high}  # noqa: E731
 RANDOM = {"kind": "random", "trials": 80, "samples": log_uniform(4, 2000), "noise": log_uniform(1e-6, 10)}
 RANDOM |= {"angle": uniform(0, 180), "radius": uniform(0, 37), "center": uniform(0, 2)}
 
@@ -136,26 +135,6 @@ def test_a_random_design_grows(named, start, computed):
     assert len(computed) == 2 * 60
 
 
-@pytest.mark.parametrize(
-    ("top", "design"),
-    [
-        (TWO | {"seed": 2}, GRID | {"trials": 11}),
-        (TWO | {"dimension": 2}, GRID | {"trials": 11}),
-        (TWO | {"name": "other"}, GRID | {"trials": 11}),
-        (TWO, GRID | {"trials": 11, "draws": "independent"}),
-        ({"estimators": ["gdke"]}, GRID),
-    ],
-    ids=str,
-)
-def test_what_is_not_the_same_is_not_taken(named, computed, top, design):
-    """With another seed, dimension or name, independent draws, or other estimators, everything is computed."""
-    named(TWO, **GRID)
-    computed.clear()
-    named(top, **design)
-    assert len(computed) == rows(design, top)
-    assert named.told == []
-
-
 def test_the_same_config_elsewhere_is_computed_again(named, start, computed, tmp_path):
     """The same config in another folder is computed, because a run is checked by running it again."""
     run = named(TWO, **GRID)
@@ -222,19 +201,6 @@ def test_a_table_that_is_no_longer_read_is_closed(start):
     del rows
     gc.collect()
     assert there() is None
-
-
-@pytest.mark.usefixtures("raises")
-def test_failures_are_taken_too(named, computed):
-    """Rows that failed with an exception are taken with their messages, since they would fail again."""
-    top = {"estimators": ["raises", "mle"], "tolerate_failures": 1.0}
-    named(top, **GRID)
-    computed.clear()
-    grown = named(top, **GRID | {"trials": 11})
-    assert len(computed) == 4 * 2
-    failures = grown.table("failures")
-    assert len(failures) == grown.manifest()["failures"] == 2 * 11
-    assert sorted(failures["trial"]) == sorted(2 * list(range(11)))
 
 
 @pytest.mark.parametrize("stopped", [False, True], ids=["at once", "with a stop"])

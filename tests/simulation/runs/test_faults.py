@@ -15,18 +15,10 @@ import study
 from study.simulation.experiment.config import parse
 from study.simulation.runs.parts import DAMAGED, Layout, Parts
 from study.simulation.runs.run_folder import Run
+from tests.configs import config
 
-CONFIG = """name = "fragile"
-seed = 5
-estimators = ["mle", "lls", "ugdk"]
-keep_points = 40
-[design]
-kind = "grid"
-trials = 960
-samples = [300, 1000]
-noise = [0.05, 0.5]
-angle = [60, 180]
-"""
+TOP = {"name": "fragile", "seed": 5, "estimators": ["mle", "lls", "ugdk"], "keep_points": 40}
+CONFIG = config(TOP, trials=960, samples=[300, 1000], noise=[0.05, 0.5], angle=[60, 180])
 BY_NEED = CONFIG.replace("fragile", "by-need") + "[precision]\nrelative_target = 0.08\nfirst = 100\n"
 OF_THE_PARENT = 18
 OF_WORKERS = [3, 14]

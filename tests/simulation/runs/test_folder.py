@@ -14,24 +14,8 @@ import pytest
 from study.files import RunError, holder, writing
 from study.simulation.experiment.config import parse
 from study.simulation.runs.parts import Layout
-from study.simulation.runs.run_folder import Run
 
 pytestmark = pytest.mark.usefixtures("same_software")
-
-
-def test_what_a_run_leaves(start, files_of, make_text):
-    """A finished run leaves its config, manifest and tables, and neither parts nor temporary files.
-
-    Without keep_points there is no table of points. The config is read back from the folder, and tables from disk.
-    """
-    run, without = start({"keep_points": 1}), start()
-    expected = {"config.toml", "manifest.json", "errors.parquet", "timings.parquet", "points.parquet"}
-    assert set(files_of(run.folder)) == {path.name for path in run.folder.iterdir()} == expected
-    assert set(files_of(without.folder)) == expected - {"points.parquet"}
-    again = Run.open(without.folder)
-    assert again.study == without.study == parse(make_text())
-    assert again.table("errors").equals(without.table("errors"))
-    assert list(again.table("errors", ["trial", "error"])) == ["trial", "error"]
 
 
 def test_a_foreign_folder(start, tmp_path, files_of):
@@ -76,16 +60,6 @@ def test_a_folder_whose_config_is_broken(start, files_of):
     with pytest.raises(RunError, match="cannot be read any more"):
         start(folder=run.folder)
     assert files_of(run.folder) == before
-
-
-def test_what_is_not_there(start, tmp_path):
-    """The message for a folder that is no run says how to make one; a table that is missing is named."""
-    for path in (tmp_path, tmp_path / "none"):
-        with pytest.raises(RunError, match=r"no config\.toml in it"):
-            Run.open(path)
-    run = start()
-    with pytest.raises(RunError, match=r"summary\.parquet: missing"):
-        run.table("summary")
 
 
 def test_a_unit_is_named_by_its_content(make_text):

@@ -12,6 +12,7 @@ from study.simulation.experiment.config import Study, parse
 from study.simulation.experiment.designs import GridDesign, RandomDesign
 from study.simulation.runs import runner
 from study.toml import ConfigError
+from tests.configs import log_uniform, uniform
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units", "raises")
 
@@ -47,9 +48,9 @@ RANDOM = {
     "kind": ["random"],
     "trials": [30, 12, 55],
     "samples": [{"law": "choice", "values": [6, 40]}, {"law": "choice", "values": [40, 6]}],
-    "noise": [{"law": "log_uniform", "low": 0.01, "high": 1}, {"law": "constant", "value": 0.1}, None],
+    "noise": [log_uniform(0.01, 1), {"law": "constant", "value": 0.1}, None],
     "noise_over_radius": [None, {"law": "constant", "value": 0.1}],
-    "angle": [{"law": "uniform", "low": 20, "high": 180}, {"law": "constant", "value": 60}],
+    "angle": [uniform(20, 180), {"law": "constant", "value": 60}],
     "radius": [None, {"law": "choice", "values": [1.0, 10.0]}],
     "center": [None, {"law": "constant", "value": 3.0}],
 }

@@ -1,7 +1,6 @@
 """Part files: rows are read as they were written, damage is found, and many packets share a file."""
 
 import hashlib
-import json
 from types import SimpleNamespace
 
 import pyarrow as pa
@@ -119,17 +118,6 @@ def test_a_folder_is_no_part(tmp_path):
     assert len(list((tmp_path / "parts").iterdir())) == 1
 
 
-def test_damage_while_a_run_goes_on(tmp_path):
-    """Files are read again before they are joined."""
-    parts = stored(tmp_path, packet("k"))
-    assert parts.load() == []
-    (path,) = (tmp_path / "parts").iterdir()
-    path.write_bytes(path.read_bytes()[:-1])
-    assert parts.load() == [path.name]
-    assert parts.outputs("k") == set()
-    assert parts.load() == []
-
-
 def test_other_formats(tmp_path, monkeypatch, clock):
     """Files of a newer program are refused; those of an older one are not used, and removed with the others.
 
@@ -148,16 +136,6 @@ def test_other_formats(tmp_path, monkeypatch, clock):
     assert (later.count, later.seconds, later.made_by, later.note, later.outputs("k")) == (0, 0.0, [], "", set())
     later.remove()
     assert not (tmp_path / "parts").exists()
-
-
-def test_header_is_one_line_that_can_be_read(tmp_path):
-    """The first line describes the file in JSON, and reading the file runs no code of it."""
-    stored(tmp_path, packet("k"))
-    (path,) = (tmp_path / "parts").iterdir()
-    header = json.loads(path.read_bytes().split(b"\n", 1)[0])
-    assert header["format"] == FORMAT
-    assert header["packets"][0]["keys"] == [["k", ["a@1"]]]
-    assert sum(header["packets"][0]["sizes"].values()) < path.stat().st_size
 
 
 def test_small_packets_wait_for_each_other(tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
 from study.simulation.runs import plan as module
 from study.simulation.runs.plan import Pace, measure, plan
+from tests.configs import log_uniform, uniform
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -22,9 +23,9 @@ PLANS = {
     "random": {
         "kind": "random",
         "trials": 60,
-        "samples": {"law": "log_uniform", "low": 4, "high": 500},
-        "noise": {"law": "log_uniform", "low": 1e-3, "high": 10},
-        "angle": {"law": "uniform", "low": 0, "high": 180},
+        "samples": log_uniform(4, 500),
+        "noise": log_uniform(1e-3, 10),
+        "angle": uniform(0, 180),
     },
 }
 
@@ -88,7 +89,7 @@ def test_bytes_are_of_the_right_size(start, make_text):
 
 def test_designs_of_millions_of_cells(make_text, monkeypatch):
     """A random design is extrapolated from its first trials, to the same sizes; a grid is refused with one line."""
-    laws = {"samples": {"law": "uniform", "low": 5, "high": 9}, "noise": 0.1, "angle": 90}
+    laws = {"samples": uniform(5, 9), "noise": 0.1, "angle": 90}
     made = parse(make_text(kind="random", trials=400, **laws))
     counted = plan(made, 1)
     grid = parse(make_text(trials=1, noise={"logspace": [0.01, 1, 101]}))

@@ -7,31 +7,25 @@ import numpy as np
 import pytest
 
 import study
-from study.files import RunError
-from study.simulation.analysis.summary import chosen_rows, printed, summarise, summary
+from study.simulation.analysis.summary import summarise, summary
 from study.simulation.experiment.config import parse
 from study.simulation.runs import adaptive as cell_measures
 from study.simulation.runs import runner
 from study.simulation.runs.adaptive import Rounds, TimeBudget
 from study.simulation.runs.parts import Parts
 from study.simulation.runs.status import RunStatus
-from study.simulation.runs.status import printed as lines_of
 from study.simulation.runs.workers import Workers
+from tests.configs import config
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
-FIXED = """name = "test"
-seed = 7
-estimators = ["lls", "ugdk", "als"]
-keep_points = 2
-[design]
-kind = "grid"
-trials = 800
-samples = [6, 60]
-noise = [0.02, 0.1, 0.6]
-angle = [60, 180]
-"""
-CONFIG = FIXED + "[precision]\nrelative_target = 0.05\nfirst = 100\n"
+TOP = {"seed": 7, "estimators": ["lls", "ugdk", "als"], "keep_points": 2}
+GRID = {"trials": 800, "samples": [6, 60], "noise": [0.02, 0.1, 0.6], "angle": [60, 180]}
+PRECISION = "[precision]\nrelative_target = 0.05\nfirst = 100\n"
+FIXED = config(TOP, **GRID)
+CONFIG = FIXED + PRECISION
+APART = config(TOP, **GRID, draws="independent") + PRECISION
+MOMENTS = config({"seed": 7, "estimators": ["gdke", "ugdk", "als"], "route": "moments"}, **GRID) + PRECISION
 CHECKPOINTS = (100, 200, 400, 800)
 
 
@@ -74,17 +68,18 @@ def rule(rows, estimators, target):
     return CHECKPOINTS[-1], "cap"
 
 
-def test_the_rule(go):
+@pytest.mark.parametrize("text", [CONFIG, APART, MOMENTS], ids=["shared", "independent", "moments"])
+def test_the_rule(go, text):
     """Each cell has the trials that follow from the summary's errors of a larger, fixed run, and its rows, bit for bit.
 
     The order of the rows is that of the fixed run.
     """
-    adaptive, fixed = go().table("errors"), go(FIXED, "fixed").table("errors")
-    table = go().table("precision").set_index("cell")
+    run, fixed = go(text), go(text[: text.index("[precision]")], "fixed").table("errors")
+    adaptive, table = run.table("errors"), run.table("precision").set_index("cell")
     assert set(table["reason"]) == {"target", "cap"}
     assert table["trials"].nunique() >= 3
     for cell, rows in fixed.groupby("cell", observed=True):
-        count, reason = rule(rows, ["lls", "ugdk", "als"], 0.05)
+        count, reason = rule(rows, run.study.estimators, 0.05)
         found = tuple(table.loc[cell, ["trials", "reason", "checkpoints"]])
         assert found == (count, reason, 1 + CHECKPOINTS.index(count))
     limits = fixed["cell"].astype(str).map(table["trials"].to_dict())
@@ -143,21 +138,6 @@ def test_cells_do_not_depend_on_others(go):
     assert len(alone) == 4
     assert alone.items() <= usual.items()
     assert more == usual
-
-
-def test_draws_of_each_cell_and_the_route_of_moments(go):
-    """With independent draws and with joint moments, too, the trials are the first ones of the fixed study."""
-    for line in ("", 'route = "moments"\n'):
-        text = CONFIG.replace("seed = 7\n", f"seed = 7\n{line}").replace("angle =", 'draws = "independent"\nangle =')
-        text = text.replace("keep_points = 2\n", "").replace('"lls"', '"gdke"')
-        run = go(text, f"adaptive {line.strip()}")
-        fixed = go(text[: text.index("[precision]")], f"fixed {line.strip()}").table("errors").astype({"cell": str})
-        mine = run.table("errors").astype({"cell": str})
-        limits = fixed["cell"].map(run.trials())
-        expected = fixed[fixed["trial"] < limits].reset_index(drop=True)
-        assert len(mine) == len(expected) < len(fixed)
-        for name in ("cell", "trial", "error", "status", "condition"):
-            np.testing.assert_array_equal(mine[name], expected[name])
 
 
 def test_most_samples_is_a_cap(go):
@@ -273,30 +253,6 @@ class TestBudget:
         assert len(set(computed)) == len(computed)
         assert told(go()) == whole
 
-    def test_before_the_first_checkpoint(self, go):
-        """Without any rows, the tables are empty, cells have 0 trials, and the summary says so."""
-        run = stopped_after(go, 0)
-        table = run.table("precision")
-        assert (table["trials"] == 0).all()
-        assert (table["reason"] == "budget").all()
-        assert len(run.table("errors")) == 0
-        summarise(run)
-        assert list(printed(run, chosen_rows(run)))[2:] == ["no cell has a trial yet"]
-
-    def test_status(self, go):
-        """The status of a stopped run names the budget and counts open cells; that of a finished run has reasons."""
-        run = stopped_after(go, 40)
-        counts = run.table("precision")["reason"].value_counts()
-        lines = list(lines_of(RunStatus(run.folder)))
-        assert lines[0].endswith("stopped by its budget of 40 s; `study run` resumes it")
-        (cells,) = [line for line in lines if line.startswith("  cells")]
-        assert f"{counts['target']} reached the target" in cells
-        assert f"{counts['budget']} are open" in cells
-        go()
-        lines = list(lines_of(RunStatus(run.folder)))
-        assert lines[0].endswith(": finished")
-        assert "0 are open" in next(line for line in lines if line.startswith("  cells"))
-
     def test_it_names_no_run(self, go):
         """A config with another budget is the same run, and resumes it; one of a fixed number of trials has none."""
         stopped_after(go, 20)
@@ -332,12 +288,9 @@ def test_a_run_that_is_not_so_far(go):
     """Numbers of trials are known from the precision table alone, and never for a fixed run."""
     assert go(FIXED, "fixed").trials() == {}
     run = go()
-    assert run.manifest()["tables"]["precision"] == run.fingerprint("precision")
     assert len(run.trials()) == 12
     run.path("precision").unlink()
     assert run.trials() == {}
-    with pytest.raises(RunError, match="missing"):
-        run.table("precision")
 
 
 def test_units_are_known_from_the_rounds():

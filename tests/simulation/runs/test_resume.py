@@ -1,7 +1,6 @@
 """Resumed runs: finished units are not computed again, and the tables are those of an unbroken run."""
 
 import itertools
-import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -10,7 +9,7 @@ import pytest
 
 import study
 from study.simulation.runs import parts, provenance
-from study.simulation.runs.parts import DAMAGED, Parts
+from study.simulation.runs.parts import Parts
 from study.simulation.runs.run_folder import Run
 
 pytestmark = pytest.mark.usefixtures("same_software", "small_units", "small_parts")
@@ -62,62 +61,6 @@ def test_only_what_is_missing_is_computed(start, stopped, computed, jobs):
     assert len(set(computed)) == len(computed)
     assert tables(resumed) == tables(whole)
     assert not (stopped / "parts").exists()
-
-
-def test_what_was_finished_when_another_unit_failed_is_kept(start, computed, tmp_path, monkeypatch):
-    """If a failure of the program ends the run, units that were finished but not yet written are written."""
-    real = parts.compute
-    monkeypatch.setattr(parts, "_SECONDS", 1e9)  # all that is finished waits to be written
-
-    def broken(made, unit):
-        if len(computed) > 100:
-            raise ZeroDivisionError("a fault")
-        return real(made, unit)
-
-    monkeypatch.setattr(parts, "compute", broken)
-    with pytest.raises(ZeroDivisionError):
-        start(folder=tmp_path / "run", **ENTRIES)
-    before = set(computed)
-    assert len(before) > 100
-    computed.clear()
-    monkeypatch.setattr(parts, "compute", real)
-    start(folder=tmp_path / "run", **ENTRIES)
-    assert not before & set(computed)
-
-
-@pytest.mark.parametrize("harm", ["torn", "flipped"])
-def test_damaged_parts_are_computed_again(start, stopped, computed, harm):
-    """They are named, set aside and made again; the others are kept."""
-    paths = sorted((stopped / "parts").iterdir())
-    for path in paths[:2]:
-        data = bytearray(path.read_bytes())
-        data[len(data) // 2] ^= 16
-        path.write_bytes(data[:-100] if harm == "torn" else data)
-    told = []
-    resumed = start(folder=stopped, warn=told.append, **ENTRIES)
-    for path in paths[:2]:
-        assert sum(path.name in line and "damaged" in line for line in told) == 1
-        assert (stopped / "parts" / DAMAGED / path.name).exists()
-    again = len(computed)
-    computed.clear()
-    whole = start(**ENTRIES)
-    assert again < len(computed)
-    assert tables(resumed) == tables(whole)
-
-
-@pytest.mark.parametrize("name", ["errors", "points", "timings"])
-@pytest.mark.parametrize("harm", ["torn", "gone"])
-def test_damaged_tables_are_made_again(start, name, harm):
-    """A table whose digest is not that of the manifest is named, set aside and made again; one that is gone, too."""
-    run = start(**ENTRIES)
-    before = tables(run)
-    path = run.folder / f"{name}.parquet"
-    path.write_bytes(path.read_bytes()[:-7]) if harm == "torn" else path.unlink()
-    told = []
-    again = start(folder=run.folder, warn=told.append, **ENTRIES)
-    assert f"{path}: {'damaged; set aside in parts/damaged' if harm == 'torn' else 'missing'}, and made" in told[0]
-    assert tables(again) == before
-    assert start(folder=run.folder, warn=pytest.fail, **ENTRIES).has(name)
 
 
 def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
@@ -192,15 +135,3 @@ def test_software_that_changed_is_told(start, stopped, monkeypatch):
     run = start(folder=stopped, warn=told.append, **ENTRIES)
     assert "resumes what version" in told[0]
     assert run.manifest()["also_computed_by"] == [real]
-
-
-def test_another_configs_parts_are_not_mixed_in(start, stopped, let_pass, tmp_path):
-    """Parts of another seed, dropped into the folder, are not used."""
-    stop = Mock(side_effect=[None] * 3 + [Stop])
-    with let_pass(4, "study.simulation.runs.runner.execute"), pytest.raises(Stop):
-        start({"keep_points": 2, "seed": 2}, folder=tmp_path / "other", progress=stop, trials=40)
-    others = list((tmp_path / "other" / "parts").iterdir())
-    assert len(others) >= 4
-    for path in others:
-        shutil.copy(path, stopped / "parts")
-    assert tables(start(folder=stopped, **ENTRIES)) == tables(start(**ENTRIES))
