@@ -173,7 +173,10 @@ def test_coverage_of_what_is_calibrated(rng, chains, beside):
 
 
 def test_uniform_ranks_pass_and_shifted_ones_fail(rng, chains, beside):
-    """At a false-alarm rate of 10⁻⁴ for each of seven; ranks shifted by 0.1 of 1000, or pulled to the middle, fail."""
+    """At a false-alarm rate of 10⁻⁴ for each of seven; ranks shifted by 0.1 of 1000, or pulled to the middle, fail.
+
+    Distance and p are those of SciPy's test of Kolmogorov and Smirnov.
+    """
     posterior = chains(rng, 1000, noises=("known", "unknown"))
     unknown = posterior["noise_is"] == "unknown"
     posterior.loc[unknown, "rank_1"] = np.clip(posterior.loc[unknown, "rank_1"] + 0.1, 0.0, 1.0)
@@ -185,21 +188,11 @@ def test_uniform_ranks_pass_and_shifted_ones_fail(rng, chains, beside):
     for key, row in table.iterrows():
         assert row["trials"] == 1000
         assert (row["p"] < 1e-4) == (key in wrong), key
+    ranks = posterior.loc[~unknown, "rank_1"]
+    told, expected = table.loc["known", "posterior", "1"], stats.kstest(ranks, "uniform")
+    assert list(told[["distance", "p", "mean"]]) == [expected.statistic, expected.pvalue, ranks.mean()]
     assert table.loc[wrong[0], "mean"] == pytest.approx(0.595, abs=0.05)
     assert table.loc[wrong[1], "mean"] == pytest.approx(0.5, abs=0.03)  # which a mean does not show
-
-
-def test_distances_are_kolmogorovs(rng, chains, beside):
-    """The largest difference between the ranks' distribution and the diagonal, by its definition; p is scipy's."""
-    posterior = chains(rng, 40)
-    row = uniformity(trials(posterior, beside(rng, posterior))).iloc[0]
-    ranks = np.sort(posterior["rank_1"])
-    steps = np.arange(41) / 40.0
-    distance = max((steps[1:] - ranks).max(), (ranks - steps[:-1]).max())
-    assert (row["method"], row["parameter"]) == ("posterior", "1")
-    assert row["distance"] == pytest.approx(distance, rel=1e-12)
-    assert row["p"] == pytest.approx(stats.kstwo.sf(distance, 40), rel=1e-9)
-    assert row["mean"] == pytest.approx(ranks.mean())
 
 
 def test_ranks_of_those_that_failed_do_not_count(rng, chains, beside):
