@@ -15,18 +15,11 @@ from study.simulation.experiment.config import parse
 from study.simulation.runs.adaptive import TimeBudget
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.runner import run as compute
+from tests.configs import config
 
-CONFIG = """# A small grid.
-name = "deposited"
-seed = 7
-estimators = ["als", "gdke"]
-[design]
-kind = "grid"
-trials = 6
-samples = [8, 20]
-noise = 0.1
-angle = 90
-"""
+TOP = {"name": "deposited", "seed": 7, "estimators": ["als", "gdke"]}
+SHAPE = [[2, 0, 0], [0, 0.5, 0], [0, 0, 0.5]]
+CONFIG = "# A small grid.\n" + config(TOP, trials=6, samples=[8, 20])
 
 
 @pytest.fixture(scope="module")
@@ -106,32 +99,23 @@ def test_a_run_of_the_unpacked_config_has_the_same_digests(unpacked, run, make_r
     assert Run.open(unpacked / "runs" / run.study.run_name()).table("errors").equals(run.table("errors"))
 
 
+ON_A_CAP = "u uniform on a cap, z"
+
+
 @pytest.mark.parametrize(
     ("top", "design", "words"),
     [
-        ("", 'law = ["normal", "student(5)"]', "z of covariance I, by the law of the noise. Every"),
-        ("", "outlier_share = [0.0, 0.1]", "z normal; some samples are outliers, displaced in a random direction. "),
-        (
-            "noise_shape = [[2, 0, 0], [0, 0.5, 0], [0, 0, 0.5]]",
-            "",
-            "z normal with the covariance [[2, 0, 0], [0, 0.5, 0], [0, 0, 0.5]].",
-        ),
-        ("", 'law = "radial"', "z of covariance I, by the law of the noise (radial: along u alone)."),
+        ({}, {"law": ["normal", "student(5)"]}, f"{ON_A_CAP} of covariance I, by the law of the noise. Every"),
+        ({}, {"outlier_share": [0.0, 0.1]}, f"{ON_A_CAP} normal; some samples are outliers, displaced in a random dir"),
+        ({"noise_shape": SHAPE}, {}, f"{ON_A_CAP} normal with the covariance [[2, 0, 0], [0, 0.5, 0], [0, 0, 0.5]]."),
+        ({}, {"law": "radial"}, f"{ON_A_CAP} of covariance I, by the law of the noise (radial: along u alone)."),
+        ({}, {"directions": "polar"}, "u by its law on a cap"),
     ],
-    ids=["law", "outliers", "shape", "radial"],
+    ids=["law", "outliers", "shape", "radial", "directions"],
 )
-def test_the_noise_in_words(make_run, tmp_path, top, design, words):
-    """The page has the law of the noise that the study has."""
-    run = make_run(CONFIG.replace("[design]", f"{top}\n[design]") + design, tmp_path / "run")
-    with zipfile.ZipFile(archive([run], tmp_path / "runs.zip")) as file:
-        page = file.read("ADEMP.md").decode()
-    assert f"u uniform on a cap, {words}" in page
-
-
-def test_the_directions_in_words(make_run, tmp_path):
-    """Directions that are not uniform by area are not said to be."""
-    run = make_run(CONFIG + 'directions = "polar"\n', tmp_path / "run")
-    assert "u by its law on a cap" in ademp([run])
+def test_noise_and_directions_in_words(make_run, top, design, words):
+    """The page has the laws that the study has."""
+    assert words in ademp([make_run(config(TOP | top, trials=6, **design))])
 
 
 def test_equal_runs_make_equal_archives(run, tmp_path):

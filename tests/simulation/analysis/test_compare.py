@@ -9,24 +9,13 @@ import study
 from study.files import RunError
 from study.simulation.analysis import compare as compare_module
 from study.simulation.analysis.compare import Difference, printed
-from study.simulation.analysis.summary import summarise
-from study.simulation.experiment.config import parse
-from study.simulation.runs.runner import run
+from tests.configs import config
 
-CONFIG = """name = "pair"
-seed = 1
-estimators = ["lls", "ugdk"]
-[design]
-kind = "grid"
-trials = 200
-samples = [20, 60]
-noise = [0.01, 0.1]
-angle = 90
-"""
+CONFIG = config({"name": "pair", "estimators": ["lls", "ugdk"]}, trials=200, samples=[20, 60], noise=[0.01, 0.1])
 
 
 @pytest.fixture
-def make(tmp_path):
+def make(make_run, tmp_path):
     """Run a config with words replaced, into a new folder, with its summary."""
 
     def made(name, *changes):
@@ -34,9 +23,7 @@ def make(tmp_path):
         for old, new in changes:
             assert old in text
             text = text.replace(old, new)
-        done = run(parse(text), text, tmp_path / name, 1, warn=str)
-        summarise(done)
-        return done
+        return make_run(text, tmp_path / name)
 
     return made
 

@@ -8,19 +8,9 @@ import pytest
 
 from study.files import RunError
 from study.simulation.analysis import regret
+from tests.configs import config
 
-DESIGN = """
-name = "grid"
-seed = 3
-dimension = 2
-estimators = ["gdke", "als"]
-[design]
-kind = "grid"
-trials = 20
-samples = [10, 20]
-noise = 0.1
-angle = [90, 180]
-"""
+DESIGN = config({"dimension": 2, "estimators": ["gdke", "als"]}, trials=20, samples=[10, 20], angle=[90, 180])
 
 
 def table(**cells):

@@ -40,73 +40,34 @@ HAND = table(
 )
 
 
-@pytest.fixture
-def by_hand():
-    """The summary of the table above, by group and estimator."""
-    return summary(HAND, by_decade=False).set_index(["group", "estimator"])
+OF_ALL = ["relative_median_all", "ratio_median_all", "ratio_q05_all", "ratio_q95_all", "far_all"]
+OF_OK = ["relative_median_ok", "ratio_median_ok", "ratio_q05_ok", "ratio_q95_ok", "far_ok", "axis_median_ok"]
+BY_HAND = {  # counts, quantiles of all fits, and of those that are ok
+    "bb ugdk": ([5, 3, 1, 1], [1.5, 6.0, 2.0, INF, 0.4], [1.0, 4.0, 2.0, 6.0, 0.0, 1.0]),
+    "bb lls": ([5, 5, 0, 0], [1.5, 6.0, 2.0, 12.0, 0.2], [1.5, 6.0, 2.0, 12.0, 0.2, 0.0]),
+    "aa ugdk": ([3, 0, 3, 0], [INF, INF, INF, INF, 1.0], [NAN] * 6),
+    "aa lls": ([2, 2, 0, 0], [0.5, 2.0, 2.0, 2.0, 0.0], [0.5, 2.0, 2.0, 2.0, 0.0, 2.0]),
+}
 
 
-def test_order_and_columns():
-    """Rows come in the order of the table, columns are exactly those declared."""
+def test_measures_by_hand():
+    """Failures are infinite among all fits, and far (beyond ten bounds, 5 here); what no fit gives is unknown.
+
+    Rows come in the order of the table, columns are those declared, and a cell's conditions stand beside its measures.
+    If the directions do not determine the centre an error over the bound is unknown, not zero.
+    """
     found = summary(HAND, by_decade=False)
-    assert list(found["group"] + " " + found["estimator"]) == ["bb ugdk", "bb lls", "aa ugdk", "aa lls"]
+    assert list(found["group"] + " " + found["estimator"]) == list(BY_HAND)
     assert sorted(found.columns) == sorted(column.name for column in schemas.summary())
-
-
-def test_statuses_are_counted(by_hand):
-    """Each status has its count, and the counts add up to what was planned."""
-    row = by_hand.loc["bb", "ugdk"]
-    assert (row["planned"], row["ok"], row["singular"], row["not_positive_definite"]) == (5, 3, 1, 1)
-    names = [status.name.lower() for status in Status]
-    assert (by_hand[names].sum(axis=1) == by_hand["planned"]).all()
-    assert by_hand["planned"].sum() == len(HAND)
-
-
-def test_quantiles_of_ok_and_of_all(by_hand):
-    """Of all fits, failures are infinite: the third of five is the median, and the 95 % quantile is infinite."""
-    row = by_hand.loc["bb", "ugdk"]
-    assert (row["relative_median_ok"], row["relative_median_all"]) == (1.0, 1.5)
-    assert (row["ratio_median_ok"], row["ratio_median_all"]) == (4.0, 6.0)
-    assert (row["ratio_q05_ok"], row["ratio_q05_all"]) == (2.0, 2.0)
-    assert (row["ratio_q95_ok"], row["ratio_q95_all"]) == (6.0, INF)
-    assert row["axis_median_ok"] == 1.0
-
-
-def test_without_failures_ok_is_all(by_hand):
-    """Without failures both kinds of quantile are equal."""
-    row = by_hand.loc["bb", "lls"]
-    for name in ("relative", "ratio"):
-        for label in ("median", "q05", "q95"):
-            assert row[f"{name}_{label}_ok"] == row[f"{name}_{label}_all"]
-
-
-def test_nothing_ok(by_hand):
-    """If all fits failed, quantiles of ok fits are unknown and those of all fits are infinite."""
-    row = by_hand.loc["aa", "ugdk"]
-    assert math.isnan(row["ratio_median_ok"])
-    assert (row["ratio_median_all"], row["ratio_q05_all"], row["far_all"]) == (INF, INF, 1.0)
-    assert math.isnan(row["far_ok"])
-    assert math.isnan(row["axis_median_ok"])
-
-
-def test_far_share(by_hand):
-    """Far is beyond ten bounds, 5 here; a failure counts as far among all, and not among the ok."""
-    assert tuple(by_hand.loc["bb", "ugdk"][["far_ok", "far_all"]]) == (0.0, 0.4)
-    assert tuple(by_hand.loc["bb", "lls"][["far_ok", "far_all"]]) == (0.2, 0.2)
-
-
-def test_conditions(by_hand):
-    """A cell's conditions stand beside its measures."""
-    conditions = by_hand[["samples", "noise", "angle", "radius", "center"]].drop_duplicates()
-    assert conditions.to_numpy().tolist() == [[10, 0.1, 90, 2, 0]]
-    assert by_hand["decade"].isna().all()
-
-
-def test_an_infinite_bound_is_no_perfect_fit():
-    """If the directions do not determine the centre, an error over the bound is unknown, not zero."""
-    found = summary(HAND.assign(bound=INF), by_decade=False).set_index(["group", "estimator"])
-    assert found.loc["bb", "lls"]["ratio_median_ok"] == INF
-    assert found.loc["bb", "lls"]["axis_median_ok"] == INF
+    counts, of_all, of_ok = zip(*BY_HAND.values(), strict=True)
+    assert found[["planned", "ok", "singular", "not_positive_definite"]].to_numpy().tolist() == list(counts)
+    np.testing.assert_array_equal(found[OF_ALL], of_all)
+    np.testing.assert_array_equal(found[OF_OK], of_ok)
+    assert (found[[status.name.lower() for status in Status]].sum(axis=1) == found["planned"]).all()
+    assert (found[["samples", "noise", "angle", "radius", "center"]] == [10, 0.1, 90, 2, 0]).all(axis=None)
+    assert found["decade"].isna().all()
+    unbound = summary(HAND.assign(bound=INF), by_decade=False).iloc[1]
+    assert unbound["ratio_median_ok"] == unbound["axis_median_ok"] == INF
 
 
 @pytest.mark.parametrize("power", range(-13, 15))

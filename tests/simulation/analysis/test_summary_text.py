@@ -6,69 +6,37 @@ The summary as it is stored beside a run, and as it is printed.
 import itertools
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from study.simulation.analysis.summary import (
-    ROWS,
-    chosen_rows,
-    evenly_spread,
-    once_by_scaling,
-    printed,
-    summarise,
-    summary,
-)
-from study.simulation.experiment.config import parse
-from study.simulation.runs import runner, schemas
+from study.simulation.analysis.summary import ROWS, chosen_rows, evenly_spread, once_by_scaling, printed
+from tests.configs import config
 
-HEAD = 'name = "test"\nseed = 1\nestimators = ["lls", "ugdk"]\n[design]\ntrials = {}\n'
-
-SCALED = HEAD.format(8) + (
-    'kind = "grid"\nsamples = [5, 40]\nnoise_over_radius = { logspace = [1e-3, 0.1, 9] }\nangle = [30, 90, 180]\n'
-    "radius = [1, 7.5]\ncenter = [0, 1]\n"
-)
-
-RANDOM = HEAD.format(8) + (
-    'kind = "random"\nsamples = { law = "log_uniform", low = 4, high = 50 }\n'
-    'noise = { law = "log_uniform", low = 0.01, high = 1 }\nangle = 90\n'
-)
-
-
-def make(text, folder):
-    """A finished run, summarised."""
-    done = runner.run(parse(text), text, folder)
-    summarise(done)
-    return done
+TWO = {"estimators": ["lls", "ugdk"]}
+LEVELS = {"noise_over_radius": {"logspace": [1e-3, 0.1, 9]}, "samples": [5, 40], "angle": [30, 90, 180]}
 
 
 @pytest.fixture(scope="module")
-def grid(tmp_path_factory):
+def grid(make_run):
     """A grid of 2 · 9 · 3 cells, each in four spaces that differ by scale and centre."""
-    return make(SCALED, tmp_path_factory.mktemp("choice") / "grid")
+    return make_run(config(TWO, trials=8, radius=[1, 7.5], center=[0, 1], **LEVELS))
 
 
-@pytest.fixture(scope="module")
-def random(tmp_path_factory):
-    """A run of a random design."""
-    return make(RANDOM, tmp_path_factory.mktemp("choice") / "random")
-
-
-def table_of(lines):
-    """The lines of a print below its header, and the notes after them."""
-    start = next(i for i, line in enumerate(lines) if line.split()[-2:] == ["lls", "ugdk"]) + 1
-    rows = [line for line in lines[start:] if line.startswith("N = ")]
-    return rows, lines[start + len(rows) :]
+def parts(run, **options):
+    """What is printed: the lines above the header, the header, the rows, and the notes below them."""
+    lines, names = list(printed(run, chosen_rows(run), **options)), list(run.study.estimators)
+    place = next(i for i, line in enumerate(lines) if line.split()[-len(names) :] == names)
+    rows = [line for line in lines[place:] if line.startswith(("N = ", "σ/r = "))]
+    return lines[:place], lines[place], rows, lines[place + 1 + len(rows) :]
 
 
 def test_it_fits_a_screen(grid):
     """At most forty lines; of 216 cells 162 repeat others by scaling, and the notes count what is left out."""
-    lines = list(printed(grid, chosen_rows(grid)))
-    assert len(lines) <= 40
-    rows, (scaled, left) = table_of(lines)
+    above, _, rows, (scaled, left) = parts(grid)
+    assert len(list(printed(grid, chosen_rows(grid)))) <= 40
     assert len(rows) <= ROWS
     assert scaled.startswith("162 cells have the numbers of one above")
     assert left.startswith(f"{len(rows)} of 54 rows, evenly spread; --all shows all")
-    assert lines[2].startswith("N: number of samples; σ/r: ")
+    assert above[2].startswith("N: number of samples; σ/r: ")
     assert " r = " not in "".join(rows)
     for end in ("N = 5, σ/r = 0.001, φ = 30°", "N = 40, σ/r = 0.1, φ = 180°"):
         assert any(row.startswith(end + " ") for row in rows)
@@ -76,7 +44,7 @@ def test_it_fits_a_screen(grid):
 
 def test_all(grid):
     """Each cell is printed, with the conditions that tell it apart, and nothing is left out."""
-    rows, notes = table_of(list(printed(grid, chosen_rows(grid), every=True)))
+    _, _, rows, notes = parts(grid, every=True)
     assert len(rows) == 216
     assert len({row.split("  ")[0] for row in rows}) == 216
     assert notes == []
@@ -131,23 +99,6 @@ def test_where_in_a_random_design(random):
         chosen_rows(random, ["samples=5"], None)
 
 
-@pytest.mark.parametrize(
-    ("where", "estimators", "words"),
-    [
-        (["angel=30"], None, "angel: not a condition of the rows; did you mean 'angle'"),
-        (["angle"], None, "'angle': not CONDITION=VALUE, such as angle=45"),
-        (["angle=a"], None, "angle=a: must be above 0 and at most 180 degrees"),
-        (["angle=-3"], None, "angle=-3: must be above 0"),
-        (["angle=31"], None, "angle=31°: no cell has it; there are 30°, 90°, 180°"),
-        ([], "ugd", "--estimators ugd: not in this run; did you mean 'ugdk'"),
-    ],
-)
-def test_faults(grid, where, estimators, words):
-    """A choice that cannot be met says which word, and what there is."""
-    with pytest.raises(ValueError, match=words):
-        list(printed(grid, chosen_rows(grid, where, estimators)))
-
-
 @pytest.mark.parametrize("most", [1, 7, 8, 12, 27, 63, 64, 100])
 def test_evenly_spread(most):
     """A factorial is thinned to a factorial with the ends of each condition, where there is room for them."""
@@ -170,32 +121,10 @@ def test_evenly_spread_by_weight():
     assert [len({key[i] for key in use}) for i in (0, 1)] == [8, 4]
 
 
-GRID = HEAD.format(40) + 'kind = "grid"\nsamples = [5, 40]\nnoise = [0.01, 0.5]\nangle = 30\ncenter = [0, 1]\n'
-WIDE = HEAD.format(400) + (
-    'kind = "random"\nsamples = { law = "log_uniform", low = 4, high = 200 }\n'
-    'noise = { law = "log_uniform", low = 1e-4, high = 10 }\nangle = { law = "uniform", low = 0, high = 180 }\n'
-    'radius = { law = "uniform", low = 0, high = 37 }\n'
-)
-
-
-@pytest.fixture(scope="module", params=[GRID, WIDE], ids=["grid", "random"])
-def run(request, tmp_path_factory):
-    """A finished run of each kind of design, summarised."""
-    return make(request.param, tmp_path_factory.mktemp("summary") / "run")
-
-
-def test_stored_is_computed(run):
-    """The stored table is the computed one, in the declared columns and order."""
-    stored = run.table("summary")
-    computed = summary(run.table("errors"), by_decade=run.study.design.kind == "random")
-    assert list(stored.columns) == [column.name for column in schemas.summary()]
-    for name in stored.columns:
-        pd.testing.assert_series_equal(stored[name], computed[name], check_dtype=False, check_categorical=False)
-
-
-def test_every_value_has_its_error(run):
+@pytest.mark.parametrize("kind", ["grid", "random"])
+def test_every_value_has_its_error(request, kind):
     """Each measure stands beside its Monte-Carlo error, and neither is negative where it cannot be."""
-    stored = run.table("summary")
+    stored = request.getfixturevalue(kind).table("summary")
     errors = [name for name in stored.columns if name.endswith("_error")]
     assert len(errors) > 15
     for name in errors:
@@ -205,26 +134,17 @@ def test_every_value_has_its_error(run):
         assert error.notna()[np.isfinite(value)].all()
 
 
-def parts(run):
-    """The lines of a print: its notes, its header, and all lines below it as a list."""
-    lines = list(printed(run, chosen_rows(run), every=True))
-    place = next(i for i, line in enumerate(lines) if line.split()[-2:] == ["lls", "ugdk"])
-    return [*lines[: place + 1], lines[place + 1 :]]
-
-
-def test_printed(run):
+@pytest.mark.parametrize("kind", ["grid", "random"])
+def test_printed(request, kind):
     """A title, a note, a header and a line per group, each with a label of its own; failures are named."""
+    run = request.getfixturevalue(kind)
     stored = run.table("summary")
-    title, note, legend, *bounds, header, lines = parts(run)
+    (title, note, legend, *bounds), header, lines, _ = parts(run, every=True)
     assert title.startswith(run.study.run_name())
     assert "Brackets" in note
     assert "σ/r" in legend
-    if run.study.design.one_trial_a_cell:
-        assert header.split() == ["lls", "ugdk"]
-        assert not bounds
-    else:
-        assert header.split() == ["CRLB", "attainable", "lls", "ugdk"]
-        assert "attainable" in bounds[0]
+    assert header.split() == ["CRLB", "attainable"] * len(bounds) + list(run.study.estimators)
+    assert ["attainable" in line for line in bounds] == [True] * (run.study.design.kind == "grid")
     assert len(lines) == stored["group"].nunique()
     assert all(len(line) < 120 for line in lines)
     assert len({line[: header.index(header.split()[0])] for line in lines}) == len(lines)

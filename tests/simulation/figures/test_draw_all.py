@@ -17,82 +17,7 @@ from study import style
 from study.fits import ESTIMATORS
 from study.simulation import figures
 from study.simulation.figures import FIGURES, Tables
-
-MARKERS = """
-name = "markers"
-seed = 3
-dimension = 2
-estimators = ["als"]
-keep_points = 20
-[design]
-kind = "grid"
-trials = 20
-samples = 30
-noise = 0.02
-angle = 60
-radius = [2.0, 1.2]
-draws = "independent"
-"""
-
-NOISES = """
-name = "noises"
-seed = 3
-estimators = ["mle", "gdke", "als"]
-[design]
-kind = "grid"
-trials = 30
-samples = 50
-noise_over_radius = [1e-3, 1e-2, 1e-1, 1]
-angle = [45, 180]
-"""
-
-LAWS = """
-name = "laws"
-seed = 3
-estimators = ["mle", "gdke"]
-keep = "summary"
-[design]
-kind = "grid"
-trials = 30
-samples = 50
-noise_over_radius = 0.02
-angle = [45, 180]
-law = ["normal", "student(3)", "laplace"]
-outlier_share = [0, 0.1, 0.3]
-"""
-
-MISFIT = """
-name = "misfits"
-seed = 3
-estimators = ["mle", "gdke"]
-keep = "summary"
-[design]
-kind = "grid"
-trials = 30
-samples = 50
-noise_over_radius = 0.02
-angle = [45, 180]
-law = ["normal", "memory(0.9)", "form(0.4, 1)"]
-directions = ["area", "path"]
-"""
-
-POSTERIORS = """
-name = "posteriors"
-seed = 3
-dimension = 2
-estimators = ["mle", "gdke"]
-[design]
-kind = "grid"
-trials = 20
-samples = 20
-noise = 0.05
-angle = 120
-draws = "independent"
-[posterior]
-trials = 20
-noise = "known"
-walkers = 32
-"""
+from tests.configs import config
 
 REDRAW = """
 import sys
@@ -108,9 +33,21 @@ sys.exit("pyplot is not needed" if "matplotlib.pyplot" in sys.modules else 0)
 @pytest.fixture(scope="module")
 def runs(circles, random, make_run):
     """Runs that between them have every figure."""
-    markers, noises, laws, misfits, posteriors = map(make_run, (MARKERS, NOISES, LAWS, MISFIT, POSTERIORS))
-    made = {"circles": circles, "markers": markers, "noises": noises, "laws": laws, "misfits": misfits}
-    return made | {"posteriors": posteriors, "random": random}
+    two, cells = ["mle", "gdke"], {"trials": 30, "samples": 50, "angle": [45, 180]}
+    arcs = {"dimension": 2, "estimators": ["als"], "keep_points": 20}
+    chains = {"dimension": 2, "estimators": two, "posterior": {"trials": 20, "noise": "known", "walkers": 32}}
+    short, level = {"estimators": two, "keep": "summary"}, {"noise_over_radius": 0.02}
+    laws = {"law": ["normal", "student(3)", "laplace"], "outlier_share": [0, 0.1, 0.3]}
+    structured = {"law": ["normal", "memory(0.9)", "form(0.4, 1)"], "directions": ["area", "path"]}
+    apart = {"trials": 20, "draws": "independent"}
+    texts = {
+        "markers": config(arcs, samples=30, noise=0.02, angle=60, radius=[2.0, 1.2], **apart),
+        "noises": config({"estimators": [*two, "als"]}, noise_over_radius=[1e-3, 1e-2, 1e-1, 1], **cells),
+        "laws": config(short, **cells, **level, **laws),
+        "misfits": config(short, **cells, **level, **structured),
+        "posteriors": config(chains, samples=20, noise=0.05, angle=120, **apart),
+    }
+    return {"circles": circles, **{kind: make_run(text) for kind, text in texts.items()}, "random": random}
 
 
 @pytest.fixture(scope="module")

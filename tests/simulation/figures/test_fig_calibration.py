@@ -10,7 +10,7 @@ from scipy import stats
 
 from study import style
 from study.simulation.experiment.config import ChainStatus
-from study.simulation.figures import NotApplicable, fig_calibration
+from study.simulation.figures import fig_calibration
 
 BOTH = ("known", "unknown")
 
@@ -55,24 +55,20 @@ def test_flat_caps_do_not_count(small):
     assert all(len(curve.ranks) == 30 for curve in frame.curves)
 
 
-def test_coverage(small):
-    """It is the share of levels below the nominal one, of fits as of chains; what is not ok is outside, and is told."""
+def spoiled(rows):
+    """A change of a posterior table: chains of these rows are not ok."""
 
-    def spoil(posterior):
-        posterior.loc[:6, "status"] = int(ChainStatus.NOT_CONVERGED)
+    def change(posterior):
+        posterior.loc[rows, "status"] = int(ChainStatus.NOT_CONVERGED)
         return posterior
 
-    tables = small(change=spoil)
-    frame = fig_calibration.prepare(tables)
-    table = frame.coverage.set_index(["method", "level"])
-    assert set(frame.coverage["method"]) == {"posterior", "mle", "gdke"}
-    for level in (0.68, 0.95):
-        held = (tables.posterior["level"] < level) & (tables.posterior["status"] == 0)
-        assert table.loc[("posterior", level), "share"] == held.mean()
-        assert table.loc[("posterior", level), "failed"] == 7
-        mine = tables.answers[tables.answers["estimator"] == "gdke"]
-        assert table.loc[("gdke", level), "share"] == (mine["level"] < level).mean()
-    assert frame.trials == 53
+    return change
+
+
+def test_chains_that_are_not_ok(small):
+    """They are in no curve and outside of every set, and the stamp tells how many they are."""
+    frame = fig_calibration.prepare(small(change=spoiled(slice(0, 6))))
+    assert (frame.trials, set(frame.coverage.query("method == 'posterior'")["failed"])) == (53, {7})
     assert "7 chains not ok" in frame.stamp
 
 
@@ -104,22 +100,12 @@ def test_each_kind_needs_enough(small, refused):
     refused(fig_calibration, small(noises=BOTH, change=drop), "not 18")
 
 
-@pytest.mark.parametrize("left", [0, 1, 5])
-def test_chains_of_which_few_are_ok(small, left):
-    """A run whose chains did not converge is no failure of the figure: it is drawn, or the reason is told."""
-
-    def spoil(posterior):
-        posterior.loc[left:, "status"] = int(ChainStatus.NOT_CONVERGED)
-        return posterior
-
-    try:
-        frame = fig_calibration.prepare(small(change=spoil))
-    except NotApplicable as reason:
-        assert "chains" in str(reason)  # noqa: PT017
-    else:
-        assert left > 0
-        assert frame.trials == left
-        fig_calibration.draw(frame).draw_without_rendering()
+def test_chains_of_which_few_are_ok(small, refused):
+    """One is drawn; a run whose chains did not converge is no failure of the figure."""
+    refused(fig_calibration, small(change=spoiled(slice(None))), "needs chains that are ok: none is")
+    frame = fig_calibration.prepare(small(change=spoiled(slice(1, None))))
+    assert frame.trials == 1
+    fig_calibration.draw(frame).draw_without_rendering()
 
 
 @pytest.mark.parametrize("likelihoods", [("geometric",), ("geometric", "whole_sphere")])
@@ -140,25 +126,17 @@ def test_drawn(small, likelihoods):
         shares = np.array([np.mean(curve.ranks < value) for value in curve.ranks])
         np.testing.assert_allclose(y[1:-1:2], shares - curve.ranks, atol=1e-12)
         np.testing.assert_allclose(y[2:-1:2], shares + 1.0 / len(curve.ranks) - curve.ranks, atol=1e-12)
-        assert (x[0], x[-1]) == (0.0, 1.0)
-        assert (y[0], y[-1]) == (0.0, 0.0)
-        assert left.get_ylim()[0] < y.min()
-        assert y.max() < left.get_ylim()[1]
+        assert (x[0], x[-1], y[0], y[-1]) == (0.0, 1.0, 0.0, 0.0)
+        assert left.get_ylim()[0] < y.min() < y.max() < left.get_ylim()[1]
         assert line.get_linestyle() == ("-" if curve.noise_is == "known" else "--")
-        distance = max(np.abs(y))
-        assert distance == pytest.approx(stats.kstest(curve.ranks, "uniform").statistic)
     names = [text.get_text() for text in right.get_yticklabels()]
     posteriors = ["posterior"] if len(likelihoods) == 1 else ["posterior (geometric)", "posterior (whole sphere)"]
     assert sorted(names) == sorted([*posteriors, style.label("mle"), style.label("gdke")])
-    shown = sorted(line.get_xdata()[0] for line in right.lines if len(line.get_xdata()) == 1)
-    np.testing.assert_allclose(shown, np.sort(frame.coverage["share"]))
     thin = [line for line in right.lines if line.get_linewidth() == 1.0 == line.get_zorder() / 3]
     spans = sorted(tuple(line.get_xdata()) for line in thin)
     told = sorted(zip(frame.coverage["low"], frame.coverage["high"], strict=True))
     np.testing.assert_allclose([s for s in spans if len(s) == 2], told)
-    low, high = right.get_xlim()
-    assert low < frame.coverage["low"].min()
-    assert high >= 1.0
+    assert right.get_xlim()[0] < frame.coverage["low"].min() < 1.0 <= right.get_xlim()[1]
     assert right.get_ylim()[0] > right.get_ylim()[1]  # from above to below
     (legend,) = figure.legends
     words = [text.get_text() for text in legend.get_texts()]

@@ -13,7 +13,7 @@ from scipy import stats
 from study import style
 from study.fits import Status
 from study.simulation.experiment.config import ChainStatus
-from study.simulation.figures import NotApplicable, fig_posterior
+from study.simulation.figures import fig_posterior
 
 NAMES = ["mle", "gdke", "ugdk"]
 DRAWS = 500
@@ -179,23 +179,11 @@ def test_reasons(tables, refused):
 
 
 def test_a_trial_that_no_estimator_answers(tables):
-    """A chain may be ok where no fit is: its posterior is shown without answers, or the reason is told."""
-    made = tables([chain("c", 1)], change=lambda errors: errors.assign(status=int(Status.NOT_POSITIVE_DEFINITE)))
-    try:
-        frame = fig_posterior.prepare(made)
-    except NotApplicable as reason:
-        assert "estimator" in str(reason)  # noqa: PT017
-    else:
-        assert frame.names == []
-        fig_posterior.draw(frame).draw_without_rendering()
-
-
-def test_in_the_plane(tables):
-    """Two dimensions have the same two planes."""
-    made = tables([chain("c", 1)])
-    flat = {name: getattr(made, name).drop(columns="error_3") for name in ("rows", "draws")}
-    frame = fig_posterior.prepare(dataclasses.replace(made, dimension=2, **flat))
-    np.testing.assert_array_equal(frame.views[0].share, fig_posterior.prepare(made).views[0].share)
+    """A chain may be ok where no fit is: its posterior is shown without answers."""
+    frame = fig_posterior.prepare(
+        tables([chain("c", 1)], change=lambda errors: errors.assign(status=int(Status.SINGULAR)))
+    )
+    assert frame.names == []
     fig_posterior.draw(frame).draw_without_rendering()
 
 
@@ -220,9 +208,7 @@ def test_drawn(tables):
             assert (mark.get_color(), mark.get_marker()) == (style.color(name), style.marker(name))
         (contours,) = [c for c in ax.collections if hasattr(c, "levels")]
         assert list(contours.levels) == [0.0, 0.68, 0.95]
-        low, high = contours.get_paths()  # areas of a Gaussian's sets are 2π m²/2 √|S|, m² of χ² with two degrees
-        for path, levels in ((low, (0.0, 0.68)), (high, (0.68, 0.95))):
-            assert len(path.vertices) > 0, levels
+        assert all(len(path.vertices) > 0 for path in contours.get_paths())
     assert figure.axes[0].get_xlabel() == figure.axes[1].get_xlabel()
     assert "axis" in figure.axes[0].get_xlabel()
     assert "across" in figure.axes[0].get_ylabel()
