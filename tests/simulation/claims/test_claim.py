@@ -19,25 +19,16 @@ from study.files import RunError, writing
 from study.simulation import claims, commands
 from study.simulation.claims import CLAIMS, judge_all, save
 from study.simulation.claims import claim as module
-from study.simulation.claims.claim import NAMED, Claim, Evidence, Number, Verdict, evaluate, exponent, ratio, within
+from study.simulation.claims.claim import NAMED, Claim, Evidence, Number, Verdict, evaluate, ratio, within
 from study.simulation.experiment.config import load, parse
 from study.simulation.runs import runner, schemas
 from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import Measure
+from tests.configs import config
 
 ROOT = Path(study.__file__).parents[1]
 
-CONFIG = """
-name = "small"
-seed = 1
-estimators = ["gdke"]
-[design]
-kind = "grid"
-trials = 3
-samples = 10
-noise = 0.05
-angle = 90
-"""
+CONFIG = config({"name": "small", "estimators": ["gdke"]}, trials=3)
 
 
 def claim(measure, judge=lambda numbers: Verdict.REPRODUCED, reads=("small/errors",)):
@@ -81,19 +72,6 @@ def test_a_run_is_judged(small):
     assert finding.numbers == [("rows", 3.0, 0.0, 3)]
     assert seen == [finding.numbers]
     assert finding.reason == ""
-
-
-def test_a_missing_run():
-    """The reason names the config whose run is needed."""
-    (finding,) = evaluate([claim(of_small)], Evidence([]))
-    assert_no_verdict(finding, "configs/small.toml")
-
-
-def test_an_unfinished_run(tmp_path):
-    """A run without its tables says how it is finished."""
-    run = Run.create(tmp_path / "run", parse(CONFIG)).begin(CONFIG)
-    (finding,) = evaluate([claim(of_small)], Evidence([run]))
-    assert_no_verdict(finding, "errors.parquet", "study run")
 
 
 def test_a_broken_table(small):
@@ -179,26 +157,6 @@ def test_every_fit_counts():
     """A status leaves no fit out; without a number, or a finite bound, an error is infinite."""
     part = pd.DataFrame({"status": [0, 1, 3, 0], "error": [1, 2, math.nan, 1], "bound": [2, 2, 2, math.inf]})
     assert list(module.error_over(part, "bound")) == [0.5, 1.0, math.inf, math.inf]
-
-
-@pytest.mark.parametrize("power", [-1.0, 0.0, 2.0])
-def test_exponent(power, scores):
-    """The exponent of exact medians comes back, with the smallest group's size; a group stands at its median x."""
-    x = np.repeat([1.0, 10.0, 100.0, 1000.0], 101)
-    values = x**power * np.exp(np.tile(scores(101), 4))
-    number = exponent("slope", x, values, np.log10(x))
-    assert number.value == pytest.approx(power, abs=1e-9)
-    assert 0.0 < number.error < 0.1
-    assert number.trials == 101
-
-
-def test_law_of_failures(scores):
-    """An infinite median is an exponent without limit; two groups are no law."""
-    x = np.repeat([1.0, 10.0, 100.0], 101)
-    values = np.exp(np.tile(scores(101), 3))
-    assert exponent("slope", x, np.where(x == 10.0, math.inf, values), x).value == math.inf
-    assert math.isnan(exponent("slope", x[:202], values[:202], x[:202]).value)
-    assert math.isnan(exponent("slope", x[:0], values[:0], x[:0]).value)
 
 
 def test_ratio():
@@ -312,12 +270,6 @@ def test_an_estimator_whose_rows_are_not_read_is_an_error(small):
         evaluate([other], Evidence([small]))
 
 
-def test_names_are_unique():
-    """A claim is found by its name."""
-    names = [claim.name for claim in CLAIMS]
-    assert len(set(names)) == len(names)
-
-
 def test_verdicts_stay_where_no_claim_can_be_judged(tmp_path):
     """The reference run keeps its verdicts, but not its rows: judging it again changes none but damaged ones."""
     folder = shutil.copytree(ROOT / "results" / "paper", tmp_path / "paper")
@@ -393,13 +345,4 @@ def test_nothing_is_stored_that_no_manifest_vouches_for(run, judged, change, fil
     if change == "damaged":
         with pytest.raises(RunError, match=r"manifest\.json: damaged[^\n]*$"):
             claims.save(run, judged)
-    assert files_of(run.folder) == before
-
-
-def test_a_cost_table_that_is_missing(run, tmp_path, files_of):
-    """A table that cannot be read is one line, and nothing is written."""
-    before = files_of(run.folder)
-    for path in (tmp_path / "none.csv", tmp_path):
-        with pytest.raises(RunError, match=rf"{path}[^\n]*$"):
-            commands.claims([run.folder], path)
     assert files_of(run.folder) == before

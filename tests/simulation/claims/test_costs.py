@@ -126,14 +126,6 @@ def test_papers_own_formula(find, table, paper):
     assert pytest.approx(9.0885, rel=1e-4) in values
 
 
-@pytest.mark.parametrize("name", ["same-cost", "incremental-cost", "speed", "speed-abstract"])
-def test_without_a_cost_table(find, paper, name):
-    """No table, no verdict, and the reason names the command that makes one."""
-    found = find(name, paper())
-    assert found.verdict is Verdict.NOT_EVALUATED
-    assert "study cost" in found.reason
-
-
 def test_a_table_without_the_estimator(find, table, paper):
     """A cost that the table lacks is unknown."""
     costs = table()

@@ -42,12 +42,6 @@ def test_joints(tables):
             np.testing.assert_allclose(marker, truth[joint.sigma, radius], atol=1e-14)
 
 
-def test_one_radius_is_no_joint(tables):
-    """Noises with one marker alone are passed over."""
-    errors, points, _ = tables([(0.1, 1.0), (0.2, 1.0), (0.2, 2.0)])
-    assert [joint.sigma for joint in joint_markers(errors, points)] == [0.2]
-
-
 def test_markers_with_fewer_trials_bound_the_others(tables):
     """All markers of a joint have as many trials as the one with the fewest."""
     errors, points, _ = tables([(0.1, 1.0), (0.1, 2.0)], trials=(4, 2))

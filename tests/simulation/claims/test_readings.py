@@ -17,6 +17,7 @@ from study.simulation.claims.readings import COLUMNS, OpenChoice, Readings, judg
 from study.simulation.experiment.config import load, parse, shipped_config
 from study.simulation.runs import runner
 from study.toml import ConfigError
+from tests.configs import config
 
 ROOT = Path(study.__file__).parents[1]
 SHIPPED = ROOT / "configs" / "readings.toml"
@@ -125,25 +126,13 @@ def test_rules(error_rows, scores):
     assert slope.value == pytest.approx(-0.5, abs=1e-6)
 
 
-SMALL = """
-name = "bias"
-seed = 10
-estimators = ["gdke", "ugdk"]
-[design]
-kind = "grid"
-trials = 300
-samples = [40, 80, 160]
-noise = 0.1
-angle = 90
-"""
-
-
 def test_judge(tmp_path, monkeypatch):
     """A reading's studies are run and kept, and the claims that read them are judged again, those alone."""
     path = tmp_path / "bias.toml"
-    path.write_text(SMALL, encoding="utf-8")
+    text = config({"name": "bias", "estimators": ["gdke", "ugdk"]}, trials=300, samples=[40, 80, 160])
+    path.write_text(text, encoding="utf-8")
     monkeypatch.setattr("study.simulation.claims.readings.shipped_config", lambda name: path)
-    own = runner.run(parse(SMALL), SMALL, tmp_path / "own")
+    own = runner.run(parse(text), text, tmp_path / "own")
     used = {"name": "a", "words": "one"}
     other = {"name": "b", "words": "other", "clause": "if other", "runs": ("bias",), "design": {"law": "laplace"}}
     words = {"name": "law", "issue": "Law", "section": "5", "says": "Gaussian.", "used": "a", "why": "So."}

@@ -147,14 +147,6 @@ def test_too_few(judged, table, words):
     assert words in found.reason
 
 
-def test_without_a_recording(judged):
-    """The reason names the command and the option."""
-    found = judged(None)
-    assert found.verdict is Verdict.NOT_EVALUATED
-    assert "`study case-study FILE --out DIR`" in found.reason
-    assert "`--recording DIR`" in found.reason
-
-
 def hinged(hinges, others):
     """Spreads of six hinges and eight other joints with all axes, at 400 samples."""
     rows = [
@@ -296,26 +288,6 @@ def test_other_tables(folder, table, words):
         read_case_studies([place])
     assert str(caught.value).startswith(f"{place / NAME}: {words}")
     assert str(caught.value).endswith(f"`study case-study FILE --out {place}` writes one")
-
-
-def test_no_case_study(folder, tmp_path):
-    """A missing folder, one without a case study, and a file are refused."""
-    place = folder(scatter())
-    (tmp_path / "empty").mkdir()
-    for wrong in (tmp_path / "none", tmp_path / "empty", place / NAME):
-        with pytest.raises(InputError, match="not the folder of a case study") as caught:
-            read_case_studies([wrong])
-        assert str(caught.value).startswith(f"{wrong}: ")
-
-
-@pytest.mark.parametrize("keep", [0, 4, 0.5, 0.98])
-def test_damage(folder, keep):
-    """A file that is cut short is refused, wherever the cut is."""
-    place = folder(scatter())
-    whole = (place / NAME).read_bytes()
-    (place / NAME).write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
-    with pytest.raises(InputError, match="cannot be read: it is damaged, or not parquet"):
-        read_case_studies([place])
 
 
 SAMPLES = [30, 100, 300, 1000, 3000]

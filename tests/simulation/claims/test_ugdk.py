@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import study
 from study.fits import Status
 from study.simulation.claims.claim import Verdict
 
@@ -202,12 +201,3 @@ def test_equation_19_returns_what_it_is_told(find, noises):
     """Eq. 19 with UGDK's own sphere gives (N - 1)/N of the noise that UGDK was given (theory §2)."""
     found = find("noise-from-the-points", noises())
     assert [n.value for n in found.numbers[-2:]] == pytest.approx([49 / 50] * 2, rel=1e-9)
-
-
-def test_equation_19_by_hand(on_cap):
-    """The same identity without the ledger, for a single set."""
-    x, _ = on_cap(np.random.default_rng(6), 30, 120.0, noise=0.1)
-    for told in (0.05, 0.1, 0.2):
-        fit = study.fit(x, "ugdk", noise=told)
-        trace = np.mean(np.sum((x - fit.center) ** 2, axis=1)) - fit.radius**2
-        assert trace == pytest.approx(29 / 30 * 3 * told**2, rel=1e-9)

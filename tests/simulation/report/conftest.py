@@ -9,24 +9,15 @@ import pytest
 from study.simulation.claims.claim import Verdict
 from study.simulation.report.page import render
 from study.simulation.runs import schemas
-
-MANY = """
-name = "many"
-seed = 3
-estimators = ["mle", "gdke", "ugdk", "als", "fuller", "taubin", "pratt", "hyper", "ugdk_cov"]
-[design]
-kind = "grid"
-trials = 3
-samples = [20, 50]
-noise_over_radius = { logspace = [1e-4, 1, 11] }
-angle = [45, 180]
-"""
+from tests.configs import config
 
 
 @pytest.fixture(scope="session")
 def many(make_run):
     """A grid of more cells than a page shows at once, with many estimators."""
-    return make_run(MANY)
+    names = ["mle", "gdke", "ugdk", "als", "fuller", "taubin", "pratt", "hyper", "ugdk_cov"]
+    design = {"samples": [20, 50], "noise_over_radius": {"logspace": [1e-4, 1, 11]}, "angle": [45, 180]}
+    return make_run(config({"name": "many", "seed": 3, "estimators": names}, trials=3, **design))
 
 
 def claim(number, verdict, **columns):

@@ -7,6 +7,7 @@ import pytest
 from study.simulation.claims.claim import Verdict
 from study.simulation.figures import FIGURES
 from study.simulation.report.page import render
+from tests.configs import config
 
 WIDTHS = (1280, 768, 390, 375)
 PHONE = 390
@@ -85,16 +86,9 @@ def look(tab, show):
 def long_words(make_run, make_claims, tmp_path_factory):
     """A page about a run with the longest name that a config can have, in a deep folder, and claims without a space."""
     name = "a" * 61
-    text = f"""name = "{name}"
-seed = 1
-estimators = ["mle", "corrected_01"]
-[design]
-kind = "random"
-trials = 3
-samples = 20
-noise = 0.1
-angle = {{ law = "choice", values = [{", ".join(str(angle) for angle in range(10, 180, 7))}] }}
-"""
+    angle = {"law": "choice", "values": list(range(10, 180, 7))}
+    top = {"name": name, "estimators": ["mle", "corrected_01"]}
+    text = config(top, kind="random", trials=3, samples=20, angle=angle)
     run = make_run(text, tmp_path_factory.mktemp("long") / ("b" * 100) / name)
     words = dict.fromkeys(("section", "statement", "quantity", "finding", "criterion", "remark", "reads"), "w" * 150)
     claims = make_claims(("partly", words | {"figure": "f" * 80}), ("not evaluated", words | {"runs": name}))

@@ -21,23 +21,14 @@ from study.simulation.report.material import Material, answer, draw_lead
 from study.simulation.report.page import COLUMNS, read_bench, render, speed_section
 from study.simulation.report.runs import posterior_section
 from study.simulation.statistics import MEASURES
-
-NOISES = """
-name = "noises"
-seed = 3
-estimators = ["mle", "gdke", "als"]
-[design]
-kind = "grid"
-trials = 30
-samples = 50
-noise_over_radius = [1e-3, 1e-2, 1e-1, 1]
-angle = [45, 180]
-"""
+from tests.configs import config, log_uniform, uniform
 
 
 def test_a_top_that_fails(circles, make_run, claims, monkeypatch, read):
     """The picture at the top costs neither the page nor the whole figure; its place in the code is said."""
-    noises = make_run(NOISES)
+    top = {"name": "noises", "estimators": ["mle", "gdke", "als"]}
+    design = {"noise_over_radius": [1e-3, 1e-2, 1e-1, 1], "angle": [45, 180]}
+    noises = make_run(config(top, trials=30, samples=50, **design))
 
     def broken(frame):
         raise ZeroDivisionError("no ink")
@@ -258,19 +249,8 @@ def test_other_files(tmp_path, content):
 
 def test_a_study_that_kept_its_summary_alone(make_run):
     """Has its page, too: trials and samples are counted from the summary, and what is not known is said."""
-    run = make_run(
-        """name = "alone"
-seed = 3
-estimators = ["gdke", "ugdk"]
-keep = "summary"
-[design]
-kind = "grid"
-trials = 30
-samples = [10, 20]
-noise = 0.05
-angle = [60, 90]
-"""
-    )
+    top = {"name": "alone", "estimators": ["gdke", "ugdk"], "keep": "summary"}
+    run = make_run(config(top, trials=30, samples=[10, 20], noise=0.05, angle=[60, 90]))
     page = render([run], judge_all([run], None))
     assert "which trials were worst is not known" in page
     assert "SHA-256 of summary.parquet" in page
@@ -289,31 +269,23 @@ def plain(text):
         ("number", (0.0,), "0"),
         ("number", (-1.23456,), "−1.23"),
         ("number", (1234.0,), "1.23 × 10³"),
-        ("number", (100.0,), "100"),
         ("number", (1e-9,), "10⁻⁹"),
         ("number", (-1e-9,), "−1 × 10⁻⁹"),
-        ("number", (2.5e14,), "2.5 × 10¹⁴"),
         ("number", (math.nan,), "–"),
         ("number", (math.inf,), "∞"),
-        ("number", (-math.inf,), "−∞"),
         ("timed", (1.7,), "1.70"),
-        ("timed", (34.0,), "34.0"),
         ("timed", (433.0,), "433"),
-        ("timed", (5.0,), "5.00"),
         ("timed", (1.5e-8,), "1.50 × 10⁻⁸"),
         ("timed", (12345.6,), "12 300"),
         ("timed", (999.7,), "1000"),
         ("timed", (2e6,), "2.00 × 10⁶"),
         ("measured", (0.765232, 0.117134), "0.77 ± 0.12"),
-        ("measured", (29.39512, 0.03199), "29.395 ± 0.032"),
         ("measured", (-1.5, 0.25), "−1.50 ± 0.25"),
         ("measured", (1.23456e7, 1.2e5), "(1.235 ± 0.012) × 10⁷"),
         ("measured", (1.23456e-5, 3e-7), "(1.235 ± 0.030) × 10⁻⁵"),
         ("measured", (0.0, 0.012), "0 ± 0.012"),
         ("measured", (48.2, 4692.0), "48 ± 4700"),
-        ("measured", (0.5, 0.52), "0.50 ± 0.52"),
         ("measured", (-0.0003419, 0.0032), "−0.00034 ± 0.0032"),
-        ("measured", (0.8, 0.35), "0.80 ± 0.35"),
         ("measured", (1.0, 0.00035), "1.00000 ± 0.00035"),
         ("measured", (3e8, 4e9), "3.0 × 10⁸ ± 4.0 × 10⁹"),
         ("measured", (0.123456789, 1e-12), "0.123457 ± 1.0 × 10⁻¹²"),
@@ -324,7 +296,6 @@ def plain(text):
         ("measured", (math.nan, math.nan), "–"),
         ("percent", (0, 9), "0 %"),
         ("percent", (1, 9), "11.1 %"),
-        ("percent", (9, 9), "100 %"),
         ("percent", (1, 9999), "< 0.1 %"),
         ("readable", ("bias: -1.2e-05 ± 3e-07",), "bias: (−1.200 ± 0.030) × 10⁻⁵"),
         (
@@ -358,24 +329,21 @@ def test_a_number_breaks_before_its_error_alone():
     assert " " not in words.count(1234567)
 
 
-HEAD = 'name = "x"\nseed = 1\nestimators = ["mle"]\n'
-
-
 @pytest.mark.parametrize(
     ("design", "expected"),
     [
         (
-            'kind = "grid"\ntrials = 5\nsamples = 100000\nnoise = 0.125\nangle = 31.7',
+            {"samples": 100_000, "noise": 0.125, "angle": 31.7},
             "one cell of 5 trials: N = 100 000; σ = 0.125; φ = 31.7°; r = 1; |c| = 0",
         ),
         (
-            'kind = "grid"\ntrials = 5\nsamples = [5, 20]\nnoise_over_radius = { logspace = [1e-7, 1, 8] }\nangle = 90',
+            {"samples": [5, 20], "noise_over_radius": {"logspace": [1e-7, 1, 8]}},
             "16 cells of 5 trials, all from the same draws: N = 5, 20; σ/r = 10⁻⁷, 10⁻⁶, 10⁻⁵, …, 1 (8 values); "
             "φ = 90°; r = 1; |c| = 0",
         ),
         (
-            'kind = "random"\ntrials = 5\nsamples = { law = "log_uniform", low = 4, high = 1_000_000 }\nnoise = 1e-13\n'
-            'angle = { law = "choice", values = [20, 45] }\nradius = { law = "uniform", low = 0, high = 37 }',
+            {"kind": "random", "samples": log_uniform(4, 1_000_000), "noise": 1e-13, "radius": uniform(0, 37)}
+            | {"angle": {"law": "choice", "values": [20, 45]}},
             "5 trials, each with conditions of its own: N log-uniform from 4 to 10⁶; σ = 10⁻¹³; "
             "φ one of 20°, 45°; r uniform from 0 to 37; |c| = 0",
         ),
@@ -384,7 +352,7 @@ HEAD = 'name = "x"\nseed = 1\nestimators = ["mle"]\n'
 )
 def test_design(design, expected):
     """A design in a sentence, with every quantity and its values as the config gives them."""
-    assert plain(words.design(parse(f"{HEAD}[design]\n{design}"))) == expected
+    assert plain(words.design(parse(config(trials=5, **design)))) == expected
 
 
 def test_every_measure_has_a_heading():

@@ -7,11 +7,9 @@ import re
 import shutil
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import pandas as pd
 import pytest
-from matplotlib.figure import Figure
 
 from study.files import RunError
 from study.fits import Status
@@ -21,7 +19,6 @@ from study.simulation.claims.readings import read as read_choices
 from study.simulation.experiment.config import shipped_config
 from study.simulation.figures import FIGURES, NotApplicable, Tables
 from study.simulation.report import html
-from study.simulation.report import page as pages
 from study.simulation.report.page import render, save
 from study.simulation.report.words import timed
 from study.simulation.runs.run_folder import Run
@@ -112,22 +109,6 @@ def test_sections_in_order(document, circles, random):
     assert {f"#run-{first}", f"#run-{second}"} <= set(links[start + 4 :])
 
 
-@pytest.mark.usefixtures("no_figures")
-def test_a_section_more(circles, claims, monkeypatch, read):
-    """A function that gives sections and a line in the list: that is all that a new section takes."""
-
-    def more(material):
-        for record in material.runs:
-            said = html.paragraph(["as ", html.badge("said", "good")])
-            yield html.Section("More <things>", f"more-{record.name}", [said])
-
-    monkeypatch.setattr(pages, "SECTIONS", [more])
-    document = read(render([circles], claims))
-    (heading,) = document.of("h2")
-    assert heading == {"id": f"more-{circles.study.run_name()}"}
-    assert "More <things> as said" in document.text
-
-
 def test_figures(document, page, feeds):
     """Each figure once, in the registry's order, from the first run that can feed it, with what it says of itself."""
     assert [tag["id"] for tag in document.of("figure")] == list(feeds)
@@ -145,35 +126,6 @@ def test_figures_not_drawn(document, circles, random, feeds):
     assert "fig6_mgdk: needs " in document.text
     assert f"not 1 ({circles.study.run_name()}); needs many trials of each condition" in document.text
     assert f'kind = "grid" in the config ({random.study.run_name()})' in document.text
-
-
-def test_the_first_run_that_can_feed_a_figure_does(circles, random, claims, read, monkeypatch):
-    """The order of runs is the order of choice, and of their sections; figures stay in the registry's order."""
-
-    def either(tables):
-        return Figure((3.0, 2.0))
-
-    figures = {"fig7_power_law": FIGURES["fig7_power_law"], "either": SimpleNamespace(prepare=either, draw=either)}
-    monkeypatch.setattr("study.simulation.figures.FIGURES", figures)
-    document = read(render([random, circles], claims))
-    assert [tag["id"] for tag in document.of("figure")] == list(figures)
-    assert f"either, run {random.study.run_name()}" in document.text
-    assert f"fig7_power_law, run {circles.study.run_name()}" in document.text
-    assert [tag["id"] for tag in document.of("h2")][4] == f"run-{random.study.run_name()}"
-
-
-@pytest.mark.parametrize("step", ["prepare", "draw"])
-def test_a_broken_figure_does_not_cost_the_page(random, claims, monkeypatch, read, step):
-    """Its failure is told among the reasons with its place in the code, whether it prepares or draws."""
-
-    def broken(tables):
-        raise ZeroDivisionError("no such luck")
-
-    figure = SimpleNamespace(**{"prepare": lambda tables: 1, "draw": None} | {step: broken})
-    monkeypatch.setattr("study.simulation.figures.FIGURES", {"broken": figure, "fig2_error": FIGURES["fig2_error"]})
-    document = read(render([random], claims))
-    assert "broken: failed: ZeroDivisionError('no such luck') at " in document.text
-    assert [tag["id"] for tag in document.of("figure")] == ["fig2_error"]
 
 
 def test_claims(document):
@@ -367,13 +319,6 @@ def test_a_table_that_is_missing(circles, claims, tmp_path, name):
     (tmp_path / "half" / f"{name}.parquet").unlink()
     with pytest.raises(RunError, match=rf"half/{name}\.parquet: missing; finish the run with `study run .*`$"):
         render([Run.open(tmp_path / "half")], claims)
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_a_run_given_twice(random, claims):
-    """One run twice is a mistake, and is said to be one."""
-    with pytest.raises(RunError, match="given twice"):
-        render([random, random], claims)
 
 
 def test_save(tmp_path):
