@@ -10,23 +10,13 @@ import pytest
 
 import study
 from study.fits.jit import COMPILING
-
-CONFIG = """name = "tiny"
-seed = 1
-estimators = ["lls", "ugdk"]
-[design]
-kind = "grid"
-trials = 5
-samples = [5, 20]
-noise = [0.01, 0.1]
-angle = 90
-"""
+from tests.configs import config as write
 
 
 @pytest.fixture(scope="session")
 def config():
     """A config that takes no time."""
-    return CONFIG
+    return write({"name": "tiny", "estimators": ["lls", "ugdk"]}, trials=5, samples=[5, 20], noise=[0.01, 0.1])
 
 
 @pytest.fixture(scope="session")

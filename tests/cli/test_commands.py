@@ -34,15 +34,6 @@ def test_run(finished, config):
     assert (folder / "out" / "config.toml").read_text() == config  # comments and all
 
 
-def test_run_into_the_default_folder(well, config, tmp_path, finished):
-    """Without --out, the folder is results/<name>-<digest>, and the numbers are the same."""
-    (tmp_path / "tiny.toml").write_text(config)
-    name = parse(config).run_name()
-    assert well(tmp_path, "run", "tiny.toml", "--jobs", "1") == f"results/{name}\n"
-    one, other = Run.open(tmp_path / "results" / name), Run.open(finished[0] / "out")
-    assert all(one.table(table).equals(other.table(table)) for table in ("errors", "summary"))
-
-
 def test_summary(well, finished):
     """`study summary` prints what the library's function yields."""
     folder = finished[0]
@@ -117,15 +108,6 @@ def test_a_shipped_config_by_name(well, tmp_path):
     """`study plan smoke` works in a folder without configs, and says the same as with the file."""
     said = well(tmp_path, "plan", "smoke")
     assert said.splitlines()[0] == load(shipped_config("smoke")).run_name()
-
-
-def test_a_config_names_its_run(well, finished, config, tmp_path):
-    """A command that takes a run's folder also takes the config of a run in results/."""
-    (tmp_path / "tiny.toml").write_text(config)
-    name = parse(config).run_name()
-    (tmp_path / "results").mkdir()
-    (tmp_path / "results" / name).symlink_to(finished[0] / "out", target_is_directory=True)
-    assert well(tmp_path, "summary", "tiny.toml") == well(tmp_path, "summary", f"results/{name}")
 
 
 TITLES = ["Studies", "Results", "Points and estimators", "Recordings"]
@@ -230,14 +212,6 @@ def test_one_recording_twice(well, folder):
         assert set(body["recording"]) == {"body"}
         assert set(again["recording"]) == {"copy"}
         assert set(body["digest"]) == set(again["digest"]) == {digest_of(folder / "body.c3d")}
-
-
-def test_claims_without(well, folder):
-    """Without it the line names the command that would give it."""
-    said = well(folder, "claims", "out")
-    head, reason = of_recordings(said)
-    assert "NOT EVALUATED" in head
-    assert reason == "    needs a recording: `study case-study FILE --out DIR`, then `--recording DIR` here"
 
 
 def test_report(well, folder):

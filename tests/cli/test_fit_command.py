@@ -346,11 +346,7 @@ study.register('mine', mine)
     ("body", "code", "line"),
     [
         ("if len(points) == 7: sys.exit(0)", 1, "mine: no answer on sound points: the estimator raised"),
-        (
-            "while len(points) == 7: pass",
-            1,
-            "mine: has not returned after 0.5 s (d = 2, N = 7, seed 0); the check ends",
-        ),
+        ("while len(points) == 7: pass", 1, "mine: has not returned after 0.5 s (d = 2, N = 7, seed 0); the check e"),
         ("print('a fit'); sys.stdout.write('again')", 0, "mine: all 9 properties hold on 12 data sets"),
     ],
     ids=["exit", "loop", "prints"],

@@ -22,24 +22,11 @@ from study.simulation.experiment.config import parse
 from study.simulation.posterior.run import compute
 from study.simulation.runs import provenance, runner
 from study.simulation.runs.run_folder import Run
+from tests.configs import config
 
-CONFIG = """name = "tiny"
-seed = 1
-estimators = ["lls", "gdke"]
-keep_points = 1
-[design]
-kind = "grid"
-trials = 5
-samples = [6, 20]
-noise = [0.01, 0.1]
-angle = 90
-[posterior]
-trials = 1
-walkers = 16
-max_steps = 100
-noise = "known"
-where = { samples = 20, noise = 0.1 }
-"""
+POSTERIOR = {"trials": 1, "walkers": 16, "max_steps": 100, "noise": "known", "where": {"samples": 20, "noise": 0.1}}
+TOP = {"name": "tiny", "estimators": ["lls", "gdke"], "keep_points": 1, "posterior": POSTERIOR}
+CONFIG = config(TOP, trials=5, samples=[6, 20], noise=[0.01, 0.1])
 TABLES = ["errors", "timings", "points", "summary", "posterior", "answers", "draws", "claims"]
 SAME_BYTES = ["errors", "points", "summary", "posterior", "answers", "draws"]
 
