@@ -105,7 +105,7 @@ def test_codecheck(article, text):
     assert not {"codechecker", "report", "summary", "certificate"} & set(told)  # the checker's
 
 
-def test_nothing_is_invented(article, text, monkeypatch, capsys):
+def test_nothing_is_invented(article, text):
     """No ORCID and no DOI is in the metadata; the script says what is left to a person."""
     for words in (article.codecheck(text), article.metadata(text), (ROOT / "CITATION.cff").read_text()):
         assert not re.search(r"\d{4}-\d{4}-\d{4}-\d{3}[\dX]|10\.\d{4,}/", words)

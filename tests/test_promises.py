@@ -18,18 +18,9 @@ from study.simulation.experiment.conditions import CONDITIONS
 from study.simulation.experiment.config import Posterior, Precision, Study, parse
 from study.simulation.experiment.designs import GridDesign, RandomDesign
 from study.simulation.runs import schemas
+from tests.configs import config
 
 PROMISED = Path(__file__).with_name("promised.json")
-CONFIG = """name = "x"
-seed = 1
-estimators = ["mle"]
-[design]
-kind = "grid"
-trials = 2
-samples = 5
-noise = 0.1
-angle = 90
-"""
 
 
 def options(command):
@@ -40,8 +31,7 @@ def options(command):
 def present():
     """What there is now, by kind."""
     group = get_command(cli.app)
-    config = parse(CONFIG)
-    tables = schemas.declared(3, config.conditions())
+    tables = schemas.declared(3, parse(config()).conditions())
     models = {"study": Study, "grid": GridDesign, "random": RandomDesign}
     models |= {"precision": Precision, "posterior": Posterior}
     return {

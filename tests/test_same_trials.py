@@ -30,26 +30,15 @@ from study.simulation.report.runs import efficiency
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import MEASURES
+from tests.configs import config
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 SELECTIVE = ("mle", "ugdk", "ugdk_cov", "als", "corrected")
 """Estimators whose status is changed; GDKE and LLS stay ok."""
-GRID = """
-name = "grid"
-seed = 1
-dimension = 3
-estimators = ["mle", "gdke", "ugdk", "als", "corrected"]
-[design]
-kind = "grid"
-trials = 40
-samples = [20, 40, 80, 160]
-noise_over_radius = [0.01, 0.05, 0.1, 0.2]
-angle = [45, 90]
-"""
-DEPARTURES = (
-    GRID.replace("[20, 40, 80, 160]", "50").replace("[0.01, 0.05, 0.1, 0.2]", "0.05").replace("[45, 90]", "[60, 180]")
-)
-DEPARTURES += 'law = ["normal", "laplace", "uniform"]\noutlier_share = [0.0, 0.1, 0.3]\n'
+TOP, AXES = {"estimators": ["mle", "gdke", "ugdk", "als", "corrected"]}, {"trials": 40}
+GRID = config(TOP, **AXES, samples=[20, 40, 80, 160], noise_over_radius=[0.01, 0.05, 0.1, 0.2], angle=[45, 90])
+LAWS = {"law": ["normal", "laplace", "uniform"], "outlier_share": [0.0, 0.1, 0.3]}
+DEPARTURES = config(TOP, **AXES, samples=50, noise_over_radius=0.05, angle=[60, 180], **LAWS)
 OF_ALL_TRIALS = [name for name in MEASURES if f"{name}_ok" in MEASURES]
 """Measures of all trials that are also given of an estimator's own ok fits."""
 SMALL = {"paper": 400, "ellipse": 200, "power-law": 40, "efficiency": 40, "starts": 400, "bias": 400, "anisotropic": 40}

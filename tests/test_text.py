@@ -65,15 +65,6 @@ def test_texts_come_back(rows):
     assert [line.split() for line in columns(rows)] == rows
 
 
-@pytest.mark.parametrize("mark", ["<", ">"])
-def test_columns_line_up(mark):
-    """All texts of a column begin, or end, at one place."""
-    names = ["a", "bb", "ccc"]
-    lines = list(columns([[name, "x"] for name in names], align=mark))
-    places = [line.index(name) + (len(name) if mark == ">" else 0) for line, name in zip(lines, names, strict=True)]
-    assert len(set(places)) == 1
-
-
 KNOWN = ("mle", "lls", "ugdk", "gdke")
 
 

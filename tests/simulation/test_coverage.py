@@ -58,19 +58,11 @@ def test_least_variance(angle):
 
 
 def test_faults(tmp_path):
-    """A config that cannot be used is refused with every fault and its line; the mark of UTF-8 does no harm."""
+    """A config that cannot be used is refused with every fault and its line."""
     path = tmp_path / "wrong.toml"
-    for text, words in (
-        (SMALL.replace("als", "alz").replace("= 400", "= 4"), r"2 faults\n  line 4: .* mean 'als'.*\n  line 8: "),
-        ("a = " + 3000 * "[" + 3000 * "]", "not TOML"),
-    ):
-        path.write_text(text, encoding="utf-8")
-        with pytest.raises(ConfigError, match=words):
-            read_design(path)
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_design(tmp_path / "none.toml")
-    path.write_text(SMALL, encoding="utf-8-sig")
-    assert read_design(path).name == "small"
+    path.write_text(SMALL.replace("als", "alz").replace("= 400", "= 4"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"2 faults\n  line 4: .* mean 'als'.*\n  line 8: "):
+        read_design(path)
 
 
 @pytest.mark.parametrize(

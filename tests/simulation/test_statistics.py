@@ -135,19 +135,11 @@ levels = st.floats(0.01, 0.99)
 @exact
 @given(values=samples, p=levels)
 def test_value_is_numpys_hazen_quantile(values, p):
-    """The value is Hazen's quantile, whose i-th order statistic of n stands at (i - ½)/n."""
+    """The value is Hazen's, whose i-th order statistic of n stands at (i - ½)/n; the sample is left as it was."""
+    before = values.copy()
     expected = np.quantile(values, p, method="hazen")
     assert quantile(values, p).value == pytest.approx(expected, rel=1e-9, abs=1e-9)
-
-
-@exact
-@given(values=samples, p=levels, seed=st.integers(0, 99))
-def test_order_of_values_does_not_count(values, p, seed):
-    """A permutation of the sample changes nothing, and the sample is left as it was."""
-    shuffled = np.random.default_rng(seed).permutation(values)
-    before = shuffled.copy()
-    assert quantile(shuffled, p) == quantile(values, p)
-    np.testing.assert_array_equal(shuffled, before)
+    np.testing.assert_array_equal(values, before)
 
 
 @exact
@@ -162,32 +154,16 @@ def test_a_failure_never_improves_a_quantile(values, p, worse):
 @pytest.mark.parametrize(
     ("values", "p", "expected"),
     [
-        ([1, 2, 3], 0.5, 2.0),
-        ([1, 2, 3, 4], 0.5, 2.5),
         ([1, 2, math.inf], 0.5, 2.0),
         ([1, 2, math.inf, math.inf], 0.5, math.inf),
         ([1, 2, 3, math.inf], 0.5, 2.5),
         ([1, math.inf, math.inf], 0.5, math.inf),
         ([math.inf] * 5, 0.05, math.inf),
-        ([7], 0.05, 7.0),
-        ([7], 0.95, 7.0),
-        ([1, 2, 3], 0.05, 1.0),
-        ([1, 2, 3], 0.95, 3.0),
     ],
 )
 def test_values_by_hand(values, p, expected):
-    """Small samples, with and without infinities, as one computes them by hand."""
+    """Small samples with infinities, as one computes them by hand."""
     assert quantile(np.array(values, dtype=float), p).value == expected
-
-
-@pytest.mark.parametrize("p", [0.05, 0.5, 0.95])
-@pytest.mark.parametrize("factor", [1e-9, 3.0])
-def test_value_and_error_scale_and_shift(p, factor):
-    """A change of unit changes value and error alike; a shift leaves the error."""
-    values = np.random.default_rng(5).standard_normal(500)
-    plain, other = quantile(values, p), quantile(factor * (values + 2.0), p)
-    assert other.value == pytest.approx(factor * (plain.value + 2.0), rel=1e-12)
-    assert other.error == pytest.approx(factor * plain.error, rel=1e-9)
 
 
 def test_errors_by_hand():
