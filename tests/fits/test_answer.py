@@ -184,6 +184,8 @@ def test_intervals_by_name(points):
     """The diameter's interval is twice the radius's; each coordinate's is its row of the centre's."""
     for fit in (study.fit(points), study.fit(points[0, 0])):
         np.testing.assert_array_equal(fit.interval("diameter", 0.9), 2.0 * fit.interval("radius", 0.9))
+        short, long = (np.ptp(fit.interval("radius", level), axis=-1)[fit.ok] for level in (0.9, 0.95))
+        assert (short < long).all()
         for i, letter in enumerate("xyz"):
             for name in (letter, f"center_{i + 1}"):
                 np.testing.assert_array_equal(fit.interval(name), fit.interval("center")[..., i, :])

@@ -55,6 +55,12 @@ def test_columns_without_a_name(cap):
     assert "$x_{2}$" in view.names[1]  # the cap's axis is (1, 2, -1)
 
 
+def test_names_are_not_taken_for_formulas(cap):
+    """A column may be called $a_{$, which as a formula has a mistake."""
+    points = cap(d=2)
+    draw(prepare(points, {"als": study.fit(points, "als")}, ["$a_{$", "$x$ in $"])).draw_without_rendering()
+
+
 @pytest.mark.parametrize("d", [3, 4])
 def test_views_are_along_the_axes_of_spread(cap, d):
     """Projections are orthonormal; up is the least variance, right the greatest and the next; the names say so."""

@@ -187,6 +187,11 @@ def test_what_is_lacking_and_what_can_still_be_found():
     assert "joint left_wrist cannot be found: left_hand has none of LFIN" in found.lines()
 
 
+def test_a_root_of_two_markers_carries_nothing():
+    found = markersets.match(CMU, recording([m for m in CMU.markers() if m not in ("RBWT", "LBWT")]))
+    assert found.lost["left_hip"] == "pelvis has 2 markers (LFWT, RFWT); its pose needs 3"
+
+
 def test_a_joint_seen_by_some_of_the_childs_markers():
     """Without the markers of a joint, the child's other markers do not help."""
     parts = (j.model_copy(update={"markers": ("LANK",)}) if j.name == "left_knee" else j for j in CMU.joints)
@@ -359,6 +364,11 @@ def test_a_segment_without_any_marker_is_told_once():
     assert sum("left_shank has none of LTIB, LANK" in line for line in lines) == 1
     lines = markersets.match(markersets.load_markerset("plug-in-gait"), recording([*hips, "LANKL"])).lines()
     assert "segment left_shank lacks LTIB, LANK (did you mean LANKL?)" in lines
+
+
+def test_numbers_at_the_end_make_clusters():
+    labels = "LTH1 LTH3 x LTH2 C7 T10 T1 L1 L2 L3 thigh_1 thigh_2"
+    assert markersets.clusters(labels.split()) == ["LTH1-LTH3"]
 
 
 def test_landmarks_are_matched_and_used_by_hinges_alone():

@@ -87,6 +87,12 @@ def test_other_programs_centres(hip):
     assert doubt.startswith("R_HipCentre of another program is 12 mm away")
     assert "R_HipCentre of another program is 12" in line or "R_HipCentre of another program is 11" in line
     assert "lhjc" not in line
+    values = json.loads(joint_json(found))
+    assert values["doubts"] == [doubt]
+    assert values["compared"] == [
+        {"label": "R_HipCentre", "distance": distance, "frames": FRAMES},
+        {"label": "lhjc", "distance": far, "frames": FRAMES},
+    ]
 
 
 CENTRES = ("LHJC", "rkjc", "L_HipCentre", "RightHipCenter", "hip_joint_center_r")

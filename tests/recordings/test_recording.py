@@ -163,12 +163,13 @@ def test_of_several_subjects_one_is_chosen():
 
 
 def test_positions_are_kept_from_changes():
-    """They are read-only; the caller's own array stays writable."""
+    """They are read-only, in one layout; the caller's own array stays writable."""
     own = np.zeros((1, 3, 2))
     recording = Recording("walk", ("A",), own, 100.0)
     with pytest.raises(ValueError, match="read-only"):
         recording.positions[0, 0, 0] = 1.0
     own[0, 0, 0] = 1.0
+    assert Recording("walk", ("A",), np.zeros((2, 3, 1)).T, 100.0).positions.flags.c_contiguous
 
 
 def test_select(small):

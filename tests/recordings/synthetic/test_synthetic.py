@@ -267,23 +267,23 @@ def test_gait_is_in_strides():
     assert np.degrees(np.abs(vector).max()) < 45.0
 
 
-@pytest.fixture(scope="module")
-def perfect():
-    """A body without any artefact."""
-    return synthesize(Recipe(frames=800, noise=0.0))
-
-
-def test_markers_and_joints_are_fixed_in_their_segments(perfect):
-    """Segments, whose rotations are proper, carry their markers at the model's places, and joints at their ends."""
-    recording, truth = perfect
-    offsets = 1.75 * np.array([place for part in PARTS for place in part.markers.values()])
+@pytest.mark.parametrize("height", [1.75, 1.5])
+def test_markers_and_joints_are_fixed_in_their_segments(height):
+    """Segments carry their markers at the model's places, in heights, and joints at their ends; bones are between."""
+    recording, truth = synthesize(Recipe(frames=800, noise=0.0, height=height))
+    offsets = height * np.array([place for part in PARTS for place in part.markers.values()])
     np.testing.assert_array_equal(truth.offsets, offsets)
+    np.testing.assert_array_equal(truth.in_parent, height * np.array([part.at for part in PARTS if part.joint]))
     x = np.einsum("mtij,mj->mit", truth.rotations[SEGMENT], offsets) + truth.origins[SEGMENT]
     np.testing.assert_allclose(recording.positions, x, atol=1e-12)
     for center, at, parent, child in zip(truth.centers, truth.in_parent, truth.parents, truth.children, strict=True):
         above, below = truth.segments.index(parent), truth.segments.index(child)
         np.testing.assert_array_equal(center, truth.origins[below])
         np.testing.assert_allclose((truth.rotations[above] @ at).T + truth.origins[above], center, atol=1e-12)
+    center = dict(zip(truth.joints, truth.centers, strict=True))
+    assert len(truth.bones) == 11
+    for (start, end), length in truth.bones.items():
+        np.testing.assert_allclose(np.linalg.norm(center[start] - center[end], axis=0), length, rtol=1e-12)
 
 
 def test_the_same_recipe_gives_the_same_bytes():
@@ -321,4 +321,5 @@ def test_noise_gaps_and_swaps_are_as_asked_for():
         np.testing.assert_array_equal(mixed.of(b)[:, frames], noisy.of(a)[:, frames])
         moved[frames] = True
     assert moved.sum() == 100
+    assert len({pair for *_, pair in truth.swaps}) > 1
     np.testing.assert_array_equal(mixed.positions[:, :, ~moved], noisy.positions[:, :, ~moved])
