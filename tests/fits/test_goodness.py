@@ -385,7 +385,10 @@ def test_outliers_are_a_status(n, degrees, sigma, moved, far, named):
 
 @pytest.mark.parametrize("n", [60, 200])
 def test_clean_sets_are_searched_for_outliers_hardly_more_often_than_one_is_named(n):
-    """Grubbs' rule lets through at least the 1 % of 4000 clean sets in which the search names a point, and no 2 %."""
+    """Grubbs' rule lets through at least the 1 % of 4000 clean sets in which the search names a point, and no 2 %.
+
+    False alarms: at most 2 in 10⁴.
+    """
     rng = np.random.default_rng(n)
     extreme = structure(Samples(noisy(rng, on_cap(rng, 4000, n)).swapaxes(1, 2))).extreme
     assert at_least(extreme, FALSE_ALARMS)

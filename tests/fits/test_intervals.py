@@ -273,6 +273,19 @@ def half_spheres(on_cap):
     return lambda seed, n, d=3: on_cap(np.random.default_rng(seed), n, 90.0, d, 0.01, sets=TRIALS)[0]
 
 
+@pytest.mark.parametrize("noise", [None, 0.01])
+def test_nominal_coverage(half_spheres, noise):
+    """With the noise given, and not, 95 % ellipsoids cover the centre, 0, that often at N = 10, to 4 standard errors.
+
+    These are exceeded by chance in 6 of 10⁵ cases. By χ², as if the noise were known, an ellipsoid would cover .82.
+    """
+    points = half_spheres(3010, 10)
+    for name in ("als", "mle", "ugdk") if noise else ("als", "mle"):
+        fit = study.fit(points, name, noise)
+        away = np.linalg.norm(np.linalg.solve(fit.ellipsoid(0.95), fit.center[:, :, None])[:, :, 0], axis=1)
+        assert np.mean(away < 1.0) == pytest.approx(0.95, abs=4 * np.sqrt(0.0475 / TRIALS))
+
+
 def test_corrected_does_not_take_a_given_noise(half_spheres):
     """Its ellipsoid is the same with the noise given, since it estimates the noise."""
     points = half_spheres(7, 10)
