@@ -277,7 +277,7 @@ def half_spheres(on_cap):
 def test_nominal_coverage(half_spheres, noise):
     """With the noise given, and not, 95 % ellipsoids cover the centre, 0, that often at N = 10, to 4 standard errors.
 
-    These are exceeded by chance in 6 of 10⁵ cases. By χ², as if the noise were known, an ellipsoid would cover .82.
+    These are exceeded by chance in 6 of 10⁵ cases. By χ², as if the noise were known, `als` would cover .85.
     """
     points = half_spheres(3010, 10)
     for name in ("als", "mle", "ugdk") if noise else ("als", "mle"):
