@@ -25,7 +25,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri
 
 from study.arrays import Floats
 from study.recordings.joints.estimate import SHORT_TEXTS, JointStatus
@@ -216,7 +216,7 @@ def weighted(center: Floats, motion: Floats, covariance: Floats) -> tuple[Floats
     own = SIGMA**2 * np.eye(3)
     total, apart = own + covariance, motion - center
     known = np.isfinite(total).all() and np.isfinite(apart).all()
-    if not known or apart @ np.linalg.solve(total, apart) > stats.chi2.ppf(_AGREE, 3):
+    if not known or apart @ np.linalg.solve(total, apart) > chdtri(3, 1.0 - _AGREE):
         return center, own, False
     gain = own @ np.linalg.inv(total)
     return center + gain @ apart, own - gain @ own, True

@@ -25,7 +25,7 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from study import style
 from study.arrays import Bools, Bytes, Floats
@@ -82,7 +82,7 @@ _SIZE, _LONGEST = 0.045, 0.4
 
 def surface(known: int) -> float:
     """Distance from centre to surface in standard errors, for a joint that is known in this many directions."""
-    return float(np.sqrt(chi2.ppf(LEVEL, known))) if known else 0.0
+    return float(np.sqrt(chdtri(known, 1.0 - LEVEL))) if known else 0.0
 
 
 def half_axes(scene: Scene) -> Floats:
