@@ -364,7 +364,8 @@ def _shape_of_little_noise(R: Floats, Y: Floats, s: Floats, basis: Harmonics) ->
     for first, weight in weights_of_degrees(n)[: len(forms)]:
         square, freedom = mean_square(np.array(forms[first:]), np.array(counts[first:]), weight)
         tests.append(f_tail(square / noise, freedom, free))
-    return np.asarray(-np.expm1(len(tests) * np.log1p(-np.minimum(np.fmin.reduce(tests), 1.0 - 1e-16))))
+    tested = np.isfinite(tests).sum(axis=0)  # the highest degrees vanish on the smallest caps
+    return np.asarray(-np.expm1(tested * np.log1p(-np.minimum(np.fmin.reduce(tests), 1.0 - 1e-16))))
 
 
 def weights_of_degrees(n: int) -> tuple[tuple[int, float], tuple[int, float]]:

@@ -71,13 +71,13 @@ def compile_loops(configs: list[Path], costs: bool = False) -> None:
         *(partial(_plan, path) for path in configs),
         partial(_fit, 3),
     ]
-    if costs:
-        tasks[:0] = [partial(timed_scalar, 3, 20), partial(timed, 3, 20)]
+    tasks += [partial(timed, 3, 20)] * costs
+    alone: list[Callable[[], object]] = [partial(timed_scalar, 3, 20)] * costs  # its code is stored apart
     listener = QueueListener(records, progress)
     listener.start()
     with progress.status:
         with ProcessPoolExecutor(_PROCESSES, context, _report_to, (records,)) as pool:
-            for done in [pool.submit(task) for task in tasks]:
+            for done in [pool.submit(task) for task in alone + tasks]:
                 done.result()
         _report_to(records)
         for task in tasks:

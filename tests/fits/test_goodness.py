@@ -255,6 +255,14 @@ def test_shape_is_two_sums_of_squares_over_the_noise(n, weights):
     assert answer_of(x[None]).shape[0] == pytest.approx(1.0 - (1.0 - least) ** 2, rel=1e-4)
 
 
+def test_degrees_that_vanish_on_the_smallest_caps_are_not_counted():
+    """Half of the p values lie below ½, where only one of the two sums is left; counted as two, .29 would."""
+    rng = np.random.default_rng(18)
+    values = answer_of(noisy(rng, on_cap(rng, 400, 100, 0.15), 1e-8)).shape
+    assert at_least(values < 0.5, 0.5)
+    assert at_most(values < 0.5, 0.5)
+
+
 def test_memory_has_its_exact_mean_and_variance():
     """The p value by moments of the ratio of quadratic forms that NumPy forms from whole matrices."""
     rng = np.random.default_rng(9)
