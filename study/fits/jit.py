@@ -27,10 +27,12 @@ import hashlib
 import logging
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
+from filelock import FileLock
 
 from study import instruction_set
 from study.arrays import Floats
@@ -53,6 +55,9 @@ _UNROLLED = 4
 
 SCALAR_CODE = Path(__file__).parent / "__pycache__" / "scalar"
 """Cache of code without vector instructions, which numba would take for the other: `study cost` times it."""
+
+LOCK = "compiled.lock"
+"""File beside the compiled code whose lock a process holds while it stores some."""
 
 COMPILING = "study: compiling loops, once after an installation; it takes seconds, at most a minute"
 """Warning of a process that compiles a function, and does not read it from the cache."""
@@ -119,7 +124,20 @@ def compiled(function: F, fastmath: bool = True) -> F:
     """Compile a function with the package's options when it is first called, and cache the code on disk."""
     flags = {"reassoc", "contract", "arcp", "nsz"} if fastmath else False
     options = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=flags)
-    return cast(F, options(function))
+    dispatcher: Any = options(function)
+    cache = dispatcher._cache
+    cache.save_overload = partial(_store, cache.save_overload, Path(cache.cache_path) / LOCK)
+    return cast(F, dispatcher)
+
+
+def _store(save: Callable[..., None], lock: Path, signature: Any, code: Any) -> None:
+    """Store a version of a function while no other process stores one.
+
+    Numba numbers the files of a function's versions by an index. Of two processes that store versions at the same time,
+    both may take the same number, and one version would be read as the other from then on.
+    """
+    with FileLock(lock):
+        save(signature, code)
 
 
 def compiled_as_written(function: F) -> F:

@@ -3,8 +3,7 @@
 ``python -m study.simulation.compile_loops CONFIG…``. Numba keeps the compiled code beside the sources. A plan of a
 study computes a few of its trials, and so compiles what its run needs. ``--cost`` adds the loops of the table of costs.
 
-Two processes compile, and so twice as fast. Where both store versions of one function at the same time, numba may keep
-the last alone; so all is computed once more, which compiles what is missing.
+Two processes compile, and so twice as fast.
 """
 
 import logging
@@ -75,13 +74,9 @@ def compile_loops(configs: list[Path], costs: bool = False) -> None:
     alone: list[Callable[[], object]] = [partial(timed_scalar, 3, 20)] * costs  # its code is stored apart
     listener = QueueListener(records, progress)
     listener.start()
-    with progress.status:
-        with ProcessPoolExecutor(_PROCESSES, context, _report_to, (records,)) as pool:
-            for done in [pool.submit(task) for task in alone + tasks]:
-                done.result()
-        _report_to(records)
-        for task in tasks:
-            task()
+    with progress.status, ProcessPoolExecutor(_PROCESSES, context, _report_to, (records,)) as pool:
+        for done in [pool.submit(task) for task in alone + tasks]:
+            done.result()
     listener.stop()
     progress.console.print(progress.words(perf_counter()))
 

@@ -13,10 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock, Timeout
+from numba.core.caching import IndexDataCacheFile
 
 import study
 from study.fits import ESTIMATORS, Estimates, Samples
-from study.fits.jit import BLOCK, COMPILING, compiled
+from study.fits.jit import BLOCK, COMPILING, LOCK, compiled
 from study.fits.moments import Moments
 
 PROGRAM = """
@@ -132,6 +134,29 @@ def test_two_threads_that_call_first_get_one_answer():
         assert list(pool.map(twice, [float(k) for k in range(8)])) == [2.0 * k for k in range(8)]
     assert len(twice.signatures) == 1
     assert (twice.__name__, twice.__doc__) == ("twice", "Double a number.")
+
+
+def test_one_process_at_a_time_stores_a_version(monkeypatch):
+    """Of two processes that stored versions of a function at once, one gave the other's file to a third."""
+    save, held = IndexDataCacheFile.save, []
+
+    def watched(file: IndexDataCacheFile, key: object, code: object) -> None:
+        try:
+            with FileLock(Path(file._cache_path) / LOCK, blocking=False, is_singleton=False):
+                held.append(False)
+        except Timeout:
+            held.append(True)
+        save(file, key, code)
+
+    monkeypatch.setattr(IndexDataCacheFile, "save", watched)
+
+    @compiled
+    def thrice(x: float) -> float:
+        """Three times a number."""
+        return 3.0 * x
+
+    assert (thrice(1.0), thrice(2)) == (3.0, 6)
+    assert held == [True, True]
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
