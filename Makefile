@@ -3,7 +3,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Modules are translated when they are first imported: translating all of them takes longer than installing.
+# Modules are translated when they are first imported, and kept so whatever the environment says: to translate all of
+# them takes longer than installing, and to translate those of a command anew takes it seconds each time.
+unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --no-compile -c constraints.txt
 
 .PHONY: paper article calibration skeleton test smoke lint numbers tables bench docs clean
