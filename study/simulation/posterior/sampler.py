@@ -47,6 +47,7 @@ from typing import NamedTuple
 import emcee
 import numpy as np
 import scipy
+import scipy.fft
 
 from study.arrays import Floats
 from study.fits import Samples, Status
@@ -61,6 +62,8 @@ def autocorrelation_times(chain: Floats) -> Floats:
 
     The autocorrelation is averaged over the walkers, each about its own mean (Goodman & Weare 2010), and summed up to
     the first lag M ≥ 5 τ(M) (Sokal 1989). Walkers that stay at one mode each go unnoticed: their means are subtracted.
+    `emcee.autocorr.integrated_time` gives the same numbers, walker by walker with complex transforms, which takes a
+    third of all time of a posterior.
 
     Args:
         chain: (steps, walkers, parameters).
@@ -68,7 +71,15 @@ def autocorrelation_times(chain: Floats) -> Floats:
     Returns:
         The times (parameters,) in steps; NaN for a parameter that some walker never changed.
     """
-    return np.asarray(emcee.autocorr.integrated_time(chain, tol=0, quiet=True))
+    steps = len(chain)
+    length = scipy.fft.next_fast_len(2 * steps, real=True)
+    series = (chain - chain.mean(axis=0)).T
+    weight = 1.0 / (series**2).sum(axis=2)
+    spectrum = scipy.fft.rfft(series, length)
+    power = np.einsum("pwf,pw->pf", spectrum.real**2 + spectrum.imag**2, weight)
+    correlation = scipy.fft.irfft(power, length)[:, :steps] / weight.shape[1]
+    up_to = 2.0 * np.cumsum(correlation, axis=1) - 1.0
+    return np.array([times[emcee.autocorr.auto_window(times, 5)] for times in up_to])
 
 
 class Reference(NamedTuple):
