@@ -1,13 +1,14 @@
 """Compile the loops that studies and claims use, so that none waits for the compiler: once after an installation.
 
 ``python -m study.simulation.compile_loops CONFIG…``. Numba keeps the compiled code beside the sources. A plan of a
-study computes a few of its trials, and so compiles what its run needs. ``--cost`` adds the loops of the table of costs.
+study computes a few of its trials, and so compiles what its run needs. ``--circles`` adds fits in two dimensions,
+``--costs`` the loops of the table of costs.
 
 Two processes compile, and so twice as fast.
 """
 
+import argparse
 import logging
-import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -54,28 +55,25 @@ class Progress(logging.Handler):
         return f"compiled {self.loops} loops in {now - self.start:.0f} s"
 
 
-def compile_loops(configs: list[Path], costs: bool = False) -> None:
-    """Compile the loops of studies, and of fits in two and three dimensions with their intervals.
+def compile_loops(configs: list[Path], circles: bool = False, costs: bool = False) -> None:
+    """Compile the loops of studies, and of fits in three dimensions with their intervals.
 
     Args:
         configs: files of the studies.
+        circles: true to compile those of fits in two dimensions, too; else the first such fit takes longer.
         costs: true to compile vector and scalar code for the table of costs, too.
     """
     from study.simulation.analysis.cost import timed, timed_scalar
 
     context, progress = get_context("spawn"), Progress()
     records: Queue[logging.LogRecord] = context.Queue()
-    tasks: list[Callable[[], object]] = [
-        partial(_fit, 2),
-        *(partial(_plan, path) for path in configs),
-        partial(_fit, 3),
-    ]
-    tasks += [partial(timed, 3, 20)] * costs
-    alone: list[Callable[[], object]] = [partial(timed_scalar, 3, 20)] * costs  # its code is stored apart
+    tasks: list[Callable[[], object]] = [partial(timed_scalar, 3, 20), partial(timed, 3, 20)] if costs else []
+    tasks += [partial(_fit, 3), *(partial(_plan, path) for path in configs)]
+    tasks += [partial(_fit, 2)] if circles else []
     listener = QueueListener(records, progress)
     listener.start()
     with progress.status, ProcessPoolExecutor(_PROCESSES, context, _report_to, (records,)) as pool:
-        for done in [pool.submit(task) for task in alone + tasks]:
+        for done in [pool.submit(task) for task in tasks]:
             done.result()
     listener.stop()
     progress.console.print(progress.words(perf_counter()))
@@ -112,5 +110,8 @@ def _fit(dimension: int) -> None:
 
 if __name__ == "__main__":
     instruction_set.fix()
-    names = sys.argv[1:]
-    compile_loops([Path(name) for name in names if name != "--cost"], "--cost" in names)
+    parser = argparse.ArgumentParser()
+    parser.add_argument("configs", nargs="*", type=Path)
+    parser.add_argument("--circles", action="store_true")
+    parser.add_argument("--costs", action="store_true")
+    compile_loops(**vars(parser.parse_args()))
