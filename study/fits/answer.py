@@ -59,7 +59,7 @@ class FittedPoints:
     @cached_property
     def repeated(self) -> Bools:
         """True for the points (b, n) that repeat an earlier one."""
-        return repeated(self.samples.x)
+        return repeated(self._samples.x)
 
     @cached_property
     def present(self) -> Bools:
@@ -83,8 +83,13 @@ class FittedPoints:
 
     @property
     def different(self) -> Samples:
-        """The points that the fit stands on, copies once."""
-        points = self.samples
+        """The points that the fit stands on, copies once; ValueError if they were lent and have changed."""
+        self._samples.unchanged()
+        return self._different
+
+    @cached_property
+    def _different(self) -> Samples:
+        points = self._samples
         if not self._without_outliers and not self.repeated.any():
             return points
         return Samples(np.where((self.used & ~self.repeated)[:, None], points.x, np.nan), points.noise)
@@ -98,10 +103,15 @@ class FittedPoints:
         count = (self.used & ~self.repeated).sum(axis=1)
         return np.asarray(np.maximum(count - self._center.shape[1] - 1, 1))
 
-    @cached_property
+    @property
     def structure(self) -> Structure:
-        """Structure in the residuals of the points that the fit stands on."""
-        different = self.different
+        """Structure in the residuals of these points; ValueError if they were lent and have changed."""
+        self._samples.unchanged()
+        return self._structure
+
+    @cached_property
+    def _structure(self) -> Structure:
+        different = self._different
         return structure(different, self._ordered, self._known if different is self._samples else None)
 
     def doubts(self, status: Ints, ends: Intervals) -> Ints:
@@ -120,7 +130,7 @@ class FittedPoints:
         searched = np.flatnonzero(fitted & np.logical_not(self._without_outliers))
         if not len(searched):
             return result
-        part = evenly_thinned(self.different.take(searched))
+        part = evenly_thinned(self._different.take(searched))
         named = outliers(part, from_all=True)
         hidden = np.flatnonzero(~named.any(axis=1) & (seen.spread[searched] | (result[searched] == Status.MISFIT)))
         if len(hidden):
@@ -134,7 +144,7 @@ class FittedPoints:
         free = ends.radius[:, 0] < ends.radius[:, 1]  # a known radius needs no point to carry it
         alone = np.flatnonzero(seen.single & free & (result == Status.OK))
         if len(alone):  # does the farthest point alone carry the radius?
-            x = self.different.take(alone).x
+            x = self._different.take(alone).x
             away = np.square(x - np.nanmean(x, axis=2, keepdims=True)).sum(axis=1)
             rest = np.where((away == np.nanmax(away, axis=1, keepdims=True))[:, None], np.nan, x)
             without, radius = intervals(Samples(rest)), ends.radius[alone]
@@ -150,7 +160,7 @@ class FittedPoints:
 
     def intervals(self, level: float) -> Intervals:
         """Intervals of a level, with allowance for structure; open along the axis where the points lie on a circle."""
-        seen, different = self.structure, self.different
+        different, seen = self.different, self._structure
         ends = widened(different, level, intervals(different, level), seen.stretch(level, self.spare))
         if not seen.hinge.any():
             return ends
@@ -529,7 +539,7 @@ class Fit:
 
         Intervals, and with them the status, count copies once.
         """
-        return np.asarray(self._points.repeated.sum(axis=1).reshape(self.shape))
+        return np.asarray((self._points.present & self._points.repeated).sum(axis=1).reshape(self.shape))
 
     @cached_property
     def goodness(self) -> Goodness:
