@@ -122,10 +122,10 @@ class FittedPoints:
             ends: the intervals at 95 %.
         """
         seen, result = self.structure, status.copy()
-        result[seen.hinge & ~np.isin(status, _NO_SPHERE)] = Status.HINGE
+        result[seen.hinge & _HAS_SPHERE[status]] = Status.HINGE
         result[(result == Status.OK) & seen.doubted] = Status.MISFIT
-        fitted = np.isin(result, (Status.OK, Status.MISFIT)) & (seen.extreme | seen.spread)
-        fitted |= seen.spread & np.isin(result, (Status.WEAKLY_IDENTIFIED, Status.INSIGNIFICANT))
+        fitted = ((result == Status.OK) | (result == Status.MISFIT)) & (seen.extreme | seen.spread)
+        fitted |= ((result == Status.WEAKLY_IDENTIFIED) | (result == Status.INSIGNIFICANT)) & seen.spread
         fitted |= seen.far & (result == Status.HINGE)  # an arc's ends lie far from its middle, too
         searched = np.flatnonzero(fitted & np.logical_not(self._without_outliers))
         if not len(searched):
@@ -210,8 +210,8 @@ def ruled_status(estimates: Estimates, ends: Intervals) -> Ints:
     return np.asarray(np.where(ruled, np.where(ends.identified, accepted, Status.WEAKLY_IDENTIFIED), own))
 
 
-_NO_SPHERE = (Status.TOO_FEW_POINTS, Status.NOT_FINITE, Status.FAILED)
-"""Statuses of fits that say nothing about where the points lie."""
+_HAS_SPHERE = np.array([s not in (Status.TOO_FEW_POINTS, Status.NOT_FINITE, Status.FAILED) for s in Status])
+"""False for statuses of fits that say nothing about where the points lie."""
 
 
 class Fit:

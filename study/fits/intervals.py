@@ -122,8 +122,7 @@ def _compute(samples: Samples, level: float, stretch: Floats, result: Intervals)
 
     start = als(samples)
     quantiles = stretch * float(stdtrit(n - d - 1, 0.5 * (1.0 + level)))
-    x = np.ascontiguousarray(samples.x)
-    _compute_all(x, start.center, start.radius, quantiles, result, zeros(d), zeros(d, d))
+    _compute_all(samples.rows, start.center, start.radius, quantiles, result, zeros(d), zeros(d, d))
 
 
 class Evaluations(NamedTuple):

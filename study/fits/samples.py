@@ -441,8 +441,11 @@ def _near_another(along: Floats, in_order: Floats, close: Bools, first: float, e
 
     def bins(positions: Floats) -> Ints:
         with np.errstate(all="ignore"):
-            places = (positions - (first - 1.5 * extent)) * (count / (4.0 * extent))
-        return np.asarray(np.fmin(np.fmax(places, 0.0), count - 1.0).astype(np.intp))
+            places = positions - (first - 1.5 * extent)
+            places *= count / (4.0 * extent)  # in place, which takes half as long
+        np.fmax(places, 0.0, out=places)
+        np.fmin(places, count - 1.0, out=places)
+        return places.astype(np.intp)
 
     taken = np.zeros(count, dtype=np.bool_)
     taken[bins(in_order[:-1][close])] = taken[bins(in_order[1:][close])] = True
@@ -456,7 +459,7 @@ def reach_of_copies(x: Floats) -> float:
 
 def _along(x: Floats) -> Floats:
     """Position of each point (b, n) along a direction in which no two coordinates of a grid are alike."""
-    return np.asarray(sum((1.0 / np.sqrt(2.0 + i)) * x[:, i] for i in range(x.shape[1])))  # alike for like points
+    return np.asarray(np.einsum("bdn,d->bn", x, 1.0 / np.sqrt(2.0 + np.arange(x.shape[1]))))
 
 
 def _middle_half(in_order: Floats) -> tuple[Floats, Floats]:
