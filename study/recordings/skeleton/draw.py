@@ -213,7 +213,7 @@ class InterpolatedRotation:
             guess = self.inside[fits]
             if inner:
                 guess = _between(guess, self.inside[one[fits]], np.full(len(fits), 0.5))
-            off = Rotation.from_matrix(self.inside[two[fits]] @ guess.swapaxes(1, 2)).as_rotvec()
+            off = Rotation.from_matrix(self.inside[two[fits]] @ guess.swapaxes(1, 2), assume_valid=True).as_rotvec()
             steps.append(float(lag))
             squares.append(off.T @ off / len(off))
         if len(steps) < 2:
@@ -225,7 +225,7 @@ class InterpolatedRotation:
 
 def _between(first: Floats, last: Floats, share: Floats) -> Floats:
     """Rotations (n, 3, 3) at shares (n,) of the way from the first ones to the last ones."""
-    step = Rotation.from_matrix(first.swapaxes(1, 2) @ last).as_rotvec()
+    step = Rotation.from_matrix(first.swapaxes(1, 2) @ last, assume_valid=True).as_rotvec()
     return np.asarray(first @ Rotation.from_rotvec(share[:, None] * step).as_matrix())
 
 
