@@ -145,9 +145,9 @@ class InterpolatedRotation:
 
     def __init__(self, rotation: Floats, parent: Floats | None, known: Bools, rest: Floats | None = None) -> None:
         self.fitted, self.parent, self.rest = np.flatnonzero(known), parent, rest
-        part = rotation[:, :, self.fitted]
-        inside = part if parent is None else relative_rotation(parent[:, :, self.fitted], part)
-        self.inside = np.moveaxis(inside, 2, 0)  # (fitted, 3, 3)
+        part = rotation.take(self.fitted, axis=2)  # an index would put frames first in memory, where sums take longer
+        inside = part if parent is None else relative_rotation(parent.take(self.fitted, axis=2), part)
+        self.inside = np.ascontiguousarray(np.moveaxis(inside, 2, 0))  # (fitted, 3, 3)
 
     def ends(self, wanted: Ints) -> tuple[Ints, Ints]:
         """Places in ``fitted`` of the frames before and after those wanted (w,), the nearest one where one is missing.
@@ -369,7 +369,7 @@ class _SkeletonBuilder:
         own, local, world = self._pivot(segment)
         world, below = world[:, frames], self._below(segment.name)
         others = (self._shown(p.joint.child, p.in_child)[None, :, frames] for p in below)
-        x = np.concatenate([self.markers[segment.name][:, :, frames], *others])
+        x = np.concatenate([self.markers[segment.name].take(frames, axis=2), *others])
         if ((~np.isnan(x[:, 0])).sum(axis=0) + ~np.isnan(world[0]) < 3).all():
             return
         places = np.concatenate([shape.places, *(place.in_parent[None] for place in below)])
@@ -426,7 +426,7 @@ class _SkeletonBuilder:
 
     def _complete(self, name: str, frames: Ints, local: Floats, world: Floats, course: InterpolatedRotation) -> None:
         """Complete a segment's poses in some frames from its expected rotation and the markers that are left."""
-        number, x = self.numbers[name], np.ascontiguousarray(self.markers[name][:, :, frames])
+        number, x = self.numbers[name], self.markers[name].take(frames, axis=2)
         places, at = self.calibration.shape(name).places, np.ascontiguousarray(world[:, frames])
         poses = complete_poses(places, x, local, at, course.at(frames))
         self.rotations[number][:, :, frames], self.origins[number][:, frames] = poses
