@@ -19,29 +19,24 @@ from study.simulation.posterior.sampler import sample
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Parts
 from study.simulation.runs.run_folder import Run
+from tests import configs
 
 NAMES = ["answers", "draws", "posterior"]
 KEYS = ["cell", "trial", "likelihood", "noise_is"]
 QUANTILES = {"q025": 0.025, "q16": 0.16, "q50": 0.5, "q84": 0.84, "q975": 0.975}
-HEAD = 'name = "test"\nseed = 1\nestimators = ["mle", "gdke", "ugdk"]\ndimension = {d}\n[design]\nkind = "grid"\n'
 
 
-def config(d=2, entries=(), **design):
+def config(d=2, entries=(), top=(), **design):
     """A config of a small grid, and these entries in its [posterior]; chains of a hundred steps, if not more."""
-    body = {"trials": 3, "samples": [8, 20], "noise": 0.1, "angle": [90, 180], "draws": '"independent"'} | design
     asked = {"trials": 2, "walkers": 16, "max_steps": 100, "keep_draws": 2} | dict(entries)
-    lines = [f"{key} = {value}" for key, value in body.items()]
-    return HEAD.format(d=d) + "\n".join([*lines, "[posterior]", *(f"{key} = {value}" for key, value in asked.items())])
-
-
-def made(folder, text):
-    """A run's folder with its config; posteriors need nothing else."""
-    return Run.create(folder, parse(text)).begin(text)
+    head = {"dimension": d, "estimators": ["mle", "gdke", "ugdk"], "posterior": asked} | dict(top)
+    body = {"trials": 3, "samples": [8, 20], "angle": [90, 180], "draws": "independent"}
+    return configs.config(head, **body | design)
 
 
 def computed(folder, text, jobs=1, progress=None):
-    """A run with its posterior tables."""
-    run = made(folder, text)
+    """A run with its posterior tables; these need nothing but a folder with the config."""
+    run = Run.create(folder, parse(text)).begin(text)
     compute(run, jobs, progress)
     return run
 
@@ -268,37 +263,9 @@ def test_shrink_factor():
     assert np.isnan(chain_task.shrink_factor([one, chain_task.Chain(ChainStatus.NO_START, draws[:0])]))
 
 
-def test_likelihood_ranks_see_what_ranks_of_parameters_do_not():
-    """Draws of the prior, whatever the data: ranks of the centre are uniform (p > 1e-3), the likelihood's are not.
-
-    The truth is drawn from the same law as the draws, and circles of 30 points with noise .05 follow it (Modrák et al.
-    2023). Draws of the posterior, normal with the bound about the fit, have uniform ranks of both. False alarms: 3e-3.
-    """
-    rng = np.random.default_rng(20)
-    ranks = {"prior": [], "posterior": []}
-    for _ in range(150):
-        truth = np.array([0.0, 0.0, 1.0]) + 0.05 * rng.standard_normal(3)
-        angle = rng.uniform(0, 2 * np.pi, 30)
-        u = np.array([np.cos(angle), np.sin(angle)])
-        x = truth[:2, None] + truth[2] * u + 0.05 * rng.standard_normal(u.shape)
-        precision = np.linalg.inv(study.crlb(u.T, 0.05)) + np.eye(3) / 0.05**2
-        fit = study.fit(x.T, "mle", noise=0.05)
-        unit, answer = np.array([0.0, 0.0, 1.0]), np.append(fit.center, fit.radius)
-        mean = np.add(unit, np.linalg.solve(precision, np.linalg.inv(study.crlb(u.T, 0.05)) @ (answer - unit)))
-        laws = {"prior": (unit, 0.05**2 * np.eye(3)), "posterior": (mean, np.linalg.inv(precision))}
-        for name, (middle, covariance) in laws.items():
-            draws = rng.multivariate_normal(middle, covariance, 400) - truth
-            rank = chain_task.likelihood_rank("geometric", x, truth, draws, np.full(401, 0.05))
-            ranks[name].append((np.mean(draws[:, 0] < 0), rank))
-    uniform = {name: [stats.kstest(p, "uniform").pvalue for p in np.transpose(rows)] for name, rows in ranks.items()}
-    assert uniform["prior"][0] > 1e-3
-    assert uniform["prior"][1] < 1e-10
-    assert min(uniform["posterior"]) > 1e-3
-
-
 def test_trials_without_a_sphere(tmp_path):
     """Of d + 1 samples, and of noise far beyond the radius: rows with a status, NaN where there is no number."""
-    text = config(2, {"box": 1e-3, "noise": '"known"'}, samples=3, noise=[1e-3, 50.0], trials=2)
+    text = config(2, {"box": 1e-3, "noise": "known"}, samples=3, noise=[1e-3, 50.0], trials=2)
     found, beside = (rows(computed(tmp_path, text), name) for name in ("posterior", "answers"))
     nothing = found[found["status"] == ChainStatus.NO_START]
     assert len(nothing) >= 4
@@ -312,7 +279,7 @@ def test_trials_without_a_sphere(tmp_path):
 
 def test_answers_without_spare_samples(tmp_path):
     """Of d + 2 samples one is to spare: Student's law with one degree of freedom, which is Cauchy's."""
-    run = computed(tmp_path, config(2, {"trials": 1, "noise": '"unknown"'}, samples=4, angle=180, trials=1))
+    run = computed(tmp_path, config(2, {"trials": 1, "noise": "unknown"}, samples=4, angle=180, trials=1))
     ((key, found),) = [(k, r) for k, r in rows(run, "answers").iterrows() if k[4] == "mle"]
     points = find(run.study, key[0], 0).samples.x[0].T
     fit = study.fit(points, "mle")
@@ -338,8 +305,9 @@ def test_kept_draws_are_of_the_whole_chain(tmp_path):
     Of some 200 to 3000 independent draws the mean is within 5 standard errors, and no walker is left out.
     """
     for steps in (200, 400, 625):  # 2560 draws, of which each would be one; 5120; 8000
-        text = config(2, {"trials": 1, "noise": '"known"', "max_steps": steps}, samples=20, angle=180, trials=1)
-        run = computed(tmp_path / str(steps), text.replace("seed = 1", "seed = 7"))
+        entries = {"trials": 1, "noise": "known", "max_steps": steps}
+        text = config(2, entries, {"seed": 7}, samples=20, angle=180, trials=1)
+        run = computed(tmp_path / str(steps), text)
         frame, row = run.table("draws"), run.table("posterior").iloc[0]
         assert 1000 <= len(frame) <= 2000
         task = chain_tasks(run.study)[0]
@@ -380,23 +348,6 @@ def test_chains_of_one_config_share_no_numbers(small):
 SAME = config(2, samples=8, angle=90, noise=[0.1, 0.2])
 
 
-class Stop(Exception):  # noqa: N818  no error
-    """Raised by a progress callback."""
-
-
-class Counter:
-    """A progress callback that raises after so many calls."""
-
-    def __init__(self, last=None):
-        self.shares, self.last = [], last
-
-    def __call__(self, share):
-        """Count."""
-        self.shares.append(share)
-        if len(self.shares) == self.last:
-            raise Stop
-
-
 def held(folder):
     """The number of stored chains of an unfinished run."""
     parts = Parts(folder, "chains")
@@ -412,16 +363,16 @@ def test_more_trials(tmp_path):
     run = computed(tmp_path, SAME)
     old, before = {name: rows(run, name) for name in NAMES}, stored(run)
     text = config(2, {"trials": 3}, samples=8, angle=90, noise=[0.1, 0.2])
-    count = Counter(2)
-    with pytest.raises(Stop):  # on the way, what was there stays there
-        computed(tmp_path, text, 1, count)
+    shares = []
+    with pytest.raises(ZeroDivisionError):  # on the way, what was there stays there
+        computed(tmp_path, text, 1, lambda share: [shares.append(share), 1 / (2 - len(shares))])
     assert stored(run) == before
     there = held(tmp_path)
     assert there >= 6
-    count = Counter()
-    grown = computed(tmp_path, text, 1, count)
-    assert len(count.shares) == 12 - there
-    assert sum(count.shares) == pytest.approx(1.0)
+    shares.clear()
+    grown = computed(tmp_path, text, 1, shares.append)
+    assert len(shares) == 12 - there
+    assert sum(shares) == pytest.approx(1.0)
     for name in NAMES:
         new = rows(grown, name)
         assert len(new) > len(old[name]) or name == "draws"  # draws are kept of two trials
@@ -436,8 +387,8 @@ def test_more_trials(tmp_path):
 @pytest.mark.parametrize(
     ("before", "after", "new"),
     [
-        ({"where": "{ samples = 8 }"}, {}, 8),
-        ({"where": "{ angle = 180 }"}, {"where": "{ angle = 180 }", "likelihood": '["whole_sphere", "geometric"]'}, 8),
+        ({"where": {"samples": 8}}, {}, 8),
+        ({"where": {"angle": 180}}, {"where": {"angle": 180}, "likelihood": ["whole_sphere", "geometric"]}, 8),
         ({"trials": 2}, {"trials": 1}, 0),
     ],
     ids=["where", "likelihood", "fewer trials"],
@@ -445,9 +396,9 @@ def test_more_trials(tmp_path):
 def test_other_kinds_of_chains(tmp_path, before, after, new):
     """Chains of cells that where adds, or of another likelihood, are run alone; fewer are taken from what is there."""
     old = rows(computed(tmp_path, config(2, before)), "answers")
-    count = Counter()
-    run = computed(tmp_path, config(2, after), 1, count)
-    assert len(count.shares) == new
+    shares = []
+    run = computed(tmp_path, config(2, after), 1, shares.append)
+    assert len(shares) == new
     found, tasks = rows(run, "answers"), chain_tasks(run.study)
     both = old.index.intersection(found.index)
     assert len(both) == min(len(old), len(found))
@@ -457,47 +408,37 @@ def test_other_kinds_of_chains(tmp_path, before, after, new):
 
 def test_a_part_is_named_by_all_that_determines_it():
     """Another seed, other estimators or settings give other names; more trials or cells leave a chain its name."""
-    text = config(2, samples=8, angle=90)
 
-    def names(text):
-        made = parse(text)
-        return [task.part for task in chain_tasks(made)]
+    def names(d=2, entries=(), top=(), angle=90, **design):
+        made = parse(config(d, entries, top, **{"samples": 8, "angle": angle} | design))
+        return {task.part for task in chain_tasks(made)}
 
-    old = names(text)
-    assert len(set(old)) == len(old) == 4
-    for before, after in [
-        ("seed = 1", "seed = 2"),
-        ("dimension = 2", "dimension = 3"),
-        ('"mle", "gdke", "ugdk"', '"mle", "gdke"'),
-        ("noise = 0.1", "noise = 0.2"),
-        ("walkers = 16", "walkers = 18"),
-        ("max_steps = 100", "max_steps = 101"),
-        ("keep_draws = 2", "keep_draws = 0"),
-        ("[posterior]", "[posterior]\nbox = 9.0"),
-        ("[posterior]", '[posterior]\nlikelihood = "whole_sphere"'),
-    ]:
-        plain = text.replace("angle = 90", "angle = 180") if "whole" in after else text
-        assert before in text
-        assert not set(names(plain.replace(before, after))) & {*old, *names(plain)}, after
-    for before, after in [
-        ("trials = 2", "trials = 3"),
-        ("trials = 3", "trials = 9"),
-        ("samples = 8", "samples = [8, 20]"),
-        ("angle = 90", "angle = [60, 90]"),
-        ("keep_draws = 2", "keep_draws = 3"),
-    ]:
-        assert before in text
-        assert set(names(text.replace(before, after))) >= set(old), after
+    old = names()
+    assert len(old) == 4
+    for change in (
+        {"top": {"seed": 2}},
+        {"d": 3},
+        {"top": {"estimators": ["mle", "gdke"]}},
+        {"noise": 0.2},
+        *({"entries": entry} for entry in ({"walkers": 18}, {"max_steps": 101}, {"keep_draws": 0}, {"box": 9.0})),
+        {"entries": {"likelihood": "whole_sphere"}, "angle": 180},
+    ):
+        assert not names(**change) & {*old, *names(angle=180)}, change
+    for change in (
+        {"entries": {"trials": 3}},
+        {"trials": 9},
+        {"samples": [8, 20]},
+        {"angle": [60, 90]},
+        {"entries": {"keep_draws": 3}},
+    ):
+        assert names(**change) >= old, change
 
 
 @pytest.mark.usefixtures("short")
 def test_a_random_design(tmp_path):
     """Each trial is a cell of its own; where takes it by the values of its laws."""
-    text = SAME.replace('kind = "grid"', 'kind = "random"').replace('draws = "independent"\n', "")
-    text = text.replace("samples = 8", 'samples = { law = "choice", values = [8, 20] }')
-    text = text.replace("noise = [0.1, 0.2]", "noise = 0.1").replace("trials = 3", "trials = 9")
-    text = text.replace("trials = 2", "trials = 9\nwhere = { samples = 8 }")
-    run = computed(tmp_path, text)
+    design = {"kind": "random", "trials": 9, "samples": {"law": "choice", "values": [8, 20]}, "angle": 90}
+    run = computed(tmp_path, config(2, {"trials": 9, "where": {"samples": 8}}, **design, draws=None))
     found = rows(run, "posterior")
     assert set(found["samples"]) == {8}
     told = [a.trial for a in chain_task.all_trials(run.study) if a.cell.samples == 8]
@@ -515,7 +456,7 @@ BANDS = [(3, 180, 0.05), (3, 60, 0.008), (2, 90, 0.03)]
 def sharp(request, tmp_path_factory):
     """A chain of a condition with σ²/v < 0.02, σ known, N = 100."""
     d, angle, noise = request.param
-    entries = {"trials": 1, "walkers": 128, "max_steps": 20_000, "noise": '"known"', "keep_draws": 0}
+    entries = {"trials": 1, "walkers": 128, "max_steps": 20_000, "noise": "known", "keep_draws": 0}
     text = config(d, entries, samples=100, angle=angle, noise=noise, trials=2)
     return computed(tmp_path_factory.mktemp("sharp") / "run", text)
 
@@ -543,8 +484,8 @@ def test_the_whole_sphere_moves_the_radius(tmp_path, d):
     covariance is the bound's to √(2/N) or so, 14 %, which mixes what is told of the parameters; a tenth is allowed for.
     The mean over trials is known to 1 and 2.5 %: the 10 % that it may be off are passed by chance in 1 of 10⁴ seeds.
     """
-    entries = {"walkers": 128, "max_steps": 20_000, "noise": '"known"', "keep_draws": 0}
-    entries["likelihood"] = '["geometric", "whole_sphere"]'
+    entries = {"walkers": 128, "max_steps": 20_000, "noise": "known", "keep_draws": 0}
+    entries["likelihood"] = ["geometric", "whole_sphere"]
     run = computed(tmp_path, config(d, entries, samples=100, angle=180, noise=0.1))
     found = rows(run, "posterior")
     assert (found["status"] == ChainStatus.OK).all()
