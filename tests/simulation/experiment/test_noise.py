@@ -242,17 +242,9 @@ def test_noise_grows_to_the_rim():
 
 
 def test_noise_that_remembers():
-    """Correlations of lag 0 to 4 along the samples are .8^lag, from the first sample on, within 5 standard errors.
-
-    The recursion yᵢ = ρ yᵢ₋₁ + √(1 - ρ²) zᵢ, written as a loop, gives the same numbers.
-    """
-    u = placed("spaced", 3, 1.0, 12)[:1].repeat(20_000, axis=0)
+    """It is yᵢ = ρ yᵢ₋₁ + √(1 - ρ²) zᵢ from y₀ = z₀ on, so that correlations of any lag are ρ^lag, and variances 1."""
+    u = placed("spaced", 3, 1.0, 12)
     noise, normals = structured("memory(0.8)", u, 1.0)
-    for lag in range(5):
-        for start in (0, 7):
-            products = noise[:, :, start] * noise[:, :, start + lag]
-            error = products.std() / np.sqrt(products.size)
-            assert abs(products.mean() - 0.8**lag) < 5 * error
     expected = normals.copy()
     for i in range(1, 12):
         expected[:, :, i] = 0.8 * expected[:, :, i - 1] + 0.6 * normals[:, :, i]

@@ -17,7 +17,7 @@ import math
 import numpy as np
 import pytest
 from emcee.autocorr import integrated_time
-from scipy import fft, optimize, special, stats
+from scipy import optimize, special, stats
 
 import study
 from study.fits import Samples
@@ -142,7 +142,7 @@ def test_length(case):
     assert found.draws.shape[:2] == (found.steps - found.steps // 5, 64)
     assert found.flat.shape == (found.draws.shape[0] * 64, found.draws.shape[2])
     assert 0.1 < found.acceptance < 0.9
-    longest = max(autocorrelation_time(found.draws[..., i]) for i in range(found.draws.shape[2]))
+    longest = integrated_time(found.draws, tol=0, quiet=True).max()
     assert 0.6 * longest < found.tau < 1.6 * longest
 
 
@@ -154,17 +154,6 @@ def test_quantiles(case):
         levels = [grid.below(parameter, value) for value in np.quantile(found.flat[:, parameter], LEVELS)]
         pull = (levels - LEVELS) / error
         assert np.all(np.abs(pull) < LIMIT), f"parameter {parameter}: {pull} standard errors away"
-
-
-def autocorrelation_time(series):
-    """Goodman and Weare's estimate with Sokal's window of 5 τ, of steps × walkers, by Fourier transform."""
-    steps = len(series)
-    away = series - series.mean(axis=0)
-    transform = fft.rfft(away, 2 * steps, axis=0)
-    correlation = fft.irfft(np.abs(transform) ** 2, axis=0)[:steps]
-    correlation = (correlation / correlation[0]).mean(axis=1)
-    times = 2.0 * np.cumsum(correlation) - 1.0
-    return times[np.argmax(np.arange(steps) >= 5.0 * times)]
 
 
 def test_the_same_seed_gives_the_same_bytes(case):

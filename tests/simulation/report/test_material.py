@@ -263,55 +263,32 @@ def plain(text):
     return text.replace("\u00a0", " ").replace("\u202f", " ")
 
 
+NUMBERS = [
+    ("number", (0.0, "0"), (-1.23456, "−1.23"), (1234.0, "1.23 × 10³"), (1e-9, "10⁻⁹"), (-1e-9, "−1 × 10⁻⁹")),
+    ("number", (math.nan, "–"), (math.inf, "∞")),
+    ("timed", (1.7, "1.70"), (433.0, "433"), (1.5e-8, "1.50 × 10⁻⁸"), (12345.6, "12 300"), (999.7, "1000")),
+    ("timed", (2e6, "2.00 × 10⁶")),
+    ("exactly", (123456.0, "123 456"), (1234567.0, "1 234 567"), (1.25e8, "1.25 × 10⁸"), (0.1, "0.1")),
+    ("percent", (0, 9, "0 %"), (1, 9, "11.1 %"), (1, 9999, "< 0.1 %"), (9998, 9999, "> 99.9 %")),
+    ("measured", (0.765232, 0.117134, "0.77 ± 0.12"), (-1.5, 0.25, "−1.50 ± 0.25"), (0.0, 0.012, "0 ± 0.012")),
+    ("measured", (1.23456e7, 1.2e5, "(1.235 ± 0.012) × 10⁷"), (1.23456e-5, 3e-7, "(1.235 ± 0.030) × 10⁻⁵")),
+    ("measured", (48.2, 4692.0, "48 ± 4700"), (-0.0003419, 0.0032, "−0.00034 ± 0.0032")),
+    ("measured", (1.0, 0.00035, "1.00000 ± 0.00035"), (3e8, 4e9, "3.0 × 10⁸ ± 4.0 × 10⁹")),
+    ("measured", (0.123456789, 1e-12, "0.123457 ± 1.0 × 10⁻¹²"), (7.0, 0.0, "7"), (7.0, math.nan, "7")),
+    ("measured", (225.4, math.inf, "225 ± ∞"), (math.inf, math.nan, "∞"), (math.nan, math.nan, "–")),
+    ("readable", ("bias: -1.2e-05 ± 3e-07", "bias: (−1.200 ± 0.030) × 10⁻⁵"), ("at 1e+14: -3", "at 1 × 10¹⁴: −3")),
+    (
+        "readable",
+        ("LLS's, σ ≥ .1 r: 27.41 ± 5.1; N = 3: 0 ± 0.00035", "LLS's, σ ≥ .1 r: 27.4 ± 5.1; N = 3: 0 ± 0.00035"),
+    ),
+    ("readable", *((words, words) for words in ("run paper-8689e37964, 10-fold", "in [0, 1]-free words"))),
+]
+"""A function of `words`, and cases of it: arguments, and the text."""
+
+
 @pytest.mark.parametrize(
     ("function", "arguments", "expected"),
-    [
-        ("number", (0.0,), "0"),
-        ("number", (-1.23456,), "−1.23"),
-        ("number", (1234.0,), "1.23 × 10³"),
-        ("number", (1e-9,), "10⁻⁹"),
-        ("number", (-1e-9,), "−1 × 10⁻⁹"),
-        ("number", (math.nan,), "–"),
-        ("number", (math.inf,), "∞"),
-        ("timed", (1.7,), "1.70"),
-        ("timed", (433.0,), "433"),
-        ("timed", (1.5e-8,), "1.50 × 10⁻⁸"),
-        ("timed", (12345.6,), "12 300"),
-        ("timed", (999.7,), "1000"),
-        ("timed", (2e6,), "2.00 × 10⁶"),
-        ("measured", (0.765232, 0.117134), "0.77 ± 0.12"),
-        ("measured", (-1.5, 0.25), "−1.50 ± 0.25"),
-        ("measured", (1.23456e7, 1.2e5), "(1.235 ± 0.012) × 10⁷"),
-        ("measured", (1.23456e-5, 3e-7), "(1.235 ± 0.030) × 10⁻⁵"),
-        ("measured", (0.0, 0.012), "0 ± 0.012"),
-        ("measured", (48.2, 4692.0), "48 ± 4700"),
-        ("measured", (-0.0003419, 0.0032), "−0.00034 ± 0.0032"),
-        ("measured", (1.0, 0.00035), "1.00000 ± 0.00035"),
-        ("measured", (3e8, 4e9), "3.0 × 10⁸ ± 4.0 × 10⁹"),
-        ("measured", (0.123456789, 1e-12), "0.123457 ± 1.0 × 10⁻¹²"),
-        ("measured", (7.0, 0.0), "7"),
-        ("measured", (7.0, math.nan), "7"),
-        ("measured", (225.4, math.inf), "225 ± ∞"),
-        ("measured", (math.inf, math.nan), "∞"),
-        ("measured", (math.nan, math.nan), "–"),
-        ("percent", (0, 9), "0 %"),
-        ("percent", (1, 9), "11.1 %"),
-        ("percent", (1, 9999), "< 0.1 %"),
-        ("readable", ("bias: -1.2e-05 ± 3e-07",), "bias: (−1.200 ± 0.030) × 10⁻⁵"),
-        (
-            "readable",
-            ("over LLS's, σ ≥ .1 r: 27.41 ± 5.1; N = 30: 0 ± 0.00035",),
-            "over LLS's, σ ≥ .1 r: 27.4 ± 5.1; N = 30: 0 ± 0.00035",
-        ),
-        ("readable", ("at 1e+14: -3",), "at 1 × 10¹⁴: −3"),
-        ("readable", ("run paper-8689e37964, 10-fold",), "run paper-8689e37964, 10-fold"),
-        ("readable", ("in [0, 1]-free words",), "in [0, 1]-free words"),
-        ("exactly", (123456.0,), "123 456"),
-        ("exactly", (1234567.0,), "1 234 567"),
-        ("exactly", (1.25e8,), "1.25 × 10⁸"),
-        ("exactly", (0.1,), "0.1"),
-        ("percent", (9998, 9999), "> 99.9 %"),
-    ],
+    [(function, arguments, text) for function, *cases in NUMBERS for *arguments, text in cases],
 )
 def test_numbers_for_a_reader(function, arguments, expected):
     """Three digits, a long minus, powers of ten; two digits of an error, and the number to the same place.

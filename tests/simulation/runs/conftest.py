@@ -95,35 +95,23 @@ def raises(monkeypatch):
 
 
 @pytest.fixture
-def try_mount(tmp_path):
-    """Mount a small disk of one's own; None where that is not allowed."""
-    folders = []
+def small_disk(tmp_path):
+    """A run's folder on a small disk of its own, and functions that fill it up and make room again.
 
-    def mount(options):
-        folder = tmp_path / f"disk-{len(folders)}"
-        folder.mkdir()
-        command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
-        if os.geteuid() or not shutil.which("mount") or subprocess.run(command, capture_output=True).returncode:
-            return None
-        folders.append(folder)
-        return folder
-
-    yield mount
-    for folder in folders:
-        subprocess.run(["umount", "--lazy", str(folder)], check=True)
-
-
-@pytest.fixture
-def small_disk(try_mount, tmp_path):
-    """A run's folder on a small disk, and functions that fill it up, if it is one, and make room again."""
-    place = try_mount("size=40m")
-    ballast = (place or tmp_path) / "ballast"
+    Where mounting is not allowed, it is a folder like others, and filling it up does nothing and is false.
+    """
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=40m", "tmpfs", str(disk)]
+    mounted = not os.geteuid() and shutil.which("mount") and not subprocess.run(command, capture_output=True).returncode
 
     def fill():
-        if place is not None:
-            with contextlib.suppress(OSError), open(ballast, "wb", buffering=0) as file:
+        if mounted:
+            with contextlib.suppress(OSError), open(disk / "ballast", "wb", buffering=0) as file:
                 while True:
                     file.write(bytes(1 << 16))
-        return place is not None
+        return mounted
 
-    return (place or tmp_path) / "run", fill, lambda: ballast.unlink(missing_ok=True)
+    yield disk / "run", fill, lambda: (disk / "ballast").unlink(missing_ok=True)
+    if mounted:
+        subprocess.run(["umount", "--lazy", str(disk)], check=True)
