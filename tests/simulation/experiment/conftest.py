@@ -2,6 +2,7 @@
 
 import pytest
 
+from study.simulation.experiment.compute import compute, stack
 from study.simulation.experiment.config import parse
 from tests.configs import config
 
@@ -10,3 +11,9 @@ from tests.configs import config
 def make_study():
     """A study of a small config."""
     return lambda top=None, **design: parse(config(top, **design))
+
+
+@pytest.fixture(scope="session")
+def rows():
+    """The error rows of a whole study, by column."""
+    return lambda study: stack([compute(study, unit).errors for unit in study.units()])

@@ -36,15 +36,9 @@ def fixed(monkeypatch):
     monkeypatch.setitem(study.ESTIMATORS, "fixed", Estimator(estimator, "a test"))
 
 
-def rows(made):
-    """The error rows of a whole study."""
-    parts = [compute(made, unit).errors for unit in made.units()]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
 @pytest.mark.usefixtures("fixed")
 @pytest.mark.parametrize("d", [2, 3, 5])
-def test_error_is_estimate_minus_truth(make_study, d):
+def test_error_is_estimate_minus_truth(make_study, rows, d):
     """Components are estimated minus true, the error is their norm, and the radius error has the same sign rule.
 
     A sphere of radius 10 is fitted in units of 10, in which the answer comes too.
@@ -62,7 +56,7 @@ def test_error_is_estimate_minus_truth(make_study, d):
     assert all(set(found[name]) == {value} for name, value in stored.items())
 
 
-def test_cells_a_power_of_ten_apart_are_one_level(make_study):
+def test_cells_a_power_of_ten_apart_are_one_level(make_study, rows):
     """Radii of 1 and 10 with noise of .1 and 1: the errors of the larger are ten times those of the smaller, exactly.
 
     A study of the larger sphere alone gives the same bytes, so both are right.
@@ -130,7 +124,7 @@ def test_timings_account_for_every_fit(make_study):
 
 
 @pytest.mark.parametrize(("d", "samples"), [(2, 10), (3, 7), (3, 9000), (5, 30)])
-def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, d, samples):
+def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, rows, d, samples):
     """Levels fitted side by side, from points formed in a cache, have the bytes of levels fitted one at a time.
 
     Levels are fitted one at a time if an estimator needs points in memory, or if points are stored.

@@ -143,18 +143,19 @@ def test_names_of_laws():
         assert not any(map(is_law, words))
 
 
-def errors_of(study):
-    """Columns of the error table, by cell's σ, laws and share."""
-    columns = [compute(study, unit).errors for unit in study.units()]
-    names = [name for name in ("noise", "law", "directions", "outlier_share") if name in columns[0]]
-    found = {}
-    for part in columns:
-        for row in zip(*(part[name] for name in (*names, "trial", "error")), strict=True):
-            found[row[:-1]] = row[-1]
-    return found
+@pytest.fixture
+def errors_of(rows):
+    """Errors of a study, by the cell's σ, laws and share, and the trial."""
+
+    def make(study):
+        found = rows(study)
+        keys = [found[key] for key in ("noise", "law", "directions", "outlier_share", "trial") if key in found]
+        return dict(zip(zip(*keys, strict=True), found["error"], strict=True))
+
+    return make
 
 
-def test_normal_cells_are_those_of_a_study_without(make_study):
+def test_normal_cells_are_those_of_a_study_without(make_study, errors_of):
     """Cells at the defaults have the same draws and the same errors, to the bit, as in a study that names no law."""
     plain = errors_of(make_study({"estimators": ["gdke"]}, trials=5, samples=20, noise=[0.1, 0.2]))
     mixed = errors_of(make_study({"estimators": ["gdke"]}, trials=5, samples=20, **MIXED))
@@ -188,7 +189,7 @@ def test_the_bound_is_gaussian(make_study):
         assert "Gaussian" not in words["error"] + words["relative_median_ok"]
 
 
-def test_outliers_go_with_noise_of_any_covariance(make_study):
+def test_outliers_go_with_noise_of_any_covariance(make_study, errors_of):
     """Fits of anisotropic noise with outliers are numbers; another law has no shape (see the faults of configs)."""
     top = {"noise_shape": [[4.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "estimators": ["gdke"]}
     assert np.all(np.isfinite(list(errors_of(make_study(top, outlier_share=0.1)).values())))
@@ -283,12 +284,12 @@ def test_a_path_swings_from_rim_to_rim(d):
     assert {tuple(np.sign(w)) for w in u[1:].T[:: n // 12]} >= ({(1.0,), (-1.0,)} if d == 2 else {(1.0, 1.0)})
 
 
-def test_the_bound_holds_for_radial_noise(make_study):
+def test_the_bound_holds_for_radial_noise(make_study, rows):
     """Variances of MLE's centre and radius over the bound are 1 within 5 standard errors: σ = .003, 3000 trials."""
     study = make_study({"estimators": ["mle"]}, trials=3000, samples=60, angle=90, noise=0.003, law="radial")
-    columns = [compute(study, unit).errors for unit in study.units()]
+    found = rows(study)
     for error, bound in (("error", "bound"), ("radius_error", "radius_bound")):
-        ratio = np.concatenate([(part[error] / part[bound]) ** 2 for part in columns])
+        ratio = (found[error] / found[bound]) ** 2
         assert abs(ratio.mean() - 1.0) < 5 * ratio.std() / np.sqrt(ratio.size)
 
 
@@ -332,24 +333,23 @@ def test_spaced_directions_of_a_cap(angle):
     assert pdist(u).min() > 0.5 * lattice
 
 
-def test_directions_have_their_own_draws_and_bound(make_study):
+def test_directions_have_their_own_draws_and_bound(make_study, rows):
     """Cells by area are those of a study without other laws, to the bit; the bound is of the realised directions."""
-    plain = errors_of(make_study({"estimators": ["gdke"]}, trials=4, samples=20))
+    plain = rows(make_study({"estimators": ["gdke"]}, trials=4, samples=20))
     study = make_study({"estimators": ["gdke"]}, trials=4, samples=20, directions=["polar", "area", "spaced"])
-    columns = [compute(study, unit).errors for unit in study.units()]
-    law = np.concatenate([part["directions"] for part in columns])
-    error = np.concatenate([part["error"] for part in columns])
-    np.testing.assert_array_equal(error[law == "area"], list(plain.values()))
+    found = rows(study)
+    law = found["directions"]
+    np.testing.assert_array_equal(found["error"][law == "area"], plain["error"])
     for trial in all_trials(study):
         u = trial.samples.points[0] - np.array(trial.cell.center)
         assert trial.cell.directions == dict(trial.cell.further).get("directions", "area")
         assert np.linalg.norm(u, axis=1).mean() == pytest.approx(trial.cell.radius, rel=0.1)
-    bounds = [np.concatenate([part["bound"] for part in columns])[law == word] for word in ("area", "spaced")]
+    bounds = [found["bound"][law == word] for word in ("area", "spaced")]
     assert np.ptp(bounds[0]) > 0.0
     np.testing.assert_array_equal(bounds[1], bounds[1][0])
 
 
-def test_moments_know_the_directions(make_study):
+def test_moments_know_the_directions(make_study, errors_of):
     """The route through joint moments has the errors of the route through points, to rounding, for each law."""
     design = {"trials": 6, "samples": 30, "directions": ["polar", "spaced"], "noise": 0.1}
     made = [make_study({"estimators": ["gdke"], "route": route}, **design) for route in ("points", "moments")]

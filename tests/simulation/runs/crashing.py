@@ -3,23 +3,18 @@
 Not a test: `test_faults.py` starts it. What takes a second - imports, compiled code - is loaded once, then forked. A
 request has ``config`` and ``folder``, perhaps ``backend``, and what happens to the run: ``kill_at``, the number of the
 step before or after which it kills itself (steps: computing, syncing, renaming, removing), ``full_at``, the number of
-the sync from which on the disk is full, and ``kill_workers``, numbers of results after which a worker is killed. The
-answer has ``signal``, ``code``, ``steps``, how many ``workers`` were killed, and the keys that were ``computed``.
+the sync from which on the disk is full. The answer has ``signal``, ``code``, ``steps``, and the keys that were
+``computed``.
 """
 
-import contextlib
 import errno
 import json
 import os
 import signal
 import sys
 import threading
-import time
 import traceback
 from pathlib import Path
-
-import psutil
-from joblib.externals.loky import reusable_executor
 
 from study.files import RunError
 from study.simulation.experiment import designs
@@ -58,40 +53,6 @@ class Trap:
         return stepping
 
 
-def is_worker(process):
-    """True if a child process is a worker that is alive."""
-    with contextlib.suppress(psutil.NoSuchProcess):  # it may end while it is looked at
-        return "popen_loky" in " ".join(process.cmdline())
-    return False
-
-
-def sending():
-    """The lock that a worker holds while it sends a result; none is held before there are workers."""
-    executor = reusable_executor._executor
-    return contextlib.nullcontext() if executor is None else executor._result_queue._wlock
-
-
-def killer(numbers, log):
-    """A progress callback that kills a worker after these numbers of results.
-
-    It is not killed while it sends one: half a result would keep loky waiting for the rest for ever.
-    """
-    told, waiting = [], list(numbers)
-
-    def progress(share):
-        told.append(share)
-        if waiting and len(told) >= waiting[0]:
-            for process in list(filter(is_worker, psutil.Process().children()))[:1]:  # none while all are replaced
-                with sending():
-                    process.kill()
-                    while is_worker(process):  # loky waits for it itself
-                        time.sleep(0.001)
-                os.write(log, b"worker\n")
-                waiting.pop(0)
-
-    return progress
-
-
 def serve(request, log):
     """Make a run, and log the computed keys and the steps."""
     trap = Trap(request.get("kill_at"))
@@ -115,10 +76,9 @@ def serve(request, log):
 
         os.fsync = full
     crew = Workers(request.get("backend", "threads"), 2)
-    progress = killer(request["kill_workers"], log) if "kill_workers" in request else None
     try:
         study, folder = parse(request["config"]), Path(request["folder"])
-        runner.run(study, request["config"], folder, crew, progress, lambda line: 0)
+        runner.run(study, request["config"], folder, crew, warn=lambda line: 0)
     except RunError as error:
         return FULL if "No space left" in str(error) else 1
     finally:
@@ -147,8 +107,7 @@ def main():
         answer = {
             "signal": os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0,
             "code": os.WEXITSTATUS(status) if os.WIFEXITED(status) else None,
-            "workers": said.count("worker"),
-            "computed": [word for word in said if word and not word.startswith(("steps", "worker"))],
+            "computed": [word for word in said if word and not word.startswith("steps")],
             "steps": sum(int(word.split()[1]) for word in said if word.startswith("steps")),
         }
         print(json.dumps(answer), flush=True)
