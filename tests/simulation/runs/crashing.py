@@ -8,6 +8,7 @@ the sync from which on the disk is full. The answer has ``signal``, ``code``, ``
 """
 
 import errno
+import functools
 import json
 import os
 import signal
@@ -18,6 +19,7 @@ from pathlib import Path
 
 from study.files import RunError
 from study.simulation.experiment import designs
+from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
 from study.simulation.runs import parts, runner
 from study.simulation.runs.workers import Threads, Workers
@@ -51,6 +53,13 @@ class Trap:
             return answer
 
         return stepping
+
+
+@functools.cache
+def load(config):
+    """Load the compiled code of a config, for all children that come."""
+    study = parse(config)
+    compute(study, next(study.units()))
 
 
 def serve(request, log):
@@ -89,13 +98,15 @@ def serve(request, log):
 def main():
     """Serve until the input ends."""
     for line in sys.stdin:
+        request = json.loads(line)
+        load(request["config"])
         reader, writer = os.pipe()
         child = os.fork()
         if child == 0:
             os.close(reader)
             code = 1
             try:
-                code = serve(json.loads(line), writer)
+                code = serve(request, writer)
             except BaseException:
                 traceback.print_exc()
             finally:
