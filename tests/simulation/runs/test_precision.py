@@ -29,11 +29,16 @@ MOMENTS = config({"seed": 7, "estimators": ["gdke", "ugdk", "als"], "route": "mo
 CHECKPOINTS = (100, 200, 400, 800)
 
 
+def cut_small(patch):
+    """Let units be of one block, whose size divides no checkpoint."""
+    patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 30)
+    patch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 100)
+
+
 @pytest.fixture
 def small(monkeypatch, small_parts):
-    """Units of one block, whose size divides no checkpoint, and a part for each."""
-    monkeypatch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 30)
-    monkeypatch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 100)
+    """Small units, and a part for each."""
+    cut_small(monkeypatch)
 
 
 @pytest.fixture
@@ -45,6 +50,15 @@ def go(tmp_path):
         return runner.run(study, text, tmp_path / folder, jobs, **arguments)
 
     return run
+
+
+@pytest.fixture(scope="module")
+def whole(software, tmp_path_factory):
+    """An unbroken run of small units, by two threads, whose tables stay as they are."""
+    with pytest.MonkeyPatch.context() as patch:
+        cut_small(patch)
+        patch.setattr("study.simulation.runs.provenance.software", software)
+        return runner.run(parse(CONFIG), CONFIG, tmp_path_factory.mktemp("whole") / "run", 2)
 
 
 def told(run):
@@ -89,12 +103,11 @@ def test_the_rule(go, text):
         np.testing.assert_array_equal(adaptive[name].astype(words), expected[name].astype(words), err_msg=name)
 
 
-def test_the_table_tells_what_decided(go):
+def test_the_table_tells_what_decided(whole):
     """The estimator farthest from the target, its measure and error as the stored summary has them, and the goal."""
-    run = go()
-    summarise(run)
-    found = run.table("summary").astype({"estimator": str})
-    for row in run.table("precision").astype({"cell": str, "estimator": str}).to_dict("records"):
+    summarise(whole)
+    found = whole.table("summary").astype({"estimator": str})
+    for row in whole.table("precision").astype({"cell": str, "estimator": str}).to_dict("records"):
         mine = found[found["group"] == row["cell"]].set_index("estimator")
         away = mine["ratio_median_ok_error"] / mine["ratio_median_ok"]
         assert row["estimator"] == away.idxmax()
@@ -119,25 +132,23 @@ def test_the_manifest_counts_what_there_is(go):
 
 
 @pytest.mark.parametrize("jobs", [1, Workers("loky", 2)], ids=["one thread", "two processes"])
-def test_workers_do_not_show(go, jobs, small, monkeypatch):
+def test_workers_do_not_show(go, jobs, small, whole, monkeypatch):
     """The same trials and bytes on one worker and two, threads and processes; also from units of few trials.
 
     So they are if the cells of a group are measured a few at a time.
     """
-    usual = told(go())
     monkeypatch.setattr(cell_measures, "_ROWS", 700)
-    assert told(go(folder="other", jobs=jobs)) == usual
+    assert told(go(jobs=jobs)) == told(whole)
 
 
-def test_cells_do_not_depend_on_others(go):
+def test_cells_do_not_depend_on_others(go, small, whole):
     """More cells, and estimators that do not count for the target, do not change a cell's trials."""
     named = CONFIG + 'estimators = ["lls", "ugdk", "als"]\n'
     alone = go(named.replace("[0.02, 0.1, 0.6]", "[0.1]"), "alone").trials()
     more = go(named.replace('"als"]\nkeep', '"als", "taubin", "mle"]\nkeep'), "more").trials()
-    usual = go().trials()
     assert len(alone) == 4
-    assert alone.items() <= usual.items()
-    assert more == usual
+    assert alone.items() <= whole.trials().items()
+    assert more == whole.trials()
 
 
 def test_most_samples_is_a_cap(go):
@@ -168,7 +179,7 @@ class TestResume:
     """A run that is interrupted and resumed."""
 
     @pytest.mark.parametrize("after", [1, 10, 30, 60])
-    def test_broken_off(self, go, computed, after):
+    def test_broken_off(self, go, whole, computed, after):
         """Interrupted in any round, it computes no stored row again, and its tables are those of an unbroken run."""
         calls = []
 
@@ -180,37 +191,33 @@ class TestResume:
             go(progress=stop)
         go()
         assert len(set(computed)) == len(computed)
-        assert told(go()) == told(go(folder="whole"))
+        assert told(go()) == told(whole)
 
-    def test_damaged_parts(self, go):
+    def test_damaged_parts(self, go, whole):
         """Damaged parts are computed again, and decisions that were taken from them are taken again."""
         run = stopped_after(go, 40)
         for path in sorted((run.folder / "parts").iterdir())[::9]:
             path.write_bytes(path.read_bytes()[:-50])
-        assert told(go(warn=str)) == told(go(folder="whole"))
+        assert told(go(warn=str)) == told(whole)
 
-    def test_parts_damaged_while_it_runs(self, go):
+    def test_parts_damaged_while_it_runs(self, go, whole, tmp_path):
         """A part that changes after its cells were measured is found at the end, and all decisions are taken again."""
         calls = []
 
         def harm(share):
             calls.append(share)
             if len(calls) == 50:
-                path = min((harm.folder / "parts").iterdir())
+                path = min((tmp_path / "run" / "parts").iterdir())
                 path.write_bytes(path.read_bytes()[:-50])
 
-        whole = go(folder="whole")
-        harm.folder = whole.folder.parent / "run"
         lines = []
         assert told(go(progress=harm, warn=lines.append)) == told(whole)
         assert any("damaged" in line for line in lines)
 
-    def test_a_damaged_table(self, go):
+    def test_a_damaged_table(self, go, whole):
         """The run is made again, to the same bytes."""
-        run = go()
-        before = told(run)
-        run.path("precision").write_bytes(b"not parquet")
-        assert told(go(warn=str)) == before
+        go().path("precision").write_bytes(b"not parquet")
+        assert told(go(warn=str)) == told(whole)
 
 
 @pytest.mark.usefixtures("small")
@@ -218,9 +225,8 @@ class TestBudget:
     """A budget that ends a run before all cells have enough trials."""
 
     @pytest.mark.parametrize("units", [0, 1, 20, 45, 70])
-    def test_stopped_and_gone_on_with(self, go, units):
+    def test_stopped_and_gone_on_with(self, go, whole, units):
         """Cells stay at their last complete checkpoint; a resumed run has the tables of an unbroken one."""
-        whole = go(folder="whole")
         run = stopped_after(go, units)
         table = run.table("precision")
         counts = table["reason"].value_counts().to_dict()
@@ -242,21 +248,19 @@ class TestBudget:
         assert go().stopped() is None
         assert not (run.folder / "parts").exists()
 
-    def test_little_by_little(self, go, computed):
+    def test_little_by_little(self, go, whole, computed):
         """Of many budgets, one after the other, each resumes where the last ended, and nothing is computed twice."""
-        whole = told(go(folder="whole"))
-        computed.clear()
         stops = 0
         while stopped_after(go, 15).stopped() is not None:
             stops += 1
         assert stops > 2
         assert len(set(computed)) == len(computed)
-        assert told(go()) == whole
+        assert told(go()) == told(whole)
 
-    def test_it_names_no_run(self, go):
+    def test_it_names_no_run(self, go, whole):
         """A config with another budget is the same run, and resumes it; one of a fixed number of trials has none."""
         stopped_after(go, 20)
-        assert told(go(CONFIG + "seconds = 1e9\n")) == told(go(folder="whole"))
+        assert told(go(CONFIG + "seconds = 1e9\n")) == told(whole)
         with pytest.raises(ValueError, match="a budget is for a config with"):
             go(FIXED, "fixed", budget=TimeBudget(1.0))
 
