@@ -234,31 +234,32 @@ def test_nothing_at_hand(claim):
     assert finding.reason in [needs.get(name, f"needs a run of configs/{name}.toml") for name in configs]
 
 
-def tables_of(error_rows, claim, names, trials):
-    """Error tables of these estimators for what a claim reads, in a few conditions."""
-    parts = []
-    for angle, noise, samples in itertools.product((20.0, 90.0, 180.0), (1e-8, 1e-4, 0.04, 0.3, 2.0, 1e11), (40, 400)):
-        cell = {"cell": f"{angle} {noise} {samples}", "angle": angle, "noise": noise, "samples": samples}
-        error = noise * (1.0 + np.arange(trials))
-        parts += [error_rows(name, error, error_2=error**2, bound=noise, **cell) for name in names]
-    table = pd.concat(parts, ignore_index=True).drop(columns="error_3")
-    one_cell = table[table["cell"] == table["cell"].iloc[0]]
-    return {read: one_cell if read in ("ellipse/errors", "starts/errors") else table for read in claim.reads}
-
-
 MANY = sorted(NAMED)
 OF_ERRORS = [claim for claim in CLAIMS if all(read.endswith("/errors") for read in claim.reads)]
 POOLED = {"troubles-beyond-radius", "figure-4-setting"}
 """Claims that pool cells, so that few trials of each are enough."""
 
 
+@pytest.fixture(scope="module", params=[(MANY, 1), (MANY, 2), (["pratt"], 30), (["lls"], 30), (["gdke"], 30)])
+def few(request, error_rows):
+    """Names of estimators, and an error table of a few trials of theirs in some conditions."""
+    (names, trials), parts = request.param, []
+    for angle, noise, samples in itertools.product((20.0, 90.0, 180.0), (1e-8, 1e-4, 0.04, 0.3, 2.0, 1e11), (40, 400)):
+        cell = {"cell": f"{angle} {noise} {samples}", "angle": angle, "noise": noise, "samples": samples}
+        error = noise * (1.0 + np.arange(trials))
+        parts += [error_rows(name, error, error_2=error**2, bound=noise, **cell) for name in names]
+    return names, pd.concat(parts, ignore_index=True).drop(columns="error_3")
+
+
 @pytest.mark.parametrize("claim", OF_ERRORS, ids=lambda claim: claim.name)
-@pytest.mark.parametrize(("names", "trials"), [(MANY, 1), (MANY, 2), (["pratt"], 30), (["lls"], 30), (["gdke"], 30)])
-def test_too_few_trials_or_estimators(find, error_rows, claim, names, trials):
+def test_too_few_trials_or_estimators(find, claim, few):
     """With a handful of trials, or of other estimators alone, there is no number to judge by, and so no verdict."""
+    names, table = few
     if (names == MANY and claim.name in POOLED) or (names == ["gdke"] and claim.name == "gdke-even-data"):
         return
-    found = find(claim.name, tables_of(error_rows, claim, names, trials))
+    cell = table[table["cell"] == table["cell"].iloc[0]]
+    one_cell = ("ellipse/errors", "starts/errors")
+    found = find(claim.name, {read: cell if read in one_cell else table for read in claim.reads})
     assert found.verdict is Verdict.NOT_EVALUATED
     assert found.reason.startswith("too few trials or conditions in the tables for: ")
 
