@@ -4,6 +4,7 @@ Reuse of an earlier run: only new fits are computed, and the tables are those of
 """
 
 import gc
+import math
 import random
 import shutil
 import weakref
@@ -87,11 +88,12 @@ def named(start, make_text, tmp_path):
 
 
 def rows(design, top=TWO):
-    """Number of fits of a study of GRID."""
-    cells = len(design["samples"]) * len(design["noise"]) * len(design["angle"])
+    """Number of fits of a study whose axes are lists."""
+    cells = math.prod(len(values) for values in design.values() if isinstance(values, list))
     return cells * design["trials"] * len(top["estimators"])
 
 
+LAWS, OUTLIERS, SIZES = {"law": ["normal", "laplace"]}, {"outlier_share": [0.0, 0.1]}, {"outlier_size": [10.0, 5.0]}
 GROWTH = {
     "trials": (TWO, GRID | {"trials": 23}),
     "trials within a block": (TWO, GRID | {"trials": 11}),
@@ -103,16 +105,23 @@ GROWTH = {
         GRID | {"trials": 15, "noise": [0.5, 0.1, 0.05], "angle": [60, 90]},
     ),
     "points": (TWO | {"keep_points": 1}, GRID | {"trials": 12}),
+    "a law": (TWO, GRID | LAWS),
+    "no law": (TWO, GRID | {"trials": 13}, LAWS),
+    "outliers": (TWO, GRID | OUTLIERS),
+    "sizes of outliers": (TWO, GRID | OUTLIERS | SIZES, OUTLIERS),
+    "no sizes of outliers": (TWO, GRID | OUTLIERS | {"trials": 13}, OUTLIERS | SIZES),
+    "another order": ({"estimators": ["lls", "mle"]}, GRID | {"trials": 12, "noise": [0.5, 0.05]}),
 }
+"""What a study of TWO and GRID becomes: its entries, and those that it had besides."""
 
 
 @pytest.mark.parametrize("kind", ["shared", "independent"])
 @pytest.mark.parametrize("name", list(GROWTH))
 def test_only_the_new_is_computed(named, start, computed, name, kind):
     """Each fit that the earlier run lacks is computed once, and no other; the bytes are those of a run from nothing."""
-    top, design = GROWTH[name]
+    top, design, *had = GROWTH[name]
     more = {"draws": "independent"} if kind == "independent" else {}
-    named(TWO, **GRID, **more)
+    named(TWO, **GRID, **more, **(had[0] if had else {}))
     before = set(computed)
     computed.clear()
     grown = named(top, **design, **more)
