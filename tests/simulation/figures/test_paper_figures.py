@@ -169,13 +169,9 @@ def test_what_is_off_the_scale_is_counted(random_tables):
     assert "3 off the scale" in "\n".join(text.get_text() for ax in fig2_error.draw(frame).axes for text in ax.texts)
 
 
-def test_needs_a_random_design(power_tables, refused):
-    """A grid has too few levels of noise for a cloud."""
+def test_reasons_fig2_error(power_tables, random_tables, refused):
+    """A grid has too few levels of noise for a cloud, and a single noise has no slope."""
     refused(fig2_error, power_tables, "random design")
-
-
-def test_needs_a_range_of_noise(random_tables, refused):
-    """A single noise has no slope."""
     random_tables.errors["noise"] = 1.0
     refused(fig2_error, random_tables, "decade")
 

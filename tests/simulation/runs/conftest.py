@@ -52,6 +52,12 @@ def same_software(monkeypatch, software):
     monkeypatch.setattr(provenance, "software", software)
 
 
+@pytest.fixture(scope="session")
+def tables():
+    """Bytes of a run's tables that do not depend on time."""
+    return lambda run: {name: run.path(name).read_bytes() for name in ("errors", "points")}
+
+
 @pytest.fixture
 def small_units(monkeypatch):
     """Units of a few batches, so that a small study has many."""

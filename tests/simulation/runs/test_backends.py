@@ -34,11 +34,6 @@ pytestmark = pytest.mark.usefixtures("same_software")
 ENTRIES = {"top": {"keep_points": 1}, "trials": 120, "samples": [20, 1000], "draws": "independent"}
 
 
-def tables(run):
-    """Bytes of the tables that do not depend on time."""
-    return {name: (run.folder / f"{name}.parquet").read_bytes() for name in ("errors", "points")}
-
-
 @pytest.fixture
 def one_unit_in_a_task(monkeypatch):
     """Many small tasks, so that all workers have some."""
@@ -48,7 +43,7 @@ def one_unit_in_a_task(monkeypatch):
 
 
 @pytest.fixture
-def expected(start, one_unit_in_a_task):
+def expected(start, one_unit_in_a_task, tables):
     """The tables that one thread makes."""
     return tables(start(jobs=1, **ENTRIES))
 
@@ -97,7 +92,7 @@ def cluster(gate, held, wait_for, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
-def test_dask_with_a_worker_killed_midway(start, expected, cluster, gate, wait_for, monkeypatch):
+def test_dask_with_a_worker_killed_midway(start, expected, tables, cluster, gate, wait_for, monkeypatch):
     """One of two Dask workers is killed while it computes, after a few results: the other computes the rest."""
     import held
 

@@ -43,11 +43,6 @@ def serve():
     process.stdout.close()
 
 
-def tables(folder):
-    """Bytes of the tables that do not depend on time."""
-    return {name: (folder / f"{name}.parquet").read_bytes() for name in ("errors", "points")}
-
-
 def committed(folder):
     """Keys of the rows in undamaged files of a run that is not finished."""
     parts, study = Parts(folder, "units"), parse(CONFIG)
@@ -70,7 +65,7 @@ def damage(folder, chance):
     return before - committed(folder), {path.name for path in paths}
 
 
-def test_many_kills_damage_and_a_full_disk(serve, small_disk, tmp_path, monkeypatch):
+def test_many_kills_damage_and_a_full_disk(serve, small_disk, tables, tmp_path, monkeypatch):
     """The bytes are those of an unbroken run after 18 kills of it, damage to 5 parts and a full disk.
 
     What was committed before a kill is never computed again, unless its part was damaged.
@@ -104,11 +99,12 @@ def test_many_kills_damage_and_a_full_disk(serve, small_disk, tmp_path, monkeypa
             safe -= gone
     assert {path.name for path in (folder / "parts" / DAMAGED).iterdir()} == harmed
     assert attempt()["code"] == 0
-    assert tables(folder) == tables(tmp_path / "whole")
-    assert not Run.open(folder).has("failures")
+    run = Run.open(folder)
+    assert tables(run) == tables(Run.open(tmp_path / "whole"))
+    assert not run.has("failures")
 
 
-def test_trials_by_need_killed(serve, tmp_path):
+def test_trials_by_need_killed(serve, tables, tmp_path):
     """After nine kills in any round, once of processes too, decisions and bytes are those of an unbroken run."""
     took = serve(tmp_path / "whole", config=BY_NEED)
     whole = Run.open(tmp_path / "whole")
@@ -120,5 +116,6 @@ def test_trials_by_need_killed(serve, tmp_path):
     answer = serve(folder, config=BY_NEED)
     assert answer["code"] == 0
     assert 0 < len(answer["computed"]) < len(took["computed"])
-    assert tables(folder) == tables(whole.folder)
-    assert Run.open(folder).fingerprint("precision") == whole.fingerprint("precision")
+    run = Run.open(folder)
+    assert tables(run) == tables(whole)
+    assert run.fingerprint("precision") == whole.fingerprint("precision")

@@ -21,11 +21,6 @@ class Stop(BaseException):
     """Raised by a callback for progress to stop a run."""
 
 
-def tables(run):
-    """Bytes of the tables that do not depend on time."""
-    return {name: run.path(name).read_bytes() for name in ("errors", "points")}
-
-
 @pytest.fixture
 def clock(monkeypatch):
     """Let a second go by each time that parts ask for the time."""
@@ -51,7 +46,7 @@ def test_a_finished_run_computes_nothing(start, computed, files_of):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_only_what_is_missing_is_computed(start, stopped, computed, jobs):
+def test_only_what_is_missing_is_computed(start, stopped, computed, tables, jobs):
     """Each fit is computed once, before or after the interruption, and the tables are those of an unbroken run."""
     resumed = start(folder=stopped, jobs=jobs, **ENTRIES)
     second = list(computed)
@@ -63,7 +58,7 @@ def test_only_what_is_missing_is_computed(start, stopped, computed, jobs):
     assert not (stopped / "parts").exists()
 
 
-def test_a_run_killed_between_tables_and_manifest(start, stopped, monkeypatch):
+def test_a_run_killed_between_tables_and_manifest(start, stopped, tables, monkeypatch):
     """The parts stay until the manifest is written, so that the last step is done again."""
     with monkeypatch.context() as patch:
         patch.setattr(Run, "save_manifest", Mock(side_effect=Stop))
@@ -107,7 +102,7 @@ def test_timings_are_kept(clock, start, stopped):
     assert resumed.manifest()["seconds_computing"] > before.seconds > 0.0
 
 
-def test_another_version_of_an_estimator_is_not_mixed_in(start, stopped, computed, monkeypatch):
+def test_another_version_of_an_estimator_is_not_mixed_in(start, stopped, computed, tables, monkeypatch):
     """Its rows are computed again, before and after the end of a run; those of the other estimators are kept."""
     version = study.ESTIMATORS["lls"].version
     monkeypatch.setitem(study.ESTIMATORS, "lls", replace(study.ESTIMATORS["lls"], version=version + 1))
