@@ -438,6 +438,7 @@ def test_points_without_a_sphere(d, known, name, kind):
         assert math.isnan(found.acceptance)
     else:
         assert np.isfinite(found.draws).all()
+        assert found.acceptance > 0.0  # a chain that cannot move is no posterior
         assert np.abs(found.draws[..., :d]).max() < 10.0
         assert found.draws[..., d].min() > 0.0
         if not known:
@@ -445,18 +446,6 @@ def test_points_without_a_sphere(d, known, name, kind):
     nothing = {"collinear", "one point", "two points", "far away", "huge", "too large", "infinite"}
     if kind in nothing or (kind == "coplanar" and d == 3) or (kind == "as many as parameters" and not known):
         assert found.status is ChainStatus.NO_START
-
-
-@pytest.mark.parametrize("known", [True, False])
-def test_points_without_noise(on_cap, known):
-    """Residuals of a few roundings, whose sum of squares may come out below 0, are no reason to raise."""
-    for seed in range(12):
-        points, _ = on_cap(np.random.default_rng(seed), 8, d=2)
-        found = run(points, 0.1, known, walkers=10, max_steps=30)
-        assert found.status in (ChainStatus.NO_START, ChainStatus.NOT_CONVERGED)
-        assert np.isfinite(found.draws).all()
-        if found.draws.size:  # a chain that cannot move is no posterior
-            assert found.acceptance > 0.0
 
 
 def test_a_start_outside_of_the_box(on_cap):

@@ -121,7 +121,7 @@ def test_only_the_new_is_computed(named, start, computed, name, kind):
     """Each fit that the earlier run lacks is computed once, and no other; the bytes are those of a run from nothing."""
     top, design, *had = GROWTH[name]
     more = {"draws": "independent"} if kind == "independent" else {}
-    named(TWO, **GRID, **more, **(had[0] if had else {}))
+    named(TWO, **dict(*had, **GRID, **more))
     before = set(computed)
     computed.clear()
     grown = named(top, **design, **more)
