@@ -78,6 +78,20 @@ def well(call_here):
     return run
 
 
+@pytest.fixture(scope="session")
+def one_line():
+    """Assert that a block raises an exception of one line that begins with a text and has words (a pattern)."""
+
+    @contextlib.contextmanager
+    def check(kind, words, start=""):
+        with pytest.raises(kind, match=words) as caught:
+            yield
+        assert str(caught.value).startswith(start)
+        assert "\n" not in str(caught.value)
+
+    return check
+
+
 @pytest.fixture(scope="module")
 def browser():
     """Chromium or Chrome, if the machine has one."""

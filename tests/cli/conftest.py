@@ -80,13 +80,14 @@ def finished(call, config, tmp_path_factory):
 def refused(call_here, files_of):
     """Run a command within this process that is refused, says nothing and changes no file; its complaint.
 
-    It is one line (or so many) that begins with the words; a dot-dot-dot in them stands for any text.
+    It is one line (or so many) that begins with the words; a dot-dot-dot in them stands for any text. What is refused
+    after an answer is not silent.
     """
 
-    def run(folder, code, words, *arguments, lines=1):
+    def run(folder, code, words, *arguments, lines=1, silent=True):
         before = files_of(folder)
         end, said, complained = call_here(folder, *arguments)
-        assert (end, said) == (code, "")
+        assert (end, said == "" or not silent) == (code, True)
         assert len(complained.splitlines()) == lines, complained
         first, *others = words.split(" ... ")
         assert complained.startswith(first)

@@ -203,8 +203,10 @@ def test_claims(well, folder):
     assert numbers[1].endswith("joint by joint: 0")
 
 
-def test_one_recording_twice(well, folder):
-    """Two seeds on one recording, were it copied, are one recording; the tables say which."""
+def test_one_recording_twice(well, refused, folder):
+    """Two seeds on one recording, were it copied, are one recording; the tables say which. One folder is refused."""
+    for verb in ("claims", "report"):
+        refused(folder, 2, "body and body: the same case study", verb, "out", *["--recording", "body"] * 2)
     said = well(folder, "claims", "out", "--recording", "body", "--recording", "again")
     assert of_recordings(said)[1].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
     for name in ("scatter", "joints", "laws"):
@@ -223,10 +225,3 @@ def test_report(well, folder):
         well(folder, "report", "out", *options, "--out", "page.html")
         page = (folder / "page.html").read_text(encoding="utf-8")
         assert all(word in page for word in words)
-
-
-@pytest.mark.parametrize("verb", ["claims", "report"])
-def test_refusals(refused, folder, verb):
-    """A folder that is given twice: code 2 and one line."""
-    words = "body and body: the same case study"
-    refused(folder, 2, words, verb, "out", "--recording", "body", "--recording", "body")

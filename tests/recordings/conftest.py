@@ -12,7 +12,7 @@ from study.recordings.formats.read import read_recording
 from study.recordings.formats.write import write_recording
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints
-from study.recordings.markersets import choose, load_markerset
+from study.recordings.markersets import choose, load_markerset, match
 from study.recordings.recording import Recording
 from study.recordings.skeleton.calibrate import calibrate, with_checks
 from study.recordings.skeleton.draw import Skeleton
@@ -32,6 +32,14 @@ def shared(name):
 def shared_file():
     """A function for the path of a recording of the shared data, by its name."""
     return shared
+
+
+@pytest.fixture(scope="session")
+def functional():
+    """Two real recordings of one session, a functional trial of the hips and a walk, with the marker set of both."""
+    whole = load_markerset(shared("functional_hips_markers.toml"))
+    names = ("functional_hips.c3d", "gait_same_session.c3d")
+    return [match(whole, read_recording(shared(name))) for name in names]
 
 
 @pytest.fixture(scope="session")

@@ -58,13 +58,15 @@ def test_turning_ways(most):
 
 @pytest.fixture
 def moved(rng):
-    """Make a template in random poses, with noise; rotations and translations come with it."""
+    """Make a template in random poses (m, 3, frames), with noise and gaps; rotations and translations come with it."""
 
-    def make(template, frames=40, noise=0.0):
+    def make(template, frames=40, noise=0.0, gaps=0.0):
         turns = Rotation.random(frames, rng=rng).as_matrix().transpose(1, 2, 0)
         shifts = rng.normal(size=(3, frames))
         x = np.einsum("ijt,mj->mit", turns, template) + shifts
-        return x + noise * rng.standard_normal(x.shape), turns, shifts
+        x += noise * rng.standard_normal(x.shape)
+        x[np.broadcast_to(rng.random((len(template), 1, frames)) < gaps, x.shape)] = np.nan
+        return x, turns, shifts
 
     return make
 
@@ -150,17 +152,9 @@ SHAPE = np.array([[0.1, 0.12, 0.02], [0.1, -0.11, 0.0], [-0.12, 0.06, 0.01], [-0
 
 
 @pytest.fixture
-def seen(rng):
-    """Make a shape in random poses (m, 3, frames), with noise and gaps."""
-
-    def make(shape=SHAPE, frames=300, noise=0.0, gaps=0.0):
-        turns = Rotation.random(frames, rng=rng).as_matrix()
-        x = np.einsum("tij,mj->mit", turns, shape) + rng.normal(size=(3, frames))
-        x += noise * rng.standard_normal(x.shape)
-        x[np.broadcast_to(rng.random((len(shape), 1, frames)) < gaps, x.shape)] = np.nan
-        return x
-
-    return make
+def seen(moved):
+    """Make a shape in 300 random poses, or so many (m, 3, frames)."""
+    return lambda shape=SHAPE, **options: moved(shape, **{"frames": 300} | options)[0]
 
 
 def proper(found, shape):

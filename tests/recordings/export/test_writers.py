@@ -223,7 +223,7 @@ def test_another_reader_finds_the_joints_where_the_table_has_them(request, tmp_p
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-def test_the_same_bytes_twice_and_nothing_else_in_the_folder(motion, tmp_path, suffix):
+def test_the_same_bytes_twice_and_nothing_else_in_the_folder(motion, one_line, tmp_path, suffix):
     """The name may be in capitals; a file in the folder's place is refused in one line."""
     names = [f"a{suffix}", f"b{suffix.upper()}"]
     once, twice = (write_file(motion, tmp_path / "new" / name).read_bytes() for name in names)
@@ -231,9 +231,8 @@ def test_the_same_bytes_twice_and_nothing_else_in_the_folder(motion, tmp_path, s
     assert len(once) > 1000
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == names
     (tmp_path / "file").touch()
-    with pytest.raises(RecordingError, match=rf"file/walk{suffix}: cannot be written: ") as caught:
+    with one_line(RecordingError, rf"file/walk{suffix}: cannot be written: "):
         write_file(motion, tmp_path / "file" / f"walk{suffix}")
-    assert "\n" not in str(caught.value)
 
 
 def test_the_residual_of_an_unknown_joint(gappy, rich, exported, figure_calibration, tmp_path):
@@ -283,14 +282,13 @@ def test_other_formats_need_no_library_of_c3d(tmp_path):
         ("folder.csv", "folder.csv is a folder"),
     ],
 )
-def test_files_that_are_refused_before_any_work(tmp_path, monkeypatch, text, words):
+def test_files_that_are_refused_before_any_work(tmp_path, monkeypatch, one_line, text, words):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "walk.c3d").touch()
     (tmp_path / "link.c3d").symlink_to(tmp_path / "walk.c3d")
     (tmp_path / "folder.csv").mkdir()
-    with pytest.raises(RecordingError, match=words) as caught:
+    with one_line(RecordingError, words):
         planned_files(text, tmp_path, "walk", tmp_path / "walk.c3d")
-    assert "\n" not in str(caught.value)
 
 
 VALIDATE = """

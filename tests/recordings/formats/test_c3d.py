@@ -129,14 +129,12 @@ def test_more_frames_than_the_header_can_count(tmp_path):
         (b"\x02\x50" + b"\xff" * 5000, "its header promises 65535 frames of 65535 points .* 85.9 GB, but"),
     ],
 )
-def test_what_is_not_a_c3d_file(tmp_path, data, words):
+def test_what_is_not_a_c3d_file(tmp_path, one_line, data, words):
     """The message is one line with the file's name."""
     path = tmp_path / "a.c3d"
     path.write_bytes(data)
-    with pytest.raises(RecordingError, match=words) as caught:
+    with one_line(RecordingError, words, start=f"{path}: "):
         read_recording(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

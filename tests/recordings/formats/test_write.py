@@ -3,6 +3,7 @@
 import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,46 +14,32 @@ from study.recordings.recording import Recording, RecordingError
 from study.recordings.synthetic.make import Recipe, synthesize
 
 
-class Server(ThreadingHTTPServer):
-    """A library on this machine: its responses, and the requests that it got."""
-
-    def __init__(self):
-        super().__init__(("127.0.0.1", 0), Handler)
-        self.asked = []
-        self.status, self.body, self.promised = 200, b"", None
-
-    @property
-    def base(self):
-        return f"http://127.0.0.1:{self.server_address[1]}/subjects"
-
-
-class Handler(BaseHTTPRequestHandler):
-    """Respond as the server is set to."""
-
-    def do_GET(self):
-        server = self.server
-        server.asked.append(self.path)
-        self.send_response(server.status)
-        if server.promised is not None:
-            self.send_header("Content-Length", str(server.promised))
-        self.end_headers()
-        self.wfile.write(server.body)
-
-    def log_message(self, *_):
-        pass
-
-
 @pytest.fixture
 def server(monkeypatch):
+    """A library on this machine: its address, its responses, and the requests that it got."""
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     monkeypatch.setattr("study.recordings.formats.write._TIMEOUT", 600.0)  # a busy machine may answer late
-    server = Server()
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-    thread.start()
-    yield server
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    answers = SimpleNamespace(asked=[], status=200, body=b"", promised=None)
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            answers.asked.append(self.path)
+            self.send_response(answers.status)
+            if answers.promised is not None:
+                self.send_header("Content-Length", str(answers.promised))
+            self.end_headers()
+            self.wfile.write(answers.body)
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as listening:
+        answers.base = f"http://127.0.0.1:{listening.server_address[1]}/subjects"
+        thread = threading.Thread(target=listening.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield answers
+        listening.shutdown()
+        thread.join()
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.recordings.formats.read import read_recording
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import JointPlace, exchange, find_joints
 from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset, match
@@ -242,11 +241,9 @@ def test_shapes_refitted_to_a_recording(session):
     assert after.misfits[thigh] < before.misfits[thigh]
 
 
-def test_two_recordings_of_one_session(shared_file):
+def test_two_recordings_of_one_session(functional):
     """The walk is merged with the functional trial; its hips stay where that puts them, or are doubted."""
-    whole = load_markerset(shared_file("functional_hips_markers.toml"))
-    files = (shared_file(name) for name in ("functional_hips.c3d", "gait_same_session.c3d"))
-    trials = [match(whole, read_recording(file)).recording for file in files]
+    whole, trials = functional[0].whole, [one.recording for one in functional]
     alone, merged = (calibrate_session(whole, part).calibration for part in (trials[:1], trials))
     for hip in ("left_hip", "right_hip"):
         apart = np.linalg.norm(merged[hip].in_parent - alone[hip].in_parent)
@@ -357,10 +354,9 @@ def test_a_trial_that_does_not_move_a_joint_has_no_vote(who, still, tissue, skin
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_a_leg_that_stands_has_no_vote_in_a_real_trial(side, shared_file):
+def test_a_leg_that_stands_has_no_vote_in_a_real_trial(side, functional):
     """A functional trial moves the left hip in its first half, the right one in its second."""
-    whole = load_markerset(shared_file("functional_hips_markers.toml"))
-    recording = match(whole, read_recording(shared_file("functional_hips.c3d"))).recording
+    whole, recording = functional[0].whole, functional[0].recording
     parts = {"left": slice(0, 3120), "right": slice(3120, None)}
     halves = [replace(recording.select(frames=frames), name=name) for name, frames in parts.items()]
     joint = f"{side}_hip"
@@ -467,10 +463,9 @@ def test_no_exchange_where_there_is_none(skin):
         assert [words for segment in markerset.segments if (words := exchange(segment.markers, recording))] == []
 
 
-def test_an_exchange_in_a_real_recording(shared_file):
+def test_an_exchange_in_a_real_recording(functional):
     """Two markers of a thigh's cluster; the recording as it is has none."""
-    whole = load_markerset(shared_file("functional_hips_markers.toml"))
-    recording = match(whole, read_recording(shared_file("functional_hips.c3d"))).recording
+    whole, recording = functional[0].whole, functional[0].recording
     assert [exchange(segment.markers, recording) for segment in whole.segments] == [""] * 3
     wrong, frames = exchanged(recording, "LTH1", "LTH2", 0.43)
     seen = ~np.isnan(recording.positions).any(axis=1)
