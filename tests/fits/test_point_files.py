@@ -176,9 +176,7 @@ def test_any_numbers_round_trip(points, mark, named, tmp_path_factory):
 @pytest.mark.parametrize(
     ("header", "chosen"),
     [
-        ("id,x,y,z", "xyz"),
         ("z,id,Y,X", "XYz"),
-        ("id,t,x [mm],y [mm],z [mm]", "xyz"),
         ("frame,x mm,y mm,z mm", "xyz"),
         ("n,x/cm,y/cm", "xy"),
         ("x,y,w,v", "xy"),

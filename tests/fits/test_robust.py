@@ -10,15 +10,7 @@ from scipy import integrate, stats
 
 import study
 from study import Samples, Status
-from study.fits.robust import (
-    FALSE_ALARMS,
-    as_rare,
-    elemental,
-    extra_parameters,
-    limits_of,
-    outliers,
-    spread_out,
-)
+from study.fits.robust import FALSE_ALARMS, as_rare, elemental, extra_parameters, limits_of, outliers, spread_out
 from study.fits.samples import repeated
 
 CHANCE = 1e-5

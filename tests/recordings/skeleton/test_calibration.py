@@ -117,9 +117,8 @@ def test_a_body_raises_no_warning(figure_calibration, figure):
 @pytest.mark.parametrize(("factor", "warns"), [(0.85, True), (0.95, False), (1.65, False), (1.8, True)])
 def test_hips(figure_calibration, figure, factor, warns):
     """Hip to hip over the spines' markers is plausible from .65 to 1.2; the body's is .05/.07 = .714."""
-    wide = widened(figure_calibration, factor)[0]
-    for hip in ("left_hip", "right_hip"):
-        place = judged(wide, figure[0])[hip]
+    wide = judged(widened(figure_calibration, factor)[0], figure[0])
+    for place in (wide["left_hip"], wide["right_hip"]):
         assert ("hip to hip is" in place.reason) == warns
         assert (place.status == JointStatus.IMPLAUSIBLE) == warns
         assert not warns or "of LFWT to RFWT: 0.65 to 1.2 is plausible" in place.reason
