@@ -48,11 +48,16 @@ def in_axes(found, place):
     return rotation.apply(np.asarray(place) - PELVIS.mean(axis=0))
 
 
+def fitted(recording, across="", hinge=False, child=CHILD):
+    """The joint of the pelvis and a thigh's markers."""
+    return fit_one_joint(recording, find_clusters(recording, PARENT, child, across, hinge=hinge))
+
+
 @pytest.fixture(scope="module")
 def hip():
     """A ball joint with centres of other programs: one 12 mm away, one of the other side."""
     recording, joint = body(left=(("R_HipCentre", (0.0, 0.012, 0.0)), ("lhjc", (0.18, 0.0, 0.0))))
-    return recording, joint, fit_one_joint(recording, find_clusters(recording, PARENT, CHILD))
+    return recording, joint, fitted(recording)
 
 
 def test_a_ball_is_found_with_its_error(hip):
@@ -131,10 +136,10 @@ def test_a_ball_that_moved_as_a_hinge_is_not_ok():
     """Its place along the axis shows in nothing; as a hinge it is ok, with the true axis, and no other place counts."""
     axis = np.array([0.0, 0.6, 0.8])
     recording, _ = body(axis=axis)
-    ball = fit_one_joint(recording, find_clusters(recording, PARENT, CHILD))
+    ball = fitted(recording)
     assert not ball.ok
     assert ball.doubts
-    hinge = fit_one_joint(recording, find_clusters(recording, PARENT, CHILD, hinge=True))
+    hinge = fitted(recording, hinge=True)
     assert hinge.ok, hinge.doubts
     found, true = hinge.found.axis_in_parent, in_axes(hinge, axis + PELVIS.mean(axis=0))
     assert abs(found @ true) > np.cos(np.radians(2.0))
@@ -148,8 +153,7 @@ def test_a_hinge_is_midway_between_two_points():
     axis = np.array([0.0, 0.6, 0.8])
     ends = [("LFC", 0.05 * axis + [0.02, 0, 0]), ("MFC", -0.03 * axis - [0.02, 0, 0])]
     recording, _ = body(axis=axis, left=ends)
-    clusters = (find_clusters(recording, PARENT, CHILD, across, hinge=True) for across in ("", "LFC,MFC"))
-    plain, placed = (fit_one_joint(recording, given) for given in clusters)
+    plain, placed = (fitted(recording, across, hinge=True) for across in ("", "LFC,MFC"))
     step, found = placed.found.in_parent - plain.found.in_parent, placed.found.axis_in_parent
     np.testing.assert_allclose(step, (step @ found) * found, atol=1e-9)
     true = in_axes(placed, CENTRE + 0.01 * axis)
@@ -162,15 +166,14 @@ def test_a_hinge_is_midway_between_two_points():
 def test_points_that_are_not_at_the_joint():
     """A hip is no hinge: two points do not place it by being named, be they on other segments or far along an axis."""
     child, (first, _) = "RTH1,RTH2", body()
-    free = fit_one_joint(first, find_clusters(first, PARENT, child, hinge=True))
+    free = fitted(first, hinge=True, child=child)
     turn, _ = Rotation.align_vectors(free.places, PELVIS - PELVIS.mean(axis=0))
     axis = turn.inv().apply(free.found.estimate.axis)  # along which the place is not asked for
     ends = [("A", 0.04 * axis), ("B", -0.04 * axis), ("C", 0.25 * axis), ("D", 0.35 * axis)]
     recording, _ = body(left=ends)
     moving = np.concatenate([recording.positions, 0.1 * np.random.default_rng(1).standard_normal((1, 3, FRAMES))])
     recording = Recording("walk", (*recording.markers, "FOOT"), moving, 100.0)
-    clusters = (find_clusters(recording, PARENT, child, across, hinge=True) for across in ("A,B", "C,D", "A,FOOT"))
-    placed, far, strange = (fit_one_joint(recording, given) for given in clusters)
+    placed, far, strange = (fitted(recording, across, True, child) for across in ("A,B", "C,D", "A,FOOT"))
     assert (placed.ok, placed.misplaced) == (True, ())
     assert (far.ok, len(far.misplaced)) == (False, 1)
     assert "it is no hinge: it rotated about every direction, and its centre is 30" in joint_line(far)
@@ -197,7 +200,7 @@ def test_a_knee_is_where_another_program_has_it_along_its_axis(shared_file):
 def test_a_joint_that_did_not_move():
     """It has a status and a doubt, null for its place in JSON, and is not ok."""
     recording, _ = body(noise=1e-5, sweep=0.0)
-    still = fit_one_joint(recording, find_clusters(recording, PARENT, CHILD))
+    still = fitted(recording)
     values = json.loads(joint_json(still))
     assert (still.ok, values["ok"], values["status"]) == (False, False, "still")
     assert values["center"] == [None] * 3
@@ -208,16 +211,14 @@ def test_no_doubts():
     """A centre of another program that agrees is no reason to doubt, nor is one of the other side."""
     other = ("LHJC", (0.18, 0.0, 0.0))
     for left in ((("RHJC", (0.0, 0.0, 0.004)), other), (other,)):
-        recording, _ = body(left=left)
-        found = fit_one_joint(recording, find_clusters(recording, PARENT, CHILD))
+        found = fitted(body(left=left)[0])
         assert (found.ok, found.doubts) == (True, ())
         assert joint_line(found).endswith("; no doubts")
 
 
 def test_a_walk_is_compared_with_the_functional_centres(shared_file):
     """Skin moves with the hip in gait: the walk's left hip is centimetres from the functional one, and doubted."""
-    recording = read_recording(shared_file("gait_same_session.c3d"))
-    found = fit_one_joint(recording, find_clusters(recording, PARENT, "LTH1,LTH2,LTH3"))
+    found = fitted(read_recording(shared_file("gait_same_session.c3d")), child="LTH1,LTH2,LTH3")
     label, distance, _ = found.compared[0]
     assert label == "LHJC"
     assert distance > 0.03
@@ -258,9 +259,8 @@ def test_wrong_labels_are_answered_with_the_nearest(one_line, parent, child, wor
 @pytest.mark.parametrize("side", ["L", "R"])
 def test_functional_trial(shared_file, side):
     """Hips moved on purpose are ok, to 9 mm."""
-    recording = read_recording(shared_file("functional_hips.c3d"))
-    clusters = find_clusters(recording, PARENT, ",".join(f"{side}TH{i}" for i in (1, 2, 3)))
-    found = fit_one_joint(recording, clusters)
+    child = ",".join(f"{side}TH{i}" for i in (1, 2, 3))
+    found = fitted(read_recording(shared_file("functional_hips.c3d")), child=child)
     assert found.ok, found.doubts
     assert found.error < 0.009  # its markers' radii change with the angle by 4 mm/rad, which three of them show
     assert found.compared == ()
