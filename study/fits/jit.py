@@ -124,13 +124,13 @@ def compiled(function: F, fastmath: bool = True) -> F:
     """Compile a function with the package's options when it is first called, and cache the code on disk."""
     flags = {"reassoc", "contract", "arcp", "nsz"} if fastmath else False
     options = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=flags)
-    dispatcher: Any = options(function)
-    cache = dispatcher._cache
+    dispatcher = options(function)
+    cache = dispatcher._cache  # type: ignore[attr-defined]
     cache.save_overload = partial(_store, cache.save_overload, Path(cache.cache_path) / LOCK)
     return cast(F, dispatcher)
 
 
-def _store(save: Callable[..., None], lock: Path, signature: Any, code: Any) -> None:
+def _store(save: Callable[..., None], lock: Path, signature: object, code: object) -> None:
     """Store a version of a function while no other process stores one.
 
     Numba numbers the files of a function's versions by an index. Of two processes that store versions at the same time,
