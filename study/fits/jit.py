@@ -125,8 +125,8 @@ def compiled(function: F, fastmath: bool = True) -> F:
     flags = {"reassoc", "contract", "arcp", "nsz"} if fastmath else False
     options = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=flags)
     dispatcher = options(function)
-    cache = dispatcher._cache  # type: ignore[attr-defined]
-    cache.save_overload = partial(_store, cache.save_overload, Path(cache.cache_path) / LOCK)
+    if cache := getattr(dispatcher, "_cache", None):  # a plain function, where NUMBA_DISABLE_JIT is set
+        cache.save_overload = partial(_store, cache.save_overload, Path(cache.cache_path) / LOCK)
     return cast(F, dispatcher)
 
 
