@@ -56,9 +56,14 @@ class FittedPoints:
         """True for the points (b, n) that do not belong to the sphere of the majority."""
         return outliers(self.samples)
 
-    @cached_property
+    @property
     def repeated(self) -> Bools:
-        """True for the points (b, n) that repeat an earlier one."""
+        """True for the points (b, n) that repeat an earlier one; ValueError if they were lent and have changed."""
+        self._samples.unchanged()
+        return self._repeated
+
+    @cached_property
+    def _repeated(self) -> Bools:
         return repeated(self._samples.x)
 
     @cached_property
@@ -90,17 +95,17 @@ class FittedPoints:
     @cached_property
     def _different(self) -> Samples:
         points = self._samples
-        if not self._without_outliers and not self.repeated.any():
+        if not self._without_outliers and not self._repeated.any():
             return points
-        return Samples(np.where((self.used & ~self.repeated)[:, None], points.x, np.nan), points.noise)
+        return Samples(np.where((self.used & ~self._repeated)[:, None], points.x, np.nan), points.noise)
 
     @cached_property
     def spare(self) -> Ints:
         """Degrees of freedom of the noise (b,): different points that the fit stands on, less d + 1; at least 1."""
         b, d, n = self._samples.shape
-        if not self._without_outliers and not self.repeated.any() and np.isfinite(self._samples.moments.fourth).all():
+        if not self._without_outliers and not self._repeated.any() and np.isfinite(self._samples.moments.fourth).all():
             return np.full(b, max(n - d - 1, 1))
-        count = (self.used & ~self.repeated).sum(axis=1)
+        count = (self.used & ~self._repeated).sum(axis=1)
         return np.asarray(np.maximum(count - self._center.shape[1] - 1, 1))
 
     @property
@@ -122,7 +127,8 @@ class FittedPoints:
             ends: the intervals at 95 %.
         """
         seen, result = self.structure, status.copy()
-        result[seen.hinge & _HAS_SPHERE[status]] = Status.HINGE
+        placed = (status != Status.TOO_FEW_POINTS) & (status != Status.NOT_FINITE) & (status != Status.FAILED)
+        result[seen.hinge & placed] = Status.HINGE
         result[(result == Status.OK) & seen.doubted] = Status.MISFIT
         fitted = ((result == Status.OK) | (result == Status.MISFIT)) & (seen.extreme | seen.spread)
         fitted |= ((result == Status.WEAKLY_IDENTIFIED) | (result == Status.INSIGNIFICANT)) & seen.spread
@@ -208,10 +214,6 @@ def ruled_status(estimates: Estimates, ends: Intervals) -> Ints:
     ruled = (own == Status.OK) | (own == Status.INSIGNIFICANT)
     accepted = np.where((own == Status.OK) | inside, Status.OK, own)
     return np.asarray(np.where(ruled, np.where(ends.identified, accepted, Status.WEAKLY_IDENTIFIED), own))
-
-
-_HAS_SPHERE = np.array([s not in (Status.TOO_FEW_POINTS, Status.NOT_FINITE, Status.FAILED) for s in Status])
-"""False for statuses of fits that say nothing about where the points lie."""
 
 
 class Fit:
@@ -539,7 +541,7 @@ class Fit:
 
         Intervals, and with them the status, count copies once.
         """
-        return np.asarray((self._points.present & self._points.repeated).sum(axis=1).reshape(self.shape))
+        return np.asarray(self._points.repeated.sum(axis=1).reshape(self.shape))
 
     @cached_property
     def goodness(self) -> Goodness:

@@ -23,6 +23,7 @@ A batch of point sets is an array (b, d, n), which lies in memory coordinate by 
 both.
 """
 
+import contextlib
 import hashlib
 import logging
 import shutil
@@ -58,6 +59,9 @@ SCALAR_CODE = Path(__file__).parent / "__pycache__" / "scalar"
 
 LOCK = "compiled.lock"
 """File beside the compiled code whose lock a process holds while it stores some."""
+
+_PATIENCE = 5.0
+"""Seconds to wait for it; storing takes some milliseconds."""
 
 COMPILING = "study: compiling loops, once after an installation; it takes seconds, at most a minute"
 """Warning of a process that compiles a function, and does not read it from the cache."""
@@ -134,9 +138,10 @@ def _store(save: Callable[..., None], lock: Path, signature: object, code: objec
     """Store a version of a function while no other process stores one.
 
     Numba numbers the files of a function's versions by an index. Of two processes that store versions at the same time,
-    both may take the same number, and one version would be read as the other from then on.
+    both may take the same number, and one version would be read as the other from then on. A version that cannot be
+    stored, as where a file system has no locks, is compiled again by the next process.
     """
-    with FileLock(lock):
+    with contextlib.suppress(OSError, NotImplementedError), FileLock(lock, timeout=_PATIENCE):
         save(signature, code)
 
 

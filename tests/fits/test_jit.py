@@ -10,6 +10,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -158,6 +159,20 @@ def test_one_process_at_a_time_stores_a_version(monkeypatch):
 
     assert (thrice(1.0), thrice(2)) == (3.0, 6)
     assert held == [True, True]
+
+
+@pytest.mark.parametrize("refusal", [OSError("no locks available"), NotImplementedError("no flock")])
+def test_a_version_that_cannot_be_stored_is_used(monkeypatch, refusal):
+    """Where a file system has no locks, a function is compiled all the same."""
+    monkeypatch.setattr(FileLock, "acquire", Mock(side_effect=refusal))
+    monkeypatch.setattr(IndexDataCacheFile, "load", lambda file, key: None)
+
+    @compiled
+    def fourfold(x: float) -> float:
+        """Four times a number."""
+        return 4.0 * x
+
+    assert fourfold(1.5) == 6.0
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])

@@ -78,8 +78,9 @@ def autocorrelation_times(chain: Floats) -> Floats:
     spectrum = scipy.fft.rfft(series, length)
     power = np.einsum("pwf,pw->pf", spectrum.real**2 + spectrum.imag**2, weight)
     correlation = scipy.fft.irfft(power, length)[:, :steps] / weight.shape[1]
-    up_to = 2.0 * np.cumsum(correlation, axis=1) - 1.0
-    return np.array([times[emcee.autocorr.auto_window(times, 5)] for times in up_to])
+    sums = 2.0 * np.cumsum(correlation, axis=1) - 1.0
+    times = [up_to[emcee.autocorr.auto_window(up_to, 5)] for up_to in sums]
+    return np.where((chain == chain[0]).all(axis=0).any(axis=0), np.nan, times)
 
 
 class Reference(NamedTuple):

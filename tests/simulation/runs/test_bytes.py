@@ -108,6 +108,7 @@ GROWTH = {
     "a law": (TWO, GRID | LAWS),
     "no law": (TWO, GRID | {"trials": 13}, LAWS),
     "outliers": (TWO, GRID | OUTLIERS),
+    "no outliers": (TWO, GRID | {"trials": 7}, OUTLIERS),
     "sizes of outliers": (TWO, GRID | OUTLIERS | SIZES, OUTLIERS),
     "no sizes of outliers": (TWO, GRID | OUTLIERS | {"trials": 13}, OUTLIERS | SIZES),
     "another order": ({"estimators": ["lls", "mle"]}, GRID | {"trials": 12, "noise": [0.5, 0.05]}),
