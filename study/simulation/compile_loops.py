@@ -2,9 +2,7 @@
 
 ``python -m study.simulation.compile_loops CONFIG…``. Numba keeps the compiled code beside the sources. A plan of a
 study computes a few of its trials, and so compiles what its run needs. ``--circles`` adds fits in two dimensions,
-``--costs`` the loops of the table of costs.
-
-Two processes compile, and so twice as fast.
+``--costs`` the loops of the table of costs. Two processes compile.
 """
 
 import argparse

@@ -236,6 +236,12 @@ def test_arguments_of_other_libraries(points, one_line, argument, words):
         study.fit(points, **{argument: 1.0})
 
 
+def test_a_status_of_a_plugin_stays(points):
+    """One that the list lacks is reported as it is, as failures are."""
+    fit = study.fit(points)
+    assert (Fit(fit.estimates._replace(status=np.full(fit.shape, 77)), fit.samples).status == 77).all()
+
+
 def test_fits_without_points():
     """An answer that does not hold its points still has numbers and words, and says what it lacks."""
     fit = Fit(blank(2, 3))
