@@ -21,7 +21,6 @@ from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats
 from study.fits.jit import compiled
-from study.fits.linalg import diagonalise
 
 _LOCKED = 1e-9
 """Sine of the angle between the first and the third axis below which they are one axis."""
@@ -188,54 +187,41 @@ def turning_ways(angles: Floats, lag: int, most: int) -> list[tuple[Bools, Bools
 _THIN = 0.03
 """Least extent of points across their main line, as a share of that along it, that fixes the rotation about it."""
 
-Triple = tuple[float, float, float]
-"""Three coordinates, as compiled code returns them."""
+_MOST_STEPS = 60
 
 
 @compiled
-def _times(matrix: Floats, vectors: Floats, column: int) -> Triple:
-    """A matrix (3, 3) times a column of another."""
-    a, b, c = vectors[0, column], vectors[1, column], vectors[2, column]
-    return (
-        matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2] * c,
-        matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2] * c,
-        matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2] * c,
-    )
+def _best_rotation(h: Floats, cofactors: Floats, square: Floats, rotation: Floats) -> bool:
+    """Find the rotation R (3, 3) that maximises λ = Tr(RᵀH) for H = Σ x aᵀ (Markley 1993, eqs. 12-16).
 
-
-@compiled
-def _unit(v: Triple) -> Triple:
-    size = 1.0 / math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    return size * v[0], size * v[1], size * v[2]
-
-
-@compiled
-def _cross(v: Triple, w: Triple) -> Triple:
-    return v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]
-
-
-@compiled
-def _best_rotation(cross: Floats, square: Floats, vectors: Floats, rotation: Floats) -> bool:
-    """Find the rotation (3, 3) that maximises Tr(RᵀH) for ``cross`` = H = Σ x aᵀ: it takes a, b, a × b to p, q, p × q.
-
-    a and b are the leading right singular vectors of H, p and q the left ones. ``square`` and ``vectors`` (3, 3) are
-    scratch. Returns False, with ``rotation`` undefined, if H has rank one.
+    λ is the largest root of (λ² - ‖H‖²)² - 8 λ det H - 4 ‖adj H‖², found by Newton's method from above.
+    ``cofactors`` and ``square`` (3, 3) are scratch. Returns False, with ``rotation`` undefined, if H has rank one.
     """
+    norm = minors = det = 0.0
     for i in range(3):
         for j in range(3):
-            square[i, j] = cross[0, i] * cross[0, j] + cross[1, i] * cross[1, j] + cross[2, i] * cross[2, j]
-    diagonalise(square, vectors)
-    if not square[1, 1] > _THIN**4 * square[2, 2]:  # H holds squares of extents, and this is its square
+            k, m, p, q = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            cofactors[i, j] = h[k, p] * h[m, q] - h[k, q] * h[m, p]
+            square[i, j] = h[0, i] * h[0, j] + h[1, i] * h[1, j] + h[2, i] * h[2, j]
+            norm += h[i, j] ** 2
+            minors += cofactors[i, j] ** 2
+    for j in range(3):
+        det += h[0, j] * cofactors[0, j]
+    trace = math.sqrt(3.0 * norm)
+    for _ in range(_MOST_STEPS):
+        over = trace**2 - norm
+        step = 0.25 * (over**2 - 8.0 * trace * det - 4.0 * minors) / (trace * over - 2.0 * det)
+        trace -= step
+        if not step > 1e-15 * trace:
+            break
+    kappa = 0.5 * (trace**2 - norm)
+    zeta = kappa * trace - det  # (s1 + s2)(s2 + s3)(s3 + s1), of the singular values, s3 with the sign of det H
+    if not zeta > _THIN**2 * trace**3:  # H holds squares of extents
         return False
-    a = (vectors[0, 2], vectors[1, 2], vectors[2, 2])
-    b = (vectors[0, 1], vectors[1, 1], vectors[2, 1])
-    p, q = _unit(_times(cross, vectors, 2)), _times(cross, vectors, 1)
-    along = p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
-    q = _unit((q[0] - along * p[0], q[1] - along * p[1], q[2] - along * p[2]))
-    c, r = _cross(a, b), _cross(p, q)
     for i in range(3):
         for j in range(3):
-            rotation[i, j] = p[i] * a[j] + q[i] * b[j] + r[i] * c[j]
+            cubic = h[i, 0] * square[0, j] + h[i, 1] * square[1, j] + h[i, 2] * square[2, j]
+            rotation[i, j] = ((kappa + norm) * h[i, j] + trace * cofactors[i, j] - cubic) / zeta
     return True
 
 
