@@ -144,7 +144,7 @@ class InterpolatedRotation:
     """
 
     def __init__(self, rotation: Floats, parent: Floats | None, known: Bools, rest: Floats | None = None) -> None:
-        self.fitted, self.parent, self.rest = np.flatnonzero(known), parent, rest
+        self.known, self.fitted, self.parent, self.rest = known, np.flatnonzero(known), parent, rest
         part = rotation.take(self.fitted, axis=2)  # an index would put frames first in memory, where sums take longer
         inside = part if parent is None else relative_rotation(parent.take(self.fitted, axis=2), part)
         self.inside = np.ascontiguousarray(np.moveaxis(inside, 2, 0))  # (fitted, 3, 3)
@@ -203,17 +203,17 @@ class InterpolatedRotation:
         for lag in 4 ** np.arange(int(np.log2(max(len(self.fitted), 2))) // 2 + 1):
             if steps[-1] >= distances.max(initial=0.0):
                 break
-            first, last = self.fitted, self.fitted + (2 * lag if inner else lag)
-            one, two = np.searchsorted(self.fitted, last), np.searchsorted(self.fitted, first + lag)
-            fits = np.flatnonzero((one < len(self.fitted)) & (two < len(self.fitted)))
-            fits = fits[(self.fitted[one[fits]] == last[fits]) & (self.fitted[two[fits]] == first[fits] + lag)]
-            if len(fits) < _FEWEST:
+            length = 2 * lag if inner else lag
+            starts = max(len(self.known) - length, 0)
+            seen = self.known[:starts] & self.known[lag : lag + starts] & self.known[length : length + starts]
+            first = np.flatnonzero(seen)
+            if len(first) < _FEWEST:
                 break
-            fits = fits[:: max(len(fits) // _ENOUGH, 1)]
-            guess = self.inside[fits]
+            first = first[:: max(len(first) // _ENOUGH, 1)]
+            guess, between, last = (self.inside[self.fitted.searchsorted(first + k)] for k in (0, lag, length))
             if inner:
-                guess = _between(guess, self.inside[one[fits]], np.full(len(fits), 0.5))
-            off = Rotation.from_matrix(self.inside[two[fits]] @ guess.swapaxes(1, 2), assume_valid=True).as_rotvec()
+                guess = _between(guess, last, np.full(len(first), 0.5))
+            off = Rotation.from_matrix(between @ guess.swapaxes(1, 2), assume_valid=True).as_rotvec()
             steps.append(float(lag))
             squares.append(off.T @ off / len(off))
         if len(steps) < 2:
@@ -459,8 +459,8 @@ class _SkeletonBuilder:
                 world, variance = to_world(self.rotations[k], self.origins[k], at), self._bridging(name, at)
                 same, surer = self.flags[k] == flags[i], variance.sum(axis=0) < bridging[i].sum(axis=0)
                 better = ((self.flags[k] < flags[i]) | (same & surer)) & ~np.isnan(world[0])
-                centers[i][:, better], bridging[i][:, better] = world[:, better], variance[:, better]
-                flags[i, better] = self.flags[k, better]
+                for old, new in ((centers, world), (bridging, variance), (flags, self.flags[k])):
+                    np.copyto(old[i], new, where=better)
         return centers, flags, bridging
 
     def _bridging(self, segment: str, at: Floats) -> Floats:
