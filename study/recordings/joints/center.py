@@ -38,6 +38,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg.lapack import dsygv
 from scipy.optimize import brentq
 
 from study.arrays import Bools, Floats
@@ -321,9 +322,10 @@ class PooledMoments:
     def _extents(self, basis: Floats) -> tuple[Floats, Floats]:
         """Eigenvalues of Σ w C relative to Σ w F (d,), ascending and not below 0, and its vectors (d, d)."""
         total, noise = (basis.T @ (self.w @ part.reshape(-1, 9)).reshape(3, 3) @ basis for part in (self.c, self.f))
-        inverse = np.linalg.inv(np.linalg.cholesky(noise))  # for such small matrices faster than SciPy's eigh
-        values, vectors = np.linalg.eigh(inverse @ total @ inverse.T)
-        return np.maximum(values, 0.0), inverse.T @ vectors
+        values, vectors, failed = dsygv(total, noise)  # eigh calls the same, and takes six times as long
+        if failed:
+            raise np.linalg.LinAlgError("the noise of the poses has no positive definite covariance")
+        return np.maximum(values, 0.0), vectors
 
     def _mean_vfv(self, o: Floats) -> Floats:
         """Mean vᵀFv of each marker (M,)."""

@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Floats
-from study.fits import fit, mgdk
+from study.fits import fit
+from study.fits.markers import Incremental, mgdk_so_far
 from study.recordings.joints.estimate import SHORT_TEXTS, SymmetricFit, mean_difference, side_differences
 from study.recordings.joints.find import Calibration, JointPlace
 from study.recordings.recording import Recording
@@ -169,7 +170,10 @@ def _centers(points: list[Floats]) -> dict[str, Floats]:
     """Centres (3,) that the library's estimators fit to markers' samples (n, 3) in one segment's axes."""
     if not points:
         return {}
-    together = mgdk(points)
+    markers = [Incremental(3) for _ in points]
+    for marker, y in zip(markers, points, strict=True):
+        marker.update(y)
+    together = mgdk_so_far(markers)  # from moments, without the test whether the markers agree
     most = max(points, key=lambda y: float(np.trace(np.cov(y.T))))
     centers = {"mgdk": together.center, "gdke": fit(most, "gdke").center, "mle": fit(most, "mle").center}
     if together.noise_variance > 0.0:

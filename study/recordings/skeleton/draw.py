@@ -200,7 +200,7 @@ class InterpolatedRotation:
     def _table(self, inner: bool, distances: Floats) -> Floats:
         """Covariance (w, 3, 3) of errors over these numbers of frames, between two ends or beyond one."""
         steps, squares = [0.0], [np.zeros((3, 3))]
-        for lag in 4 ** np.arange(int(np.log2(max(len(self.fitted), 2))) // 2 + 1):
+        for lag in (4**k for k in range(int(np.log2(max(len(self.fitted), 2))) // 2 + 1)):
             if steps[-1] >= distances.max(initial=0.0):
                 break
             length = 2 * lag if inner else lag
