@@ -36,6 +36,7 @@ axis is not observed; a little of the isotropic answer is mixed in for it, and t
 import math
 
 import numpy as np
+from scipy.special import fdtri
 
 from study.arrays import Bools, Floats
 from study.fits.jit import CHUNK, compiled, dot, fill, total
@@ -482,8 +483,6 @@ def _flat(samples: Samples, kept: Bools, direction: int) -> Bools:
     condition separates an arc's flat direction from a small cap's axis, which may be as short but carries the
     curvature.
     """
-    from scipy.special import fdtri  # imported here, as it takes as long as the rest of the library
-
     regression = samples.regression
     values, along = regression.along[:2]
     n, d = regression.n, values.shape[1]

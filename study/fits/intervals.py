@@ -16,6 +16,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import stdtrit
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.bounds import NOISY
@@ -118,8 +119,6 @@ def _compute(samples: Samples, level: float, stretch: Floats, result: Intervals)
     _, d, n = samples.shape
     if n <= d + 1:
         return
-    from scipy.special import stdtrit  # imported here, as it takes as long as the rest of the library
-
     start = als(samples)
     quantiles = stretch * float(stdtrit(n - d - 1, 0.5 * (1.0 + level)))
     _compute_all(samples.rows, start.center, start.radius, quantiles, result, zeros(d), zeros(d, d))

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
+from scipy.special import chdtri, fdtri
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.bounds import bound_from_scatter, normal_weights, unit_covariance, weighted_scatter
@@ -387,8 +388,6 @@ def semi_axes(covariance: Floats, level: float, spare: Ints | None) -> Floats:
         spare: degrees of freedom of the noise that the covariance stands on (b,), at least 1, for lengths by F; None
             where the noise is known, for lengths by χ².
     """
-    from scipy.special import chdtri, fdtri  # imported here, as it takes as long as the rest of the library
-
     b, d, _ = covariance.shape
     scale = np.full(b, chdtri(d, 1.0 - level)) if spare is None else d * fdtri(d, spare, level)
     values, vectors = eigenbasis(covariance)

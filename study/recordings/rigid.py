@@ -260,8 +260,8 @@ def _fit_frames(places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floa
     """Compiled part of `fit_poses_about`."""
     rotation, origin, fitted, used, square = poses
     m, n = used.shape
-    a, b = np.empty(3), np.empty(3)
-    cross, scratch, vectors, r = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    a, b, o = np.empty(3), np.empty(3), np.empty(3)
+    cross, cofactors, scratch, r = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for t in range(n):
         pinned = at[0, t] == at[0, t]
         for k in range(m):  # the distance from the pin does not depend on the rotation
@@ -278,19 +278,16 @@ def _fit_frames(places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floa
             if not pinned:
                 _means(places, x, used, t, a, b)
             _cross_sums(places, x, used, t, a, b, cross)
-            if not _best_rotation(cross, scratch, vectors, r):
+            if not _best_rotation(cross, cofactors, scratch, r):
                 break
-            o0 = b[0] - r[0, 0] * a[0] - r[0, 1] * a[1] - r[0, 2] * a[2]
-            o1 = b[1] - r[1, 0] * a[0] - r[1, 1] * a[1] - r[1, 2] * a[2]
-            o2 = b[2] - r[2, 0] * a[0] - r[2, 1] * a[1] - r[2, 2] * a[2]
+            for i in range(3):
+                o[i] = b[i] - r[i, 0] * a[0] - r[i, 1] * a[1] - r[i, 2] * a[2]
             worst, which, total = 0.0, -1, 0.0
             for k in range(m):
                 if used[k, t]:
-                    p0, p1, p2 = places[k, 0], places[k, 1], places[k, 2]
-                    f0 = x[k, 0, t] - o0 - r[0, 0] * p0 - r[0, 1] * p1 - r[0, 2] * p2
-                    f1 = x[k, 1, t] - o1 - r[1, 0] * p0 - r[1, 1] * p1 - r[1, 2] * p2
-                    f2 = x[k, 2, t] - o2 - r[2, 0] * p0 - r[2, 1] * p1 - r[2, 2] * p2
-                    far = f0 * f0 + f1 * f1 + f2 * f2
+                    far, (p0, p1, p2) = 0.0, (places[k, 0], places[k, 1], places[k, 2])
+                    for i in range(3):
+                        far += (x[k, i, t] - o[i] - r[i, 0] * p0 - r[i, 1] * p1 - r[i, 2] * p2) ** 2
                     total += far
                     if far > worst * limits[k] ** 2:
                         worst, which = far / limits[k] ** 2, k
@@ -299,8 +296,7 @@ def _fit_frames(places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floa
                 count -= 1
                 continue
             fitted[t], square[t] = True, total / count
-            rotation[:, :, t] = r
-            origin[0, t], origin[1, t], origin[2, t] = o0, o1, o2
+            rotation[:, :, t], origin[:, t] = r, o
             break
 
 

@@ -164,7 +164,7 @@ class PooledMoments:
             if step > 0:
                 change = self.reweight(center, basis)
             w, origin = self.w, self.w @ self.mean / self.w.sum()
-            m = self._within(self.mean - origin, basis)
+            m = (self.mean - origin) @ basis @ basis.T
             cm, fm = (self.c @ m[:, :, None])[:, :, 0], (self.f @ m[:, :, None])[:, :, 0]
             right = np.array([cm + 0.5 * self.s, fm + self.fz + 0.5 * self.trace_z, fm + self.fz])
             # in directions in which F is I and C diagonal, everything is a sum of d fractions of the size
@@ -312,12 +312,8 @@ class PooledMoments:
         return slopes
 
     def _offsets(self, center: Floats, basis: Floats) -> Floats:
-        """Offset o of each marker (M, 3), within the basis."""
-        return self._within(center - self.mean, basis)
-
-    def _within(self, vectors: Floats, basis: Floats) -> Floats:
-        """Vectors (M, 3) projected on the subspace that a basis spans."""
-        return vectors @ basis @ basis.T
+        """Offset o of each marker (M, 3), projected on the subspace that the basis spans."""
+        return np.asarray((center - self.mean) @ basis @ basis.T)
 
     def _extents(self, basis: Floats) -> tuple[Floats, Floats]:
         """Eigenvalues of Σ w C relative to Σ w F (d,), ascending and not below 0, and its vectors (d, d)."""
