@@ -71,14 +71,14 @@ def moved(rng):
     return make
 
 
-@pytest.mark.parametrize(("m", "side"), [(3, 1.0), (4, 1.0), (6, 1.0), (5, -1.0)])
-def test_agrees_with_scipy(rng, moved, m, side):
+@pytest.mark.parametrize(("m", "across", "side"), [(3, 1, 1), (4, 1, 1), (6, 1, 1), (5, 1, -1), (4, 0.1, 1)])
+def test_agrees_with_scipy(rng, moved, m, across, side):
     """Rotations are those of scipy's Kabsch algorithm, for three markers (in a plane), four and six, with noise.
 
-    For mirrored points, too, the best proper rotation is found.
+    For mirrored points, too, the best proper rotation is found, and for points near a line.
     """
-    template = 0.1 * rng.standard_normal((m, 3))
-    x, _, _ = moved(template * [1.0, 1.0, side], noise=0.01)
+    template = 0.1 * rng.standard_normal((m, 3)) * [1.0, across, across]
+    x, _, _ = moved(template * [1.0, 1.0, side], noise=0.01 * across)
     rotation, origin, known = rigid.fit_rigid_motion(template, x)
     assert known.all()
     for t in range(x.shape[2]):
