@@ -198,6 +198,33 @@ def test_every_misfit_is_named(case):
     assert at_most(fit.ok, 0.02) if case in ("cube", "unequal noise", "memory") else not fit.ok.any()
 
 
+def test_two_spheres_that_look_like_one():
+    """The most powerful test of spheres of 1 and .9 with noise .05, against the sphere that is nearest, sees .355.
+
+    Directions that are uniform tell nothing, so it is that of the ratio of the densities of 200 distances, which are
+    those of the noncentral χ. The nearest sphere has their mean and mean square. The test of fit sees no more.
+    """
+    rng, radii, sigma = np.random.default_rng(8), np.array([1.0, 0.9]), 0.05
+    mean, square = np.mean(radii + sigma**2 / radii), np.mean(radii**2) + 3.0 * sigma**2
+    r = 0.25 * (3.0 * mean + math.sqrt(9.0 * mean**2 - 8.0 * square))  # mean = r + s²/r, square = r² + 3s²
+    s = math.sqrt(r * (mean - r))
+    assert (r, s) == pytest.approx((0.9474, 0.0708), abs=1e-4)
+    u = on_cap(rng, 4000, 200)
+
+    def log_density(R, r, s):
+        return np.log(R / (r * s)) - 0.5 * ((R - r) / s) ** 2
+
+    def statistic(points):
+        R = np.linalg.norm(points, axis=2)
+        both = np.logaddexp(log_density(R, 1.0, sigma), log_density(R, 0.9, sigma)) - math.log(2.0)
+        return (both - log_density(R, r, s)).sum(axis=1)
+
+    points = noisy(rng, u * rng.choice(radii, (4000, 200, 1)), sigma)
+    best = np.mean(statistic(points) > np.quantile(statistic(noisy(rng, r * u, s)), 0.99))
+    assert best == pytest.approx(0.355, abs=0.06)  # 4 standard errors, most of them the quantile's
+    assert np.mean(answer_of(points[:400]).p < 0.01) < best
+
+
 def test_frame_unit_gaps_and_copies_change_nothing():
     """The test of fit, what it allows for and the status are those of the points alone: of ellipsoids, and of caps."""
     rng = np.random.default_rng(8)
