@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 import study
 from study.fits.markers import mgdk_so_far
 from study.recordings.live import FrameError, LiveJoints, read_frame
+from tests.recordings.hips import CENTRE, PELVIS, THIGH, hip_motion, in_axes_of
 
 
 def test_a_frame():
@@ -42,28 +43,19 @@ def test_what_is_no_frame(line, words):
         read_frame(line, 1.0)
 
 
-PELVIS = {"A": (0.12, 0.1, 0.0), "B": (-0.12, 0.1, 0.0), "C": (0.05, -0.1, 0.02), "D": (-0.05, -0.1, 0.02)}
-
-THIGH = {"E": (0.06, 0.05, -0.15), "F": (-0.04, 0.07, -0.2), "G": (0.02, -0.06, -0.28)}
-
-CENTRE = np.array([-0.09, 0.02, -0.08])
+PARENT, CHILD = tuple("ABCD"), tuple("EFG")
 
 
-def frames(count, sweep=0.5, noise=0.001, seed=1, repeat=1):
+def frames(count, repeat=1, **motion):
     """Frames of a pelvis with a thigh, in random poses, each of them repeated with the same noise."""
-    rng = np.random.default_rng(seed)
-    body, origin = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (count, 3))), rng.uniform(-1, 1, (count, 3))
-    turn = Rotation.from_rotvec(rng.uniform(-sweep, sweep, (count, 3)))
-    x = {label: origin + body.apply(place) for label, place in PELVIS.items()}
-    x |= {label: origin + body.apply(CENTRE + turn.apply(place)) for label, place in THIGH.items()}
-    x = {label: places + noise * rng.standard_normal((count, 3)) for label, places in x.items()}
+    x, _, _ = hip_motion(count, **motion)
     for t in np.repeat(np.arange(count), repeat):
-        yield {label: places[t] for label, places in x.items()}
+        yield dict(zip(PARENT + CHILD, x[:, :, t], strict=True))
 
 
-def hip(stream=(), parent=tuple(PELVIS)):
+def hip(stream=(), parent=PARENT):
     """The joint of a stream."""
-    joints = LiveJoints([("hip", parent, tuple(THIGH))])
+    joints = LiveJoints([("hip", parent, CHILD)])
     for frame in stream:
         joints.add(frame)
     return joints
@@ -72,9 +64,7 @@ def hip(stream=(), parent=tuple(PELVIS)):
 def grown(joints):
     """The answer for the joint, and its distance from its true place in the axes of the fit."""
     answer = joints.answers()["hip"]
-    shape, true = joints.joints["hip"].parent.template, np.array(list(PELVIS.values()))
-    rotation, _ = Rotation.align_vectors(shape, true - true.mean(axis=0))
-    return answer, answer.fit.center - rotation.apply(CENTRE - true.mean(axis=0))
+    return answer, answer.fit.center - in_axes_of(joints.joints["hip"].parent.template, PELVIS, CENTRE)
 
 
 def test_moments_give_what_points_give(rng, on_cap):
@@ -112,9 +102,8 @@ def test_a_joint_improves_in_constant_memory():
     answer = joints.answers()["hip"]
     assert answer.ok
     assert answer.words.endswith("9000 samples; ok")
-    lever = np.array(list(THIGH.values()))
     turn = Rotation.from_rotvec(np.random.default_rng(9).uniform(-0.5, 0.5, (20_000, 3)))
-    spread = [np.cov(turn.apply(x / np.linalg.norm(x)).T) for x in lever]
+    spread = [np.cov(turn.apply(x / np.linalg.norm(x)).T) for x in THIGH]
     expected = np.sqrt(np.linalg.eigvalsh(np.mean(spread, axis=0)))
     np.testing.assert_allclose(answer.angles, expected, rtol=0.05)
 
@@ -122,7 +111,7 @@ def test_a_joint_improves_in_constant_memory():
 def test_case_of_labels():
     """Small and capital letters are alike; where labels differ in nothing else, the one so spelt is the marker."""
     stream = list(frames(30))
-    joints = hip(stream, [label.lower() for label in PELVIS])
+    joints = hip(stream, [label.lower() for label in PARENT])
     assert not joints.lacking
     assert np.array_equal(joints.answers()["hip"].fit.center, grown(hip(stream))[0].fit.center)
     doubled = hip()
@@ -150,14 +139,14 @@ def test_too_little_is_not_ok():
 def test_segments_that_never_come():
     """The answer says whose markers lack, and the stream knows their labels."""
     for labels, words in (
-        (tuple(PELVIS), "no frame has a marker of its child and enough of its parent's"),
-        (tuple(THIGH), "no frame has all markers of its parent"),
+        (PARENT, "no frame has a marker of its child and enough of its parent's"),
+        (CHILD, "no frame has all markers of its parent"),
     ):
         joints = hip({label: frame[label] for label in labels} for frame in frames(60))
         answer = joints.answers()["hip"]
         assert (answer.ok, answer.words) == (False, words)
         assert tuple(joints.labels) == labels
-        assert {*joints.lacking, *labels} == {*PELVIS, *THIGH}
+        assert {*joints.lacking, *labels} == {*PARENT, *CHILD}
 
 
 def test_gaps():
@@ -196,7 +185,7 @@ def test_a_frame_of_zeros_or_a_spike_costs_that_frame(every, number, marker, pla
     answer, off = grown(joints)
     assert answer.ok
     assert np.linalg.norm(off) < 0.005  # five times the noise of a coordinate
-    assert tuple(joints.zeros) == (() if marker else (*PELVIS, *THIGH))
+    assert tuple(joints.zeros) == (() if marker else PARENT + CHILD)
 
 
 def test_markers_that_jump_to_and_fro_are_counted():
@@ -209,8 +198,8 @@ def test_markers_that_jump_to_and_fro_are_counted():
 def test_no_sound_sample_is_left_out():
     """A leg that rests and then swings by 60° within ten frames jumps nowhere."""
     turn = Rotation.from_rotvec([[np.radians(60) * np.clip((t - 40) / 10, 0, 1), 0, 0] for t in range(100)])
-    places = {label: CENTRE + turn.apply(x) for label, x in THIGH.items()}
-    still = {label: np.array(x) for label, x in PELVIS.items()}
+    places = {label: CENTRE + turn.apply(x) for label, x in zip(CHILD, THIGH, strict=True)}
+    still = dict(zip(PARENT, PELVIS, strict=True))
     joints = hip(still | {label: x[t] for label, x in places.items()} for t in range(100))
     joints.answers()
     assert joints.jumps == 0

@@ -13,39 +13,26 @@ from study.recordings.joints.find import find_joints
 from study.recordings.one_joint import find_clusters, fit_one_joint, is_centre, joint_json, joint_line, other_centres
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.synthetic.make import Recipe, synthesize
+from tests.recordings.hips import CENTRE, PELVIS, hip_motion, in_axes_of
 
-PELVIS = np.array([[0.12, 0.1, 0.0], [-0.12, 0.1, 0.0], [0.05, -0.1, 0.02], [-0.05, -0.1, 0.02]])
-THIGH = np.array([[0.06, 0.05, -0.15], [-0.04, 0.07, -0.2], [0.02, -0.06, -0.28]])
-CENTRE = np.array([-0.09, 0.02, -0.08])
 LABELS = ("LASI", "RASI", "LPSI", "RPSI", "RTH1", "RTH2", "RTH3")
 FRAMES = 400
 PARENT, CHILD = "LASI,RASI,LPSI,RPSI", "RTH1,RTH2,RTH3"
 
 
-def body(noise=0.001, sweep=0.5, axis=None, left=(), seed=5):
-    """A pelvis that moves and a thigh that rotates about `CENTRE`, or about an axis through it; poses are random.
+def body(left=(), **motion):
+    """A recording of a pelvis and a thigh, and the positions of their joint.
 
     ``left``: labels and offsets (metres) of points that another program left near the joint.
     """
-    rng = np.random.default_rng(seed)
-    pelvis = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (FRAMES, 3))).as_matrix()
-    origin = rng.uniform(-1.0, 1.0, (FRAMES, 3))
-    turns = rng.uniform(-sweep, sweep, (FRAMES, 3))
-    turns = turns if axis is None else turns[:, :1] * axis
-    thigh = pelvis @ Rotation.from_rotvec(turns).as_matrix()
-    joint = origin + pelvis @ CENTRE
-    places = [origin + pelvis @ p for p in PELVIS] + [joint + thigh @ p for p in THIGH]
-    x = np.stack(places).transpose(0, 2, 1)
-    x = x + noise * rng.standard_normal(x.shape)
-    extra = [(joint + pelvis @ np.asarray(offset)).T for _, offset in left]
-    x = np.concatenate([x, np.stack(extra)]) if extra else x
+    x, pelvis, joint = hip_motion(FRAMES, seed=5, **motion)
+    x = np.stack([*x, *((joint + pelvis.apply(offset)).T for _, offset in left)])
     return Recording("walk", (*LABELS, *(label for label, _ in left)), x, 100.0), joint
 
 
 def in_axes(found, place):
     """A place given in the body's own coordinates, in the parent's axes of the fit, by the parent's markers."""
-    rotation, _ = Rotation.align_vectors(found.places, PELVIS - PELVIS.mean(axis=0))
-    return rotation.apply(np.asarray(place) - PELVIS.mean(axis=0))
+    return in_axes_of(found.places - found.places.mean(axis=0), PELVIS, place)
 
 
 def fitted(recording, across="", hinge=False, child=CHILD):

@@ -10,24 +10,18 @@ import sys
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from study.recordings import commands
-
-PELVIS = {"A": (120, 100, 0), "B": (-120, 100, 0), "C": (50, -100, 20), "D": (-50, -100, 20)}
-
-THIGH = {"E": (60, 50, -150), "F": (-40, 70, -200), "G": (20, -60, -280)}
+from tests.recordings.hips import CENTRE, PELVIS, hip_motion
 
 JOINT = ("live", "--parent", "A,B,C,D", "--child", "E,F,G")
 
 
-def lines(count=250, seed=2):
-    """Frames as lines, in millimetres: a thigh that rotates about (10, 20, -80) of a pelvis at rest."""
-    rng = np.random.default_rng(seed)
-    for _ in range(count):
-        turn = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3))
-        local = PELVIS | {label: np.add((10, 20, -80), turn.apply(place)) for label, place in THIGH.items()}
-        yield json.dumps({k: (np.array(v) + rng.standard_normal(3)).round(3).tolist() for k, v in local.items()})
+def lines(count=250):
+    """Frames as lines, in millimetres: a thigh that rotates about a pelvis at rest."""
+    positions, _, _ = hip_motion(count, still=True)
+    for frame in (1000 * positions).round(3).transpose(2, 0, 1):
+        yield json.dumps(dict(zip("ABCDEFG", frame.tolist(), strict=True)))
 
 
 @pytest.fixture
@@ -49,9 +43,9 @@ def start():
 
 
 def is_right(line):
-    """Assert that a line has the true centre: less the mean of the pelvis, (0, 0, 10)."""
+    """Assert that a line has the true centre, from the mean of the pelvis."""
     x, y, z, error = map(float, re.search(r"\(([-\d.]+), ([-\d.]+), ([-\d.]+)\) ± ([\d.]+) mm", line).groups())
-    assert np.abs([x - 10, y - 20, z + 90]).max() < 3.0
+    assert np.abs([x, y, z] - 1000 * (CENTRE - PELVIS.mean(axis=0))).max() < 3.0
     assert error < 2.0
     return True
 
@@ -150,7 +144,7 @@ def test_ctrl_c_after_the_last_frame(live, monkeypatch):
 def test_a_first_frame_of_zeros_and_a_spike(live):
     """Both are said once, on standard error, and the joint is found."""
     given = list(lines())
-    given[0] = json.dumps({marker: [0, 0, 0] for marker in PELVIS | THIGH})
+    given[0] = json.dumps({marker: [0, 0, 0] for marker in "ABCDEFG"})
     given[60] = json.dumps(json.loads(given[60]) | {"E": [9e3, 0, 0], "F": [0, 0, 0.0]})
     code, said, complained = live("\n".join(given), *JOINT[1:])
     assert code == 0
