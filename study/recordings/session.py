@@ -405,10 +405,11 @@ def session_lines(session: Session) -> Iterator[str]:
     rows, left_out = [], defaultdict(list)
     for place in session.calibration.joints:
         parts = sorted(session.parts[place.joint.name], key=lambda part: part.rank)
-        apart = [difference(place, part).distance for part in parts if part.usable]
+        known = not np.isnan(place.in_parent).any()
+        apart = [difference(place, part).distance for part in parts if known and part.usable]
         rows.append([place.joint.name, SHORT_TEXTS[place.status], *(millimetres(float(x)) for x in place.in_parent)])
         rows[-1] += [millimetres(place.standard_error), millimetres(max(apart)) if len(apart) > 1 else "-"]
-        rows[-1] += [", ".join(place.trials) if not np.isnan(place.in_parent).all() else "-"]
+        rows[-1] += [", ".join(place.trials) if known else "-"]
         left = ", ".join(_left_out(part) for part in parts if not set(part.trials) <= set(place.trials))
         if left and place.status in USABLE:
             left_out[left].append(place.joint.name)

@@ -18,61 +18,13 @@ from study.recordings.session import calibrate_session, pool_places, refit_shape
 from study.recordings.skeleton.calibrate import other_subject
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.synthetic.make import PARTS, Recipe, body, draw_motion, marker_noise, skin_motion
+from tests.recordings.hips import in_axes_of
 
-PELVIS = {
-    "LASI": (0.12, 0.13, 0.0),
-    "RASI": (0.12, -0.13, 0.0),
-    "LPSI": (-0.1, 0.05, 0.02),
-    "RPSI": (-0.1, -0.05, 0.02),
-}
-HIPS = {"left": np.array([0.02, 0.09, -0.1]), "right": np.array([0.02, -0.09, -0.1])}
-CLUSTER = np.array([[0.08, 0.02, -0.15], [0.06, -0.05, -0.25], [-0.05, 0.05, -0.3]])
-"""Markers of a thigh, from its hip; for a right thigh y has the other sign."""
-SIDES = {"left": ("LTH1", "LTH2", "LTH3"), "right": ("RTH1", "RTH2", "RTH3")}
-
-
-_THIGHS = tuple(Segment(name=f"{side}_thigh", markers=SIDES[side], parent="pelvis") for side in SIDES)
-MARKERSET = MarkerSet(
-    name="hips",
-    segments=(Segment(name="pelvis", markers=tuple(PELVIS)), *_THIGHS),
-    joints=tuple(Joint(name=f"{side}_hip", parent="pelvis", child=f"{side}_thigh") for side in SIDES),
-)
-"""The marker set of the trials."""
-
-
-def trial(name, left=0.0, right=0.0, size=1.0, lacking=(), seed=0, frames=600, noise=0.001):
-    """A trial: its name, the range of each hip in radians, the size of the body, the markers it has."""
-    rng = np.random.default_rng(seed)
-
-    def swing(sweep):
-        """Smooth rotation vectors (frames, 3) with this range: sums of slow sines of random phase."""
-        t = np.linspace(0, 2 * np.pi, frames)[:, None]
-        phase = rng.uniform(0, 2 * np.pi, (2, 3))
-        return sweep * (0.7 * np.sin(3 * t * [1, 1.3, 0.8] + phase[0]) + 0.3 * np.sin(7 * t + phase[1]))
-
-    body, shift = Rotation.from_rotvec(swing(0.2)), rng.normal(0.0, 1.0, 3)
-    labels, local = list(PELVIS), [np.tile(size * np.array(place), (frames, 1)) for place in PELVIS.values()]
-    for side, sweep in (("left", left), ("right", right)):
-        turn = Rotation.from_rotvec(swing(sweep))
-        for label, place in zip(SIDES[side], CLUSTER * [1, 1 if side == "left" else -1, 1], strict=True):
-            labels.append(label)
-            local.append(size * (HIPS[side] + turn.apply(place)))
-    x = np.stack([body.apply(each) + shift for each in local]).transpose(0, 2, 1)
-    x = x + noise * rng.normal(size=x.shape)
-    rows = [row for row, label in enumerate(labels) if label not in lacking]
-    return Recording(name, tuple(labels[row] for row in rows), x[rows], 100.0)
-
-
-def placed(places, true, point):
-    """A point beside true places of markers, in the axes in which these are at other places."""
-    turn, _ = Rotation.align_vectors(places - places.mean(axis=0), true - true.mean(axis=0))
-    return turn.apply(point - true.mean(axis=0)) + places.mean(axis=0)
-
-
-def in_pelvis(calibration, side):
-    """A hip's true place in a calibration's pelvis, by the pelvis's markers."""
-    shape = calibration.shape("pelvis")
-    return placed(shape.places, np.array([PELVIS[marker] for marker in shape.markers]), HIPS[side])
+MARKERSET = load_markerset("rizzoli")
+HIPS = ["left_hip", "right_hip"]
+SEGMENTS = tuple(segment for segment in MARKERSET.segments if segment.name in ("pelvis", "left_thigh", "right_thigh"))
+JOINTS = tuple(joint for joint in MARKERSET.joints if joint.name in HIPS)
+HIPS_ALONE = MarkerSet(name="hips", segments=SEGMENTS, joints=JOINTS)
 
 
 def body_trial(name, moving, seed, who=0, still=0.1, skin="mixed", tissue=0.004, frames=1000, reach=0.8):
@@ -114,15 +66,15 @@ def true_place(calibration, joint):
     part = next(part for part in PARTS if part.joint == joint)
     own, shape = next(one for one in body("rizzoli") if one.name == part.parent), calibration.shape(part.parent)
     true = 1.75 * np.array([own.markers[marker] for marker in shape.markers])
-    return placed(shape.places, true, 1.75 * np.array(part.at))
+    return in_axes_of(shape.places, true, 1.75 * np.array(part.at))
 
 
 @pytest.fixture(scope="module")
 def trials():
-    """A trial for each hip, one for both, and a static one."""
-    hips = {"left": {"left": 0.4}, "right": {"right": 0.4}, "both": {"left": 0.4, "right": 0.4}}
-    moved = [trial(name, **sweeps, seed=seed) for seed, (name, sweeps) in enumerate(hips.items(), 1)]
-    return moved, trial("static", seed=4, frames=60)
+    """A trial for each hip, one for both, and a static one, without skin."""
+    moving = {"left": HIPS[:1], "right": HIPS[1:], "both": HIPS}
+    moved = [body_trial(name, hips, seed, tissue=0.0) for seed, (name, hips) in enumerate(moving.items(), 1)]
+    return moved, body_trial("static", [], 4, still=0.02, tissue=0.0, frames=60)
 
 
 @pytest.fixture(scope="module")
@@ -139,19 +91,21 @@ def test_each_joint_comes_from_the_trials_that_moved_it(session):
     assert table["both", "left_hip"]
     lines = list(session_lines(session))
     assert any(line.startswith("left_hip: not from") and "right" in line and "static" in line for line in lines)
+    nowhere = [line.split() for line in lines if line.startswith("left_ankle ")]  # though some trial calls it ok
+    assert nowhere == [["left_ankle", "still", *"------"]]
+    assert any(part.usable for part in session.parts["left_ankle"])
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_the_merged_centre_is_the_true_one(session, side):
+@pytest.mark.parametrize("hip", HIPS)
+def test_the_merged_centre_is_the_true_one(session, hip):
     """Within its covariance, by the 99.99 % quantile of χ² of three, to 2 mm, and better than each trial's."""
     calibration = session.calibration
-    place = calibration[f"{side}_hip"]
-    apart = place.in_parent - in_pelvis(calibration, side)
+    place = calibration[hip]
+    apart = place.in_parent - true_place(calibration, hip)
     assert place.status in USABLE
     assert apart @ np.linalg.solve(place.covariance + (0.0002**2) * np.eye(3), apart) < 21.1
     assert np.linalg.norm(apart) < 0.002
-    parts = session.parts[f"{side}_hip"]
-    assert place.standard_error < min(part.standard_error for part in parts if part.usable)
+    assert place.standard_error < min(part.standard_error for part in session.parts[hip] if part.usable)
 
 
 def test_shapes_are_the_static_trials(session, trials):
@@ -163,14 +117,17 @@ def test_shapes_are_the_static_trials(session, trials):
             assert np.linalg.norm(shape.places[i] - shape.places[j]) == pytest.approx(true, abs=1e-4)
 
 
-def test_a_trial_without_a_segment():
+def test_a_trial_without_a_segment(trials):
     """A trial without the other thigh's markers is merged; neither hip suffers."""
-    left = trial("left", left=0.4, seed=1, lacking=("RTH1", "RTH2", "RTH3"))
-    right = trial("right", right=0.4, seed=2, lacking=("LTH1", "LTH2", "LTH3"))
-    found = calibrate_session(MARKERSET, [left, right]).calibration
-    for side in ("left", "right"):
-        assert found[f"{side}_hip"].trials == (side,)
-        assert np.linalg.norm(found[f"{side}_hip"].in_parent - in_pelvis(found, side)) < 0.003
+    thighs = {side: MARKERSET.segment(f"{side}_thigh").markers for side in ("right", "left")}
+    some = [
+        trial.select([marker for marker in trial.markers if marker not in lacking])
+        for trial, lacking in zip(trials[0], thighs.values(), strict=False)
+    ]
+    found = calibrate_session(HIPS_ALONE, some).calibration
+    for hip, trial in zip(HIPS, some, strict=True):
+        assert found[hip].trials == (trial.name,)
+        assert np.linalg.norm(found[hip].in_parent - true_place(found, hip)) < 0.003
 
 
 @pytest.mark.parametrize("count", [3, 1])
@@ -201,36 +158,43 @@ def test_a_hinge_is_placed_by_the_static_trial(count):
     found = calibrate_session(markers, [trial("bend", 1.2, ("MED",))], trial("static", 0.0, ())).calibration
     place, middle = found["knee"], np.array([0.0, 0.01, 0.0])
     assert place.trials == ("bend",)
-    assert np.linalg.norm(place.in_parent - placed(found.shape("thigh").places, thigh, knee + middle)) < 0.002
+    assert np.linalg.norm(place.in_parent - in_axes_of(found.shape("thigh").places, thigh, knee + middle)) < 0.002
     if count == 1:
         np.testing.assert_allclose(place.in_child, place.in_parent, atol=1e-9)
     else:
-        assert np.linalg.norm(place.in_child - placed(found.shape("shank").places, shank, middle)) < 0.003
+        assert np.linalg.norm(place.in_child - in_axes_of(found.shape("shank").places, shank, middle)) < 0.003
 
 
-def test_another_person_is_refused():
+def larger(recording, size):
+    """The recording of a body that is so many times as large."""
+    return replace(recording, positions=size * recording.positions)
+
+
+def test_another_person_is_refused(trials):
     """A body of 15 % more size; by force it is merged, and what is overruled is a line. So is a name given twice."""
-    two = [trial("one", left=0.4, right=0.4, seed=1), trial("two", left=0.4, right=0.4, seed=2, size=1.15)]
-    with pytest.raises(RecordingError, match=r"two does not show the subject calibrated in one.*--force"):
-        calibrate_session(MARKERSET, two)
-    forced = calibrate_session(MARKERSET, two, force=True)
-    assert [line.startswith("--force overrules: two does not show") for line in forced.overruled] == [True]
+    one, two, _ = trials[0]
+    other = larger(two, 1.15)
+    with pytest.raises(RecordingError, match=r"right does not show the subject calibrated in left.*--force"):
+        calibrate_session(HIPS_ALONE, [one, other])
+    forced = calibrate_session(HIPS_ALONE, [one, other], force=True)
+    assert [line.startswith("--force overrules: right does not show") for line in forced.overruled] == [True]
     assert next(session_lines(forced)) == forced.overruled[0]
-    with pytest.raises(RecordingError, match="one: given twice"):
-        calibrate_session(MARKERSET, [two[0], trial("one", seed=2)])
+    with pytest.raises(RecordingError, match="left: given twice"):
+        calibrate_session(HIPS_ALONE, [one, replace(two, name="left")])
 
 
-def test_segments_that_a_recording_lacks_do_not_count(session):
+def test_segments_that_a_recording_lacks_do_not_count(session, trials):
     """A recording of one thigh and no more shows another body by that alone."""
-    other = trial("other", left=0.4, size=1.5, seed=9, lacking=("LASI", "RASI", "LPSI", "RPSI", "RTH1", "RTH2", "RTH3"))
-    assert other_subject(session.calibration, other)
+    thigh = trials[0][0].select(MARKERSET.segment("left_thigh").markers)
+    assert other_subject(session.calibration, larger(thigh, 1.5))
+    assert not other_subject(session.calibration, thigh)
 
 
 def test_shapes_refitted_to_a_recording(session):
     """The shapes are the recording's, to its noise, in the calibration's axes; joints stay where they are."""
-    later = trial("later", left=0.3, seed=7)
+    later = body_trial("later", HIPS[:1], 7, tissue=0.0)
     moved = np.array(later.positions)
-    moved[later.row("LTH1")] += 0.02 * np.array([0.0, 0.6, 0.8])[:, None]
+    moved[later.row("LFTC")] += 0.02 * np.array([0.0, 0.6, 0.8])[:, None]
     moved = replace(later, positions=moved)
     calibration = session.calibration
     found = refit_shapes(calibration, later)
@@ -341,9 +305,8 @@ def test_a_trial_that_does_not_move_a_joint_has_no_vote(who, still, tissue, skin
 
     What is usable is within three of its standard errors of the truth, across a hinge's axis.
     """
-    markerset = load_markerset("rizzoli")
     trials, static = body_session(who, still=still, tissue=tissue, skin=skin)
-    merged = calibrate_session(markerset, trials, static).calibration
+    merged = calibrate_session(MARKERSET, trials, static).calibration
     for joint, trial_name in OWN.items():
         place = merged[joint]
         assert place.trials[0] == trial_name
@@ -369,18 +332,17 @@ def test_a_leg_that_stands_has_no_vote_in_a_real_trial(side, functional):
     assert other.rank > place.rank
 
 
-def test_hips_of_a_session_are_judged_by_their_distance():
-    """Each trial moves one hip; what is merged is doubted where the pelvis is too narrow for the hips' distance."""
-    narrow = []
-    for name, ranges in (("left", {"left": 0.4}), ("right", {"right": 0.4})):
-        recording = trial(name, **ranges, seed=len(narrow))
-        positions, rows = np.array(recording.positions), [recording.row("LASI"), recording.row("RASI")]
-        positions[rows] += 0.44 * (positions[rows].mean(axis=0) - positions[rows])
-        narrow.append(replace(recording, positions=positions))
-    merged = calibrate_session(MARKERSET, narrow).calibration
-    for hip in ("left_hip", "right_hip"):
+def test_hips_of_a_session_are_judged_by_their_distance(trials):
+    """Each trial moves one hip; what is merged is doubted where the pelvis is too wide for the hips' distance."""
+    wide = []
+    for recording in trials[0][:2]:
+        positions, rows = np.array(recording.positions), [recording.row("LIAS"), recording.row("RIAS")]
+        positions[rows] += 0.3 * (positions[rows] - positions[rows].mean(axis=0))
+        wide.append(replace(recording, positions=positions))
+    merged = calibrate_session(HIPS_ALONE, wide).calibration
+    for hip in HIPS:
         assert merged[hip].status == JointStatus.IMPLAUSIBLE
-        assert "of LASI to RASI: 0.65 to 1.2 is plausible" in merged[hip].reason
+        assert "of LIAS to RIAS: 0.65 to 1.2 is plausible" in merged[hip].reason
 
 
 def allowed(part, errors):
@@ -417,7 +379,7 @@ def test_a_joint_that_no_trial_moved():
 def test_a_session_has_no_waist_from_its_static_trial():
     """Stiff trunks: the waist is nowhere in the calibration and in every frame, and the legs are drawn as before."""
     trials, static = body_session(12, still=0.02)
-    session = calibrate_session(load_markerset("rizzoli"), trials, static)
+    session = calibrate_session(MARKERSET, trials, static)
     waist = session.calibration["waist"]
     assert (waist.status, waist.reason) == (JointStatus.STILL, "no trial moved it")
     drawn = draw_skeleton(session.calibration, trials[0])
@@ -444,7 +406,7 @@ def test_markers_that_exchange_their_labels_are_named(share):
     """Epicondyles: the two, the share to 2 % and the first frame are in the reasons of both joints of the thigh."""
     recording = body_trial("moves", list(OWN), seed=5)
     wrong, frames = exchanged(recording, "RFLE", "RFME", share)
-    found = find_joints(load_markerset("rizzoli"), wrong)
+    found = find_joints(MARKERSET, wrong)
     for joint in ("right_hip", "right_knee"):
         assert found[joint].status not in USABLE
         words, share_named = found[joint].reason.split(" in ")[:2]
@@ -457,10 +419,9 @@ def test_markers_that_exchange_their_labels_are_named(share):
 @pytest.mark.parametrize("skin", ["mixed", "random", "slide", "angle"])
 def test_no_exchange_where_there_is_none(skin):
     """Skin of 1 and 2 cm, and markers in symmetric places on a trunk."""
-    markerset = load_markerset("rizzoli")
     for tissue in (0.01, 0.02):
         recording = body_trial("moves", list(OWN), seed=3, skin=skin, tissue=tissue)
-        assert [words for segment in markerset.segments if (words := exchange(segment.markers, recording))] == []
+        assert [words for segment in MARKERSET.segments if (words := exchange(segment.markers, recording))] == []
 
 
 def test_an_exchange_in_a_real_recording(functional):
