@@ -106,6 +106,8 @@ def put(name, value):
         (put("own_estimators", ["my.py"]), 'own_estimators.0 = "my.py" is not'),
         (put("run", "test-0123456789"), "of test-0123456789, where config.toml is of test-"),
         (lambda content: content.update(failures=7), "its digest is not that of its content"),
+        (lambda content: content.pop("machine"), "its digest is not that of its content"),
+        (lambda content: content.update(digest=7), "its digest is not that of its content"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
