@@ -18,7 +18,6 @@ from tests.configs import config
 
 TOP = {"name": "fragile", "seed": 5, "estimators": ["mle", "lls", "ugdk"], "keep_points": 40}
 CONFIG = config(TOP, trials=960, samples=[300, 1000], noise=[0.05, 0.5], angle=[60, 180])
-BY_NEED = CONFIG.replace("fragile", "by-need") + "[precision]\nrelative_target = 0.08\nfirst = 100\n"
 OF_THE_PARENT = 18
 FULL = 3
 
@@ -102,20 +101,3 @@ def test_many_kills_damage_and_a_full_disk(serve, small_disk, tables, tmp_path, 
     run = Run.open(folder)
     assert tables(run) == tables(Run.open(tmp_path / "whole"))
     assert not run.has("failures")
-
-
-def test_trials_by_need_killed(serve, tables, tmp_path):
-    """After nine kills in any round, once of processes too, decisions and bytes are those of an unbroken run."""
-    took = serve(tmp_path / "whole", config=BY_NEED)
-    whole = Run.open(tmp_path / "whole")
-    assert len(set(whole.trials().values())) > 1
-    chance, folder = random.Random(4), tmp_path / "run"
-    for number in range(9):
-        at, backend = (chance.randrange(1, took["steps"] // 10), "threads") if number else (20, "loky")
-        assert serve(folder, config=BY_NEED, kill_at=at, backend=backend)["signal"] == signal.SIGKILL, number
-    answer = serve(folder, config=BY_NEED)
-    assert answer["code"] == 0
-    assert 0 < len(answer["computed"]) < len(took["computed"])
-    run = Run.open(folder)
-    assert tables(run) == tables(whole)
-    assert run.fingerprint("precision") == whole.fingerprint("precision")
