@@ -118,25 +118,24 @@ def test_draws_what_applies_and_says_why_the_rest_does_not(drawn, kind):
         assert "3 values of law in the grid, with normal among them" in reasons["fig_robustness"]
 
 
-def test_several_runs_feed_a_figure_each(circles, random, drawn, tmp_path):
+def test_several_runs_feed_a_figure_each(runs, drawn, tmp_path):
     """A figure comes from the first run that has the tables for it; where none has them, each run's reason is told."""
-    names = ["fig2_error", "fig5_methods", "fig6_mgdk", "fig_posterior"]
-    paths, reasons = figures.draw_all([random, circles], tmp_path, names)
-    alone = {path.name: path.read_bytes() for kind in ("random", "circles") for path in drawn[kind][0]}
+    names, kinds = ["fig5_methods", "fig_misfit", "fig6_mgdk", "fig_posterior"], ("misfits", "circles")
+    paths, reasons = figures.draw_all([runs[kind] for kind in kinds], tmp_path, names)
+    alone = {path.name: path.read_bytes() for kind in kinds for path in drawn[kind][0]}
     assert [path.stem for path in paths[::2]] == names[:2]
     assert all(path.read_bytes() == alone[path.name] for path in paths)
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
     assert list(reasons) == names[2:]
-    both = (("random", random), ("circles", circles))
-    apart = [f"{drawn[kind][1]['fig6_mgdk']} ({Tables(run).name})" for kind, run in both]
-    assert reasons["fig6_mgdk"] in ("; ".join(apart), drawn["random"][1]["fig6_mgdk"])
-    assert reasons["fig_posterior"] == drawn["random"][1]["fig_posterior"] == drawn["circles"][1]["fig_posterior"]
+    apart = [f"{drawn[kind][1]['fig6_mgdk']} ({Tables(runs[kind]).name})" for kind in kinds]
+    assert reasons["fig6_mgdk"] == "; ".join(apart)
+    assert reasons["fig_posterior"] == drawn["misfits"][1]["fig_posterior"] == drawn["circles"][1]["fig_posterior"]
 
 
-def test_pictures_go_to_the_run_that_fed_them(circles, random, copied):
+def test_pictures_go_to_the_run_that_fed_them(runs, copied):
     """Without a folder each run's own has its pictures."""
-    one, two = copied(random), copied(circles, "other")
-    paths, _ = figures.draw_all([one, two], None, ["fig2_error", "fig5_methods"])
+    one, two = copied(runs["laws"]), copied(runs["misfits"], "other")
+    paths, _ = figures.draw_all([one, two], None, ["fig_robustness", "fig_misfit"])
     assert [path.parent for path in paths[::2]] == [one.folder / "figures", two.folder / "figures"]
 
 

@@ -38,8 +38,11 @@ def deadly(request, monkeypatch, start, tmp_path):
     return SimpleNamespace(cell=cell, workers=crew, ends=tmp_path / "ends", limit=limit)
 
 
-def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly):
-    """Its rows are failures; the rows of all other units are there."""
+def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly, computed):
+    """Its rows are failures; the rows of all other units are there.
+
+    Running the finished run again, where there is more memory, say, computes the lost unit, and no other.
+    """
     told = []
     run = start(LLS, jobs=deadly.workers, warn=told.append, draws="independent")
     assert len(list(deadly.ends.iterdir())) == 2
@@ -55,6 +58,12 @@ def test_a_deadly_unit_is_tried_twice_and_recorded(start, deadly):
     assert told == [f"{run.folder}: 1 unit is lost, trials 0 to 2 of 1 cell with N = {samples}: {message}"]
     assert len(failures) == run.manifest()["lost"] == 3 * 2
     assert len(errors) == 8 * 3 * 2
+    computed.clear()
+    deadly.limit(0)
+    start(LLS, folder=run.folder, warn=str, draws="independent")
+    assert {cell for cell, *_ in computed} == {deadly.cell}
+    assert not run.has("failures")
+    assert run.path("errors").read_bytes() == start(LLS, draws="independent").path("errors").read_bytes()
 
 
 def test_a_worker_that_dies_once(start, deadly):
@@ -64,14 +73,3 @@ def test_a_worker_that_dies_once(start, deadly):
     assert len(list(deadly.ends.iterdir())) == 1
     assert not run.has("failures")
     assert run.manifest()["failures"] == 0
-
-
-def test_lost_units_are_tried_again_by_the_next_run(start, deadly, computed):
-    """Running a finished run again, where there is more memory, say, computes the lost units, and no others."""
-    run = start(LLS, jobs=deadly.workers, draws="independent")
-    computed.clear()
-    deadly.limit(0)
-    start(LLS, folder=run.folder, warn=str, draws="independent")
-    assert {cell for cell, *_ in computed} == {deadly.cell}
-    assert not run.has("failures")
-    assert run.path("errors").read_bytes() == start(LLS, draws="independent").path("errors").read_bytes()
