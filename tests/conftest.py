@@ -5,11 +5,8 @@ Factories are session fixtures that return functions, so that hypothesis tests c
 
 import contextlib
 import io
-import itertools
-import pkgutil
 import shutil
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -131,37 +128,6 @@ def until(wait_for):
 def held():
     """Path of `held.py`: a command whose workers stop at a gate."""
     return Path(__file__).with_name("held.py")
-
-
-@pytest.fixture
-def let_pass(monkeypatch):
-    """Let the threads of a run that will be stopped make so many calls of a function; later calls wait for the stop.
-
-    Otherwise quick threads might have computed all tasks before the first result had stopped the run.
-    """
-
-    @contextlib.contextmanager
-    def let(count, place):
-        from study.simulation.runs.workers import Threads
-
-        function, stop = pkgutil.resolve_name(place), Threads.stop
-        numbers, stopped = itertools.count(), threading.Event()
-
-        def gated(*arguments):
-            if next(numbers) >= count:
-                assert stopped.wait(PATIENCE)
-            return function(*arguments)
-
-        def stop_and_open(threads):
-            stop(threads)
-            stopped.set()
-
-        with monkeypatch.context() as patch:
-            patch.setattr(place, gated)
-            patch.setattr(Threads, "stop", stop_and_open)
-            yield
-
-    return let
 
 
 @pytest.fixture(scope="session")

@@ -45,14 +45,6 @@ def test_skeleton(body, joints, tmp_path):
         np.testing.assert_array_equal(skeleton.centers, own.centers)
 
 
-def test_another_subject(joints):
-    """Joints of another subject are refused, unless they are forced."""
-    other, _ = synthesize(Recipe(frames=100, height=1.5))
-    with pytest.raises(RecordingError, match="or use --force"):
-        study.draw_skeleton(other, joints)
-    assert study.draw_skeleton(other, joints, force=True).frames == 100
-
-
 def test_one_joint(works, body):
     """One joint is the command's."""
     parent, child = ["C7", "CLAV", "STRN", "T10"], ["LFHD", "RFHD", "LBHD", "RBHD"]

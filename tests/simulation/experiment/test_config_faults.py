@@ -110,15 +110,12 @@ CASES = [
     *(("gr", f"^ noise_shape = {shape}", DEFINITE) for shape in SINGULAR),
     ("gr", HUGE_SHAPE, "noise_shape"),
     ("gr", "^ noise_shape = [[1, 0, 0], [0, 1, 0]]", "3 × 3 matrix"),
-    ("gr", "^ noise_shape = 2", "noise_shape = 2", "3 × 3 matrix"),
     ("gr", 'kind = "gird"', "design.kind = 'gird'", "must be one of 'random', 'grid'"),
     ("gr", "kind > ", "line 5: design.kind: required, but missing; must be one of 'random', 'grid'"),
     ("gr", "[design] > [desing]", "did you mean 'design'?"),
     ("gr", "trials = 0", "design.trials = 0", "greater than or equal to 1"),
     ("gr", "trials = 2.0", "design.trials = 2.0", "integer"),
     ("gr", "samples = 10.5", "design.samples = 10.5|10.5 not allowed", "whole number"),
-    ("gr", "samples = 3", "design.samples", "3 samples are too few: a sphere in dimension 3 needs at least 4"),
-    *(("gr", f"samples = {few}", "a sphere in dimension 3 needs at least 4") for few in (0, -1)),
     ("gr", "samples = 1_000_000_001", MEMORY + ": at most 1,000,000,000 are allowed"),
     *(("g", f"samples = {many}", MEMORY) for many in ("[10, 2e9]", "{ logspace = [10, 1e10, 3] }")),
     *(("r", f"samples = {{ law = {law} }}", MEMORY) for law in MANY_SAMPLES),
@@ -178,7 +175,6 @@ CASES = [
     ("g", 'law = "cauchy"', "'cauchy' not allowed: every value must be normal, laplace, ", "student(ν) with ν above 2"),
     ("g", 'law = "student(2)"', "design.law = 'student(2)'", "such as student(5)"),
     ("g", "law = 3", "design.law = 3: 3 not allowed"),
-    ("r", 'law = "cauchy"', "design.law = 'cauchy': 'cauchy' not allowed: every value must be"),
     ("r", 'law = ["normal"]', "design.law = ", "should be a valid string"),
     ("g", "outlier_share = 1", "design.outlier_share = 1: 1 not allowed: every value must be a share: at least 0"),
     ("g", "outlier_share = -0.1", "design.outlier_share = -0.1: -0.1 not allowed"),
@@ -203,7 +199,6 @@ CASES = [
     *(("cl", f"[posterior]\nbox = {v}", f"posterior.box = {v}", "greater than 0") for v in ("0", "-1.0")),
     *(("cl", f"[posterior]\nbox = {v}", f"posterior.box = {v}", "finite") for v in ("inf", "nan")),
     ("c", "[posterior]\nwalkers = 11", "posterior.walkers = 11: at least 12 are needed in dimension 3"),
-    ("c", "dimension = 2\n[posterior]\nwalkers = 9", "posterior.walkers = 9: at least 10 are needed in dimension 2"),
     ("g", "dimension = 5\n[posterior]\nwalkers = 15", "posterior.walkers = 15: at least 16 are needed in dimension 5"),
     ("cl", '[posterior]\nnoise = ["known", "both"]', "posterior.noise[1] = 'both'", "'known' or 'unknown'"),
     ("cl", "[posterior]\nnoise = 0.1", "posterior.noise[0] = 0.1", "'known' or 'unknown'"),
@@ -451,13 +446,6 @@ def outcome(data):
     assert isinstance(study, Study)
     assert Study.model_validate_json(study.model_dump_json()).digest() == study.digest()
     return study
-
-
-@settings(any_document, max_examples=150)
-@given(st.dictionaries(st.sampled_from(KEYS) | texts, values, max_size=8))
-def test_arbitrary_toml(data):
-    """Any small document is a study or a fault."""
-    outcome(data)
 
 
 @settings(any_document, max_examples=400)

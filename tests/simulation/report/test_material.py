@@ -337,14 +337,3 @@ def test_every_measure_has_a_heading():
     titles = [measure.title for measure in MEASURES.values()]
     assert len(set(titles)) == len(titles)
     assert all("_" not in title and len(title) < 60 for title in titles)
-
-
-def test_names_of_estimators_in_a_sentence():
-    """A name that is an ordinary word is code; "use the estimator corrected" could be misread."""
-    assert [words.estimator(name) for name in ("corrected", "robust", "mle", "taubin", "my_own")] == [
-        "`corrected`",
-        "`robust`",
-        "MLE",
-        "Taubin",
-        "`my_own`",
-    ]

@@ -96,58 +96,11 @@ def edited(config, changes):
     return config
 
 
-class Sequence:
-    """A config that is edited, and run again after each edit.
-
-    Args:
-        make_text: writes a config.
-        new_folder: makes an empty folder.
-        design: the values of its keys, GRID or RANDOM; the first of each are those that it begins with.
-        known: tables of runs from nothing, by the run's name.
-    """
-
-    def __init__(self, make_text, new_folder, design, known):
-        self.make_text, self.new_folder, self.design, self.known = make_text, new_folder, design, known
-        self.config = {key: values[0] for key, values in (TOP | design).items()} | {"_either": design["noise"][0]}
-        self.folder = new_folder()
-
-    def step(self, changes, stopped=False):
-        """Edit the config and run it beside the earlier runs, unless its entries do not go together; compare."""
-        config = edited(self.config, changes)
-        text = self.make_text({key: config[key] for key in TOP}, **{key: config[key] for key in self.design})
-        try:
-            made = parse(text)
-        except ConfigError:
-            return False
-        self.config = config
-        if stopped:  # as soon as the first fits are done
-            with contextlib.suppress(ZeroDivisionError):
-                runner.run(made, text, self.folder / made.run_name(), 1, progress=lambda share: 1 / 0, warn=str)
-        grown = tables(runner.run(made, text, self.folder / made.run_name(), 1, warn=str))
-        if made.digest() not in self.known:
-            fresh = self.new_folder() / made.run_name()
-            self.known[made.digest()] = tables(runner.run(made, text, fresh, 1, warn=str))
-        assert grown == self.known[made.digest()], text
-        return True
-
-
 def tables(run):
     """Bytes of all tables but the times, and what the manifest says of them."""
     said = {key: run.manifest()[key] for key in ("run", "cells", "fits", "failures", "lost", "estimators")}
     stored = {path.name: path.read_bytes() for path in run.folder.glob("*.parquet") if path.stem != "timings"}
     return said | stored
-
-
-@pytest.fixture
-def new_folder(tmp_path_factory):
-    """A function that makes an empty folder."""
-    return lambda: tmp_path_factory.mktemp("runs")
-
-
-@pytest.fixture(scope="module")
-def known():
-    """Tables of runs from nothing, by the digest of the config."""
-    return {}
 
 
 def test_every_key_is_edited():
@@ -158,15 +111,36 @@ def test_every_key_is_edited():
 
 
 @pytest.mark.parametrize("design", [GRID, RANDOM], ids=["grid", "random"])
-def test_any_sequence_of_edits(make_text, new_folder, known, design):
-    """After any edits, interrupted or not, a run has the bytes of the same config in an empty folder."""
+def test_any_sequence_of_edits(make_text, tmp_path_factory, design):
+    """After any edits, interrupted or not, a run has the bytes of the same config in an empty folder.
+
+    Each config runs beside the runs of the earlier ones; edits whose entries do not go together are left out.
+    """
+    known = {}  # tables of runs from nothing, by the digest of the config
+
+    def tables_of(made, text, folder, **options):
+        return tables(runner.run(made, text, folder / made.run_name(), 1, warn=str, **options))
 
     @settings(max_examples=SEQUENCES, derandomize=True, deadline=None, database=None, suppress_health_check=HealthCheck)
     @given(st.lists(edits(design), min_size=2, max_size=6))
     def try_sequence(steps):
-        sequence = Sequence(make_text, new_folder, design, known)
-        assert sequence.step([])
-        for changes, stopped in steps:
-            sequence.step(changes, stopped)
+        config = {key: values[0] for key, values in (TOP | design).items()} | {"_either": design["noise"][0]}
+        folder = tmp_path_factory.mktemp("runs")
+        for changes, stopped in [((), False), *steps]:
+            changed = edited(config, changes)
+            text = make_text({key: changed[key] for key in TOP}, **{key: changed[key] for key in design})
+            try:
+                made = parse(text)
+            except ConfigError:
+                assert changes
+                continue
+            config = changed
+            if stopped:  # as soon as the first fits are done
+                with contextlib.suppress(ZeroDivisionError):
+                    tables_of(made, text, folder, progress=lambda share: 1 / 0)
+            grown = tables_of(made, text, folder)
+            if made.digest() not in known:
+                known[made.digest()] = tables_of(made, text, tmp_path_factory.mktemp("runs"))
+            assert grown == known[made.digest()], text
 
     try_sequence()

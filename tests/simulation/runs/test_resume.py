@@ -25,7 +25,7 @@ ENTRIES = {"top": {"keep_points": 2}, "trials": 40}
 
 
 class Stop(BaseException):
-    """Raised by a callback for progress to stop a run."""
+    """Raised in a run to stop it."""
 
 
 @pytest.fixture
@@ -35,10 +35,33 @@ def clock(monkeypatch):
 
 
 @pytest.fixture
-def stopped(start, let_pass, tmp_path):
-    """A run that was stopped after some units, in a folder."""
-    with let_pass(4, "study.simulation.runs.runner.execute"), pytest.raises(Stop):
-        start(folder=tmp_path / "run", progress=Mock(side_effect=[None] * 3 + [Stop]), **ENTRIES)
+def killed_at(start, monkeypatch):
+    """Run a study whose process ends at a step on the disk: from then on nothing is synced, renamed or removed."""
+
+    def run(step, **arguments):
+        steps = itertools.count()
+
+        def dying(function):
+            def act(path, *others, **options):
+                if not str(path).endswith(".lock") and next(steps) >= step:
+                    raise Stop
+                return function(path, *others, **options)
+
+            return act
+
+        with monkeypatch.context() as patch:
+            for name in ("fsync", "replace", "rename", "unlink"):
+                patch.setattr(os, name, dying(getattr(os, name)))
+            return start(**arguments)
+
+    return run
+
+
+@pytest.fixture
+def stopped(killed_at, tmp_path):
+    """A run that ended after three parts, at the twelfth step on the disk, in a folder."""
+    with pytest.raises(Stop):
+        killed_at(12, folder=tmp_path / "run", **ENTRIES)
     return tmp_path / "run"
 
 
@@ -63,29 +86,6 @@ def test_only_what_is_missing_is_computed(start, stopped, computed, tables, jobs
     assert len(set(computed)) == len(computed)
     assert tables(resumed) == tables(whole)
     assert not (stopped / "parts").exists()
-
-
-@pytest.fixture
-def killed_at(start, monkeypatch):
-    """Run a study whose process ends at a step on the disk: from then on nothing is synced, renamed or removed."""
-
-    def run(step, **arguments):
-        steps = itertools.count()
-
-        def dying(function):
-            def act(path, *others, **options):
-                if not str(path).endswith(".lock") and next(steps) >= step:
-                    raise Stop
-                return function(path, *others, **options)
-
-            return act
-
-        with monkeypatch.context() as patch:
-            for name in ("fsync", "replace", "rename", "unlink"):
-                patch.setattr(os, name, dying(getattr(os, name)))
-            return start(**arguments)
-
-    return run
 
 
 def test_a_run_killed_at_any_step(killed_at, start, computed, tables, tmp_path):
