@@ -234,7 +234,7 @@ def test_sessions_and_other_bodies():
 
     Of 12 bodies each, all were judged so; with legs and pelvis alone one of 12 that was 5 % smaller passed at 10 mm.
     """
-    for seed in range(3):
+    for seed in range(2):
         calibration = calibrate(body(seed), load_markerset("cmu41"))
         for replaced in (0.001, 0.005, 0.01):
             assert not other_subject(calibration, body(seed + 50, replaced=replaced))

@@ -156,16 +156,6 @@ def test_fits_that_failed_are_not_shown(tables):
     fig_posterior.draw(frame).draw_without_rendering()
 
 
-def test_tables_as_stored(tables, as_stored):
-    """Words that come back from a file as categories make no difference."""
-    made = tables([chain("c", 1), chain("d", 0)])
-    frames = {"posterior": made.posterior, "draws": made.draws, "rows": made.errors}
-    stored = dataclasses.replace(made, **{name: as_stored(frame) for name, frame in frames.items()})
-    one, other = (fig_posterior.prepare(each) for each in (made, stored))
-    assert (one.stamp, one.names) == (other.stamp, other.names)
-    np.testing.assert_array_equal(one.views[1].share, other.views[1].share)
-
-
 def test_reasons(tables, refused):
     """Each thing that is missing is told, with the command that makes posteriors."""
     made = tables([chain("c", 1)])
