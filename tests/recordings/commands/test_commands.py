@@ -360,18 +360,18 @@ def test_a_body_that_cannot_be(refused, settings, words):
     refused("synthetic", *settings, says=words)
 
 
-def test_case_study(works, read, tmp_path):
+def test_case_study(works, read, body, tmp_path):
     """The precision study writes tables and figure 7, and prints exponents with their intervals."""
-    whole, _ = synthesize(Recipe(frames=300))
-    hips = whole.select([marker for marker in whole.markers if marker[1:] in ("FWT", "BWT", "THI", "KNE")])
-    said = works("case-study", write_recording(hips, tmp_path / "hips.c3d"), "--subsets", 4)
-    folder = tmp_path / "results" / "recordings" / "hips"
+    said = works("case-study", body, "--subsets", 4)
+    folder = tmp_path / "results" / "recordings" / "body"
     tables = [f"case-study-{name}.parquet" for name in ("joints", "laws", "scatter")]
     assert sorted(path.name for path in folder.iterdir()) == [*tables, "fig7_case.png", "fig7_case.svg"]
     assert "exponent, raw: -" in said
     assert "exponent, effective: -" in said
-    found = read("case-study", tmp_path / "hips.c3d", "--subsets", 4)
-    table = pd.read_parquet(folder / "case-study-joints.parquet")
+    whole, _ = synthesize(Recipe(frames=300))
+    hips = whole.select([marker for marker in whole.markers if marker[1:] in ("FWT", "BWT", "THI", "KNE")])
+    found = read("case-study", write_recording(hips, tmp_path / "hips.c3d"), "--subsets", 4)
+    table = pd.read_parquet(tmp_path / "results/recordings/hips/case-study-joints.parquet")
     assert [row["joint"] for row in found["joints"]] == list(table["joint"])
     np.testing.assert_allclose([row["worth"] for row in found["joints"]], table["worth"])
     assert all((tmp_path / name).is_file() for name in found["files"])
