@@ -1,4 +1,9 @@
-"""Claims on UGDK: each verdict follows from its tables, and changes with them."""
+"""Claims on UGDK: each verdict follows from its tables, and changes with them.
+
+Claims on several markers: the verdicts follow from the stored points, and change with them.
+
+Joints of several markers: stored points are put together again as drawn, and fitted as the library does.
+"""
 
 import itertools
 import math
@@ -7,8 +12,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.fits import Status
-from study.simulation.claims.claim import Verdict
+from study.fits import Status, fit, mgdk
+from study.simulation.claims.claim import Verdict, joint_markers, point_sets
+from study.simulation.claims.ugdk import fit_joints
 
 SAMPLES = [40, 80, 160, 320]
 
@@ -103,8 +109,6 @@ def test_error_counts_failures(find, growth):
     tables = growth()
     grid = tables["power-law/errors"]
     failed = (grid["samples"] == 40) & (grid["trial"] < 120)
-    tables["power-law/errors"] = grid.assign(status=np.where(failed, Status.NOT_POSITIVE_DEFINITE, Status.OK))
-    assert find("ugdk-error", tables).verdict is find("ugdk-error", growth()).verdict
     tables["power-law/errors"] = grid.assign(error=grid["error"].where(~failed))
     assert find("ugdk-error", tables).verdict is Verdict.NOT_REPRODUCED
 
@@ -201,3 +205,186 @@ def test_equation_19_returns_what_it_is_told(find, noises):
     """Eq. 19 with UGDK's own sphere gives (N - 1)/N of the noise that UGDK was given (theory §2)."""
     found = find("noise-from-the-points", noises())
     assert [n.value for n in found.numbers[-2:]] == pytest.approx([49 / 50] * 2, rel=1e-9)
+
+
+EQUAL = (1.0, 1.0001, 1.0002)
+APART = (0.1, 0.5, 2.0)
+
+
+@pytest.fixture(scope="module")
+def figure_6(marker_tables):
+    """The run of figure 6, smaller."""
+    errors, points = marker_tables(1, (0.6, 1.0), (0.05,), trials=40, samples=60, angle=40.0, d=2)
+    return {"mgdk/errors": errors, "mgdk/points": points}
+
+
+@pytest.fixture(scope="module")
+def averaged(find, marker_tables, figure_6):
+    """Judge whether bad markers are averaged out, by markers of these radii under these noises."""
+
+    def run(radii, noises, **options):
+        errors, points = marker_tables(2, radii, noises, **options)
+        return find("markers-averaged", {"markers/errors": errors, "markers/points": points, **figure_6})
+
+    return run
+
+
+def test_equal_markers_are_averaged(averaged):
+    """Three markers alike and little noise: errors are Gaussian and equal, so their mean is 1/√3 of each.
+
+    4.5 standard errors are exceeded in 7 of 10⁶ cases; the best of three like medians is lower by chance, by less
+    than one standard error in the mean.
+    """
+    found = averaged(EQUAL, (0.01, 0.02))
+    assert abs(found.numbers[0].value - 1 / math.sqrt(3)) < 4.5 * found.numbers[0].error < 0.25
+    assert found.verdict is Verdict.REPRODUCED
+
+
+def test_the_outermost_marker_is_heard_alone(averaged):
+    """Eq. 22 weighs errors by r²: with radii .1, .5, 2 the joint error is √(Σr⁴)/Σr² = .94 of the outermost's.
+
+    That is within 4.5 standard errors (7 false alarms in 10⁶); the innermost does not matter. By weights 1/r̂² it is
+    1/√3 where the noise is small.
+    """
+    found = averaged(APART, (0.001, 0.002))
+    assert found.numbers[0].value == pytest.approx(0.94, abs=4.5 * found.numbers[0].error)
+    assert found.numbers[2].value == pytest.approx(1.0, abs=0.05)
+    assert found.numbers[3].value == pytest.approx(1 / math.sqrt(3), abs=4.5 * found.numbers[3].error)
+    assert found.numbers[3].error < 0.1
+
+
+def test_drowned_inner_markers_do_no_harm(averaged):
+    """If noise hides the inner markers, the fit to all is as good as the outermost: part of the claim, not all."""
+    assert averaged(APART, (0.01, 0.1, 0.3)).verdict is Verdict.PARTLY
+
+
+def test_a_failing_joint_fit_counts_as_computed(averaged):
+    """Told a noise that the outermost marker bears and the sum does not, eq. 22 is far off, and not infinitely."""
+    noise = math.sqrt(0.6 * 4.0 * 0.0208)  # σ² = .6 v of the outermost, v = r² K_a (theory §3); the sum needs < v/3
+    found = averaged((0.1, 0.11, 2.0), (0.01,), trials=50, told=noise / 0.01)
+    assert 1.0 < found.numbers[0].value < math.inf
+    assert found.verdict in {Verdict.PARTLY, Verdict.NOT_REPRODUCED}
+
+
+def test_averaging_needs_two_markers(averaged):
+    """One radius is no joint: there are no numbers, and no verdict."""
+    found = averaged((1.0,), (0.01,), trials=20)
+    assert found.verdict is Verdict.NOT_EVALUATED
+    assert found.reason
+
+
+@pytest.fixture(scope="module")
+def definite(find, marker_tables):
+    """Judge whether summed matrices stay positive definite; the tables come along."""
+
+    def run(radii, noises, **options):
+        errors, points = marker_tables(3, radii, noises, **options)
+        return find("markers-positive-definite", {"markers/errors": errors, "markers/points": points}), points
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("noises", "told", "verdict"),
+    [
+        ((0.003, 0.01), 1.0, Verdict.REPRODUCED),
+        ((0.01, 0.1, 1.0), 1.0, Verdict.PARTLY),
+        ((0.01,), 22.3, Verdict.NOT_REPRODUCED),  # as above: the outermost alone is definite, the sum never
+    ],
+)
+def test_definite(definite, noises, told, verdict):
+    """Small noise leaves every sum definite, large noise most, too much noise none; the theorem is never wrong."""
+    found, _ = definite(APART, noises, told=told)
+    assert found.verdict is verdict
+
+
+def test_shares_by_hand(definite):
+    """Shares are those of NumPy's own covariances, and a sum of definite matrices is definite."""
+    found, points = definite(APART, (0.05, 1.0), trials=60)
+    shares, singles, sound = [], [], []
+    for noise in (0.05, 1.0):
+        every = []
+        for radius in APART:
+            mine = points[points["cell"] == f"{noise:g}, {radius:g}"]
+            sets = mine[["x_1", "x_2", "x_3"]].to_numpy().reshape(60, 100, 3)
+            every.append([np.cov(x.T) - noise**2 * np.eye(3) for x in sets])
+        smallest = np.linalg.eigvalsh(np.array(every))[..., 0]
+        total = np.linalg.eigvalsh(np.sum(every, axis=0))[:, 0]
+        shares.append(np.mean(total > 0))
+        singles.append(np.mean(smallest > 0))
+        sound.append((smallest > 0).all(axis=0))
+    values = [n.value for n in found.numbers]
+    assert values[0] == 1.0
+    assert found.numbers[0].trials == np.sum(sound) > 0
+    assert values[1] == pytest.approx(np.mean(sound))
+    assert values[2:5] == pytest.approx([min(shares), np.mean(shares), np.mean(singles)])
+    assert values[5] == pytest.approx(np.mean(smallest[-1] > 0))  # the last noise has the least share
+
+
+@pytest.fixture
+def tables():
+    """Errors and points of cells (noise, radius), shuffled, with a centre that is not the origin."""
+
+    def make(cells, samples=5, trials=(3, 3, 3, 3)):
+        rng = np.random.default_rng(1)
+        errors, points, truth = [], [], {}
+        for k, ((noise, radius), count) in enumerate(zip(cells, trials, strict=False)):
+            x = rng.standard_normal((count, samples, 2))
+            truth[noise, radius] = x
+            base = {"cell": f"c{k}", "trial": np.repeat(np.arange(count), samples)}
+            base |= {"sample": np.tile(np.arange(samples), count), "radius": radius}
+            axes = {"x_1": x[..., 0].ravel() + 2.0, "x_2": x[..., 1].ravel() - 1.0, "center_1": 2.0, "center_2": -1.0}
+            points.append(pd.DataFrame(base | axes))
+            conditions = {"noise": noise, "radius": radius, "samples": samples, "angle": 60.0, "center": 5**0.5}
+            errors.append(pd.DataFrame({"cell": [f"c{k}"] * count} | conditions))
+        shuffled = pd.concat(points).sample(frac=1.0, random_state=2)
+        return pd.concat(errors).astype({"cell": "category"}), shuffled.astype({"cell": "category"}), truth
+
+    return make
+
+
+def test_joints(tables):
+    """A joint per noise, ascending, its markers by ascending radius, points in the order of trial and sample."""
+    errors, points, truth = tables([(0.2, 2.0), (0.1, 0.5), (0.2, 1.0), (0.1, 3.0)])
+    found = list(joint_markers(errors, points))
+    assert [joint.sigma for joint in found] == [0.1, 0.2]
+    assert [list(joint.radii) for joint in found] == [[0.5, 3.0], [1.0, 2.0]]
+    for joint in found:
+        for radius, marker in zip(joint.radii, joint.markers, strict=True):
+            np.testing.assert_allclose(marker, truth[joint.sigma, radius], atol=1e-14)
+
+
+def test_markers_with_fewer_trials_bound_the_others(tables):
+    """All markers of a joint have as many trials as the one with the fewest."""
+    errors, points, _ = tables([(0.1, 1.0), (0.1, 2.0)], trials=(4, 2))
+    (joint,) = joint_markers(errors, points)
+    assert [len(marker) for marker in joint.markers] == [2, 2]
+
+
+def test_a_cell_without_points(tables):
+    """A cell of which no points are stored has no sets."""
+    _, points, _ = tables([(0.1, 1.0)])
+    assert point_sets(points, "other").size == 0
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.1, 0.6])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_fits_are_those_of_the_library(on_cap, noise, weighted):
+    """Centres, radii and statuses of `study.mgdk` but for the agreement, in noise that hides two of three, too."""
+    rng = np.random.default_rng(4)
+    markers = [on_cap(rng, n, 60.0, 3, noise, radius, sets=20)[0] for n, radius in ((40, 0.1), (60, 0.5), (50, 2.0))]
+    center, squares, definite = fit_joints(markers, noise, weighted)
+    each = [mgdk(sets, noise=noise, weighted=weighted) for sets in zip(*markers, strict=True)]
+    np.testing.assert_allclose(center, [f.center for f in each], rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(definite, [f.status in (Status.OK, Status.MISFIT) for f in each])
+    radii = np.sqrt(np.where(squares >= 0.0, squares, np.nan))
+    np.testing.assert_allclose(radii.T, [f.radii for f in each], rtol=1e-7)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.4])
+def test_one_marker_is_fitted_by_ugdk(on_cap, noise):
+    """Eq. 22 of one marker is eqs 15 to 21, and errors are those of UGDK, whatever it says of them."""
+    points, _ = on_cap(np.random.default_rng(5), 50, 50.0, 3, noise, 1.0, sets=40)
+    (center, _, definite), expected = fit_joints([points], noise), fit(points, "ugdk", noise=noise)
+    np.testing.assert_allclose(center, expected.center, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(definite, expected.own_status == Status.OK)
