@@ -80,6 +80,11 @@ VALUES = {
 }
 
 
+def pairs(names, *changes):
+    """Every change of the first table, and the last one of each of the others."""
+    return [*((names[0], change) for change in changes), *((name, changes[-1]) for name in names[1:])]
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _quick():
     """Find the commit once, and do not wait for the disk."""
@@ -173,18 +178,17 @@ def alter(path, change):
         pq.write_table({**COLUMNS, **VALUES}[change](pq.read_table(path)), path)
 
 
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [*(("errors", change) for change in {**BYTES, **COLUMNS, **VALUES}), *((name, "scaled") for name in TABLES[1:])],
-)
+@pytest.mark.parametrize(("name", "change"), pairs(TABLES, *BYTES, *COLUMNS, *VALUES))
 def test_tables_are_named(mutant, named, name, change):
     """A table that is cut, flipped, emptied, or has other columns or values, is not read."""
     alter(mutant / "out" / f"{name}.parquet", change)
     named(f"{name}.parquet")
 
 
-@pytest.mark.parametrize("change", ["cut to 0.5", "bit 1", "one renamed", "scaled"])
-@pytest.mark.parametrize("name", ["errors", "summary", "answers", "claims"])
+@pytest.mark.parametrize(
+    ("name", "change"),
+    pairs(["errors", "summary", "answers", "claims"], "cut to 0.5", "bit 1", "one renamed", "scaled"),
+)
 def test_tables_are_made_again(mutant, survive, name, change):
     """Commands name it, and `study run` makes it again to the same bytes."""
     alter(mutant / "out" / f"{name}.parquet", change)
@@ -255,8 +259,7 @@ def test_configs(refused, repaired, mutant, text):
     assert path.read_text() == CONFIG
 
 
-@pytest.mark.parametrize("change", COLUMNS)
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize(("name", "change"), pairs(TABLES, *COLUMNS))
 def test_other_columns_with_the_right_digest(mutant, call_here, repaired, name, change):
     """A table of another version, whose digest the manifest has, is refused by its columns."""
     run = Run.open(mutant / "out")
