@@ -195,7 +195,8 @@ def _best_rotation(h: Floats, cofactors: Floats, square: Floats, rotation: Float
     """Find the rotation R (3, 3) that maximises λ = Tr(RᵀH) for H = Σ x aᵀ (Markley 1993).
 
     λ is the largest root of (λ² - ‖H‖²)² - 8 λ det H - 4 ‖adj H‖², found by Newton's method from above.
-    ``cofactors`` and ``square`` (3, 3) are scratch. Returns False, with ``rotation`` undefined, if H has rank one.
+    ``cofactors`` and ``square`` (3, 3) are scratch. Returns False, with ``rotation`` undefined, if several rotations
+    are as good: if H has rank one, or is that of a mirror image with two equal extents or more.
     """
     norm = minors = det = 0.0
     for i in range(3):
@@ -207,7 +208,7 @@ def _best_rotation(h: Floats, cofactors: Floats, square: Floats, rotation: Float
             minors += cofactors[i, j] ** 2
     for j in range(3):
         det += h[0, j] * cofactors[0, j]
-    trace = math.sqrt(3.0 * norm)
+    trace, step = math.sqrt(3.0 * norm), 0.0
     for _ in range(_MOST_STEPS):
         over = trace**2 - norm
         step = 0.25 * (over**2 - 8.0 * trace * det - 4.0 * minors) / (trace * over - 2.0 * det)
@@ -216,7 +217,7 @@ def _best_rotation(h: Floats, cofactors: Floats, square: Floats, rotation: Float
             break
     kappa = 0.5 * (trace**2 - norm)
     zeta = kappa * trace - det  # (s1 + s2)(s2 + s3)(s3 + s1), of the singular values, s3 with the sign of det H
-    if not zeta > _THIN**2 * trace**3:  # H holds squares of extents
+    if not (zeta > _THIN**2 * trace**3 and abs(step) < 1e-9 * trace):  # H holds squares of extents
         return False
     for i in range(3):
         for j in range(3):

@@ -104,6 +104,15 @@ def test_exact_motion_with_missing_and_unused_points(rng, moved):
     assert np.isnan(origin[:, 5]).all()
 
 
+def test_a_mirrored_tetrahedron_has_no_rotation_or_a_proper_one(rng, moved):
+    """With two labels of a regular tetrahedron exchanged many rotations are as good; none that is found has stretch."""
+    template = 0.05 * np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    x, _, _ = moved(template[[1, 0, 2, 3]], frames=5000, noise=1e-9)
+    rotation, _, known = rigid.fit_rigid_motion(template, x)
+    r = rotation[:, :, known].transpose(2, 0, 1)
+    np.testing.assert_allclose(r.swapaxes(1, 2) @ r, np.broadcast_to(np.eye(3), r.shape), atol=1e-6)
+
+
 def test_mean_rotated_covariance(rng):
     """It is the mean over frames of R Σ Rᵀ, one by one."""
     axes, root = Rotation.random(30, rng=rng).as_matrix().transpose(1, 2, 0), rng.standard_normal((3, 3))

@@ -318,9 +318,9 @@ class PooledMoments:
     def _extents(self, basis: Floats) -> tuple[Floats, Floats]:
         """Eigenvalues of Σ w C relative to Σ w F (d,), ascending and not below 0, and its vectors (d, d)."""
         total, noise = (basis.T @ (self.w @ part.reshape(-1, 9)).reshape(3, 3) @ basis for part in (self.c, self.f))
-        values, vectors, failed = dsygv(total, noise)  # eigh calls the same, and takes six times as long
+        values, vectors, failed = dsygv(total, noise)  # eigh(driver="gv") calls the same, and takes five times as long
         if failed:
-            raise np.linalg.LinAlgError("the noise of the poses has no positive definite covariance")
+            raise np.linalg.LinAlgError("the extents relative to the noise of the poses cannot be computed")
         return np.maximum(values, 0.0), vectors
 
     def _mean_vfv(self, o: Floats) -> Floats:

@@ -125,6 +125,23 @@ def test_a_run_killed_at_any_step(killed_at, start, computed, tmp_path, top):
     assert step > 3 * len(tasks) >= 6
 
 
+def test_trials_by_need_killed(killed_at, start, tables, tmp_path):
+    """Killed in a round or as tables are joined, and resumed, they have the bytes of an unbroken run."""
+    top = {"estimators": ["lls", "ugdk"], "keep_points": 2, "precision": {"relative_target": 0.08, "first": 100}}
+    needs = {"top": top, "trials": 400, "samples": 6, "noise": [0.02, 0.6], "angle": 180, "jobs": 1}
+    whole = start(**needs)
+    for step in itertools.count(0, 11):
+        folder = tmp_path / f"killed-{step}"
+        with contextlib.suppress(Stop):
+            killed_at(step, folder=folder, **needs)
+            break
+        run = start(folder=folder, warn=str, **needs)
+        assert tables(run) == tables(whole), step
+        assert run.path("precision").read_bytes() == whole.path("precision").read_bytes(), step
+        assert not list(folder.rglob("*.tmp")), step
+    assert step > 33
+
+
 def test_timings_are_kept(clock, start, stopped):
     """Timings from before the interruption are in the table, and the manifest's seconds cover both parts."""
     before = Parts(stopped, "units")
