@@ -164,7 +164,7 @@ class PooledMoments:
             if step > 0:
                 change = self.reweight(center, basis)
             w, origin = self.w, self.w @ self.mean / self.w.sum()
-            m = (self.mean - origin) @ basis @ basis.T
+            m = -self._offsets(origin, basis)
             cm, fm = (self.c @ m[:, :, None])[:, :, 0], (self.f @ m[:, :, None])[:, :, 0]
             right = np.array([cm + 0.5 * self.s, fm + self.fz + 0.5 * self.trace_z, fm + self.fz])
             # in directions in which F is I and C diagonal, everything is a sum of d fractions of the size
