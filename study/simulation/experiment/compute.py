@@ -304,7 +304,7 @@ def _called(name: str, samples: Samples) -> Estimates:
     return fit
 
 
-TOGETHER = 2**17
+TOGETHER = 2**19
 """Samples drawn at once: several blocks, so that calls cost little, and few enough for a cache."""
 
 _workspace = Workspace()

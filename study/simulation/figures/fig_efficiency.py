@@ -64,7 +64,7 @@ def prepare(tables: Tables) -> Frame:
     caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in cells["angle"].unique()}
     order = sorted(tables.estimators, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
     shown = order[:_MOST_CURVES]
-    errors = tables.errors[tables.errors["estimator"].isin(shown)]
+    errors = tables.run.table("errors", ["cell", "estimator", "error", "bound"], shown)  # it may have millions of rows
     ratios = errors.assign(ratio=error_over(errors, "bound")).groupby(["cell", "estimator"], observed=True, sort=False)
     rows = []
     for (cell, estimator), part in ratios["ratio"]:
