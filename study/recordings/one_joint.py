@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import null_space
 
 from study.arrays import Floats
 from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, JointStatus
@@ -278,7 +279,11 @@ def _doubts(joints: Calibration, n: Mapping[str, float], recording: Recording, w
     doubts += joints.without_pose.values() if found.estimate is None else ()
     rows = [row for row, label in enumerate(recording.markers) if not is_centre(label)]
     if not np.isnan(world).all():
-        (share,), (distance,) = hull_distances(recording.positions[rows], world[None])
+        markers, place = recording.positions[rows], world[None]
+        if found.axis is not None and not found.joint.across:  # seen along it, where the joint's place is unknown
+            flat = np.einsum("ijt,jk->kit", joints.poses[PARENT].rotation, null_space(found.axis[None]))
+            markers, place = (np.einsum("kit,mit->mkt", flat, x) for x in (markers, place))
+        (share,), (distance,) = hull_distances(markers, place)
         doubts += filter(None, [hull_doubt(share, distance)])
     return doubts
 

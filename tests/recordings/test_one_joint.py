@@ -150,6 +150,20 @@ def test_a_hinge_is_midway_between_two_points():
         find_clusters(recording, PARENT, CHILD, "LFC")
 
 
+def test_a_place_along_an_axis_is_no_reason_to_doubt():
+    """Nothing shows where a hinge without points across it lies along its axis, and so whether that is in the body.
+
+    An axis that is 40 cm beside the body is a reason, wherever the joint is along it.
+    """
+    inside, beside = (
+        fitted(body(axis=np.array(axis), beside=away)[0], hinge=True)
+        for axis, away in (([0.0, 0.74, 0.67], 0.0), ([0.0, 0.0, 1.0], 0.4))
+    )
+    assert inside.ok, inside.doubts
+    (doubt,) = beside.doubts
+    assert doubt.startswith("outside the markers' hull in 100% of the frames, by up to ")
+
+
 def test_points_that_are_not_at_the_joint():
     """A hip is no hinge: two points do not place it by being named, be they on other segments or far along an axis."""
     child, (first, _) = "RTH1,RTH2", body()

@@ -55,7 +55,7 @@ def hull_distances(markers: Floats, joints: Floats) -> tuple[Floats, Floats]:
     throughout do not count.
 
     Args:
-        markers: their places (markers, 3, frames), metres; NaN where missing.
+        markers: their places (markers, 3, frames), metres; NaN where missing. Two coordinates are seen along an axis.
         joints: their centres (joints, 3, frames), metres; NaN where unknown.
 
     Returns:
@@ -71,7 +71,7 @@ def hull_distances(markers: Floats, joints: Floats) -> tuple[Floats, Floats]:
     for row, t in enumerate(part):
         with contextlib.suppress(QhullError):  # fewer than four markers, or all in one plane
             planes = ConvexHull(markers[present, :, t]).equations
-            distances[row] = (joints[:, :, t] @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+            distances[row] = (joints[:, :, t] @ planes[:, :-1].T + planes[:, -1]).max(axis=1)
     shares, quantiles = np.full(len(joints), np.nan), np.full(len(joints), np.nan)
     for joint, column in enumerate(distances.T):
         known = column[~np.isnan(column)]
