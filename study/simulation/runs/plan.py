@@ -13,7 +13,7 @@ import numpy as np
 
 from study.arrays import Floats
 from study.files import RunError
-from study.simulation.experiment.compute import TOGETHER, compute
+from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell, Group
 from study.simulation.runs.parts import tables, takes_long
@@ -25,6 +25,8 @@ _MOST_PROBED = 250_000
 _CELLS = 6
 _LEVELS = 5
 _REPEATS = 3
+_PROBED = 2**17
+"""Samples of a batch that is timed: a quarter of those that a run draws at once, since a plan is to take a second."""
 _LONG_PROBE = 0.05
 """A measurement that takes longer than so many seconds is not repeated, unless it is the first."""
 _MOST_SUMMARISED = 20_000
@@ -77,13 +79,13 @@ def measure(study: Study, cells: Sequence[Cell], jobs: int) -> Pace:
 
 
 def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Batch]:
-    """Batches of so many samples, of conditions far apart, each as large as a run computes at once."""
+    """Batches of so many samples, of conditions far apart, each large enough that calls cost little."""
     most = max(_CELLS * _LEVELS, len(cells) // _SIZES)
     near = sorted(cells, key=lambda cell: abs(np.log(cell.samples / size)))[:most]
     chosen = [near[i] for i in np.linspace(0, len(near) - 1, min(_CELLS, len(near))).astype(int)]
     if study.design.one_trial_a_cell:
         return [Batch(Group(("probe", i), 1, (replace(cell, samples=size),)), 0, 1) for i, cell in enumerate(chosen)]
-    trials = min(study.design.trials_of(size), max(1, TOGETHER // size))
+    trials = min(study.design.trials_of(size), max(1, _PROBED // size))
     batches = []
     for i, cell in enumerate(chosen):
         alike = [replace(c, samples=size) for c in near if c.angle == cell.angle]
