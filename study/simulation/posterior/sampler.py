@@ -509,6 +509,9 @@ def likelihood_rank(name: str, points: Floats, sphere: Floats, draws: Floats, no
 class _Sampler(emcee.EnsembleSampler):  # type: ignore[misc]
     """emcee's sampler, for a log-posterior of all walkers at once that never returns NaN."""
 
+    # the generator has its state: to copy it with every step, as emcee does, takes a twelfth of a chain's time
+    random_state = emcee.EnsembleSampler.random_state.getter(lambda _: None)
+
     def compute_log_prob(self, coords: Floats) -> tuple[Floats, None]:
         """Log-posteriors of walkers (k, p), without emcee's search of each walker's answer for further data."""
         return self.log_prob_fn(coords), None
