@@ -277,9 +277,8 @@ def _doubts(joints: Calibration, n: Mapping[str, float], recording: Recording, w
         remedy = "a joint with one axis, as a knee, is a hinge (--hinge); soft tissue alone may place it along the axis"
         doubts.append(f"{moved}: {remedy}")
     doubts += joints.without_pose.values() if found.estimate is None else ()
-    rows = [row for row, label in enumerate(recording.markers) if not is_centre(label)]
+    markers, place = recording.positions[[not is_centre(label) for label in recording.markers]], world[None]
     if not np.isnan(world).all():
-        markers, place = recording.positions[rows], world[None]
         if found.axis is not None and not found.joint.across:  # seen along it, where the joint's place is unknown
             flat = np.einsum("ijt,jk->kit", joints.poses[PARENT].rotation, null_space(found.axis[None]))
             markers, place = (np.einsum("kit,mit->mkt", flat, x) for x in (markers, place))

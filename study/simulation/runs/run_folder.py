@@ -326,9 +326,7 @@ class Run:
         path, known = self.path(name), self.manifest()["tables"]
         if name not in known:
             raise RunError(f"{path}: not in {NAME}, so not of this run; {self.again(name)} makes it")
-        if self._sound.get(name) == known[name]:
-            return
-        if fault := self.fault(name, known[name]):
+        if self._sound.get(name) != known[name] and (fault := self.fault(name, known[name])):
             raise RunError(f"{path}: {fault}; {self.again(name)} makes it again")
         self._sound[name] = known[name]
 
