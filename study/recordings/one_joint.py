@@ -282,8 +282,7 @@ def _doubts(joints: Calibration, n: Mapping[str, float], recording: Recording, w
         if found.axis is not None and not found.joint.across:  # seen along it, where the joint's place is unknown
             flat = np.einsum("ijt,jk->kit", joints.poses[PARENT].rotation, null_space(found.axis[None]))
             markers, place = (np.einsum("kit,mit->mkt", flat, x) for x in (markers, place))
-        (share,), (distance,) = hull_distances(markers, place)
-        doubts += filter(None, [hull_doubt(share, distance)])
+        doubts += filter(None, map(hull_doubt, *hull_distances(markers, place)))
     return doubts
 
 

@@ -194,7 +194,7 @@ class Run:
     def __init__(self, folder: Path, study: Study) -> None:
         self.folder = folder
         self.study = study
-        self._sound: dict[str, str] = {}  # digests of tables that were found sound: a page reads a large one five times
+        self._sound: dict[str, tuple[str | None, int]] = {}  # tables found sound: a page reads a large one five times
 
     @classmethod
     def create(cls, folder: Path, study: Study) -> "Run":
@@ -321,14 +321,15 @@ class Run:
     def check(self, name: str) -> None:
         """Raise a RunError unless a stored table has the digest that its manifest says, and the columns declared.
 
-        A table is checked once, and again when the manifest has another digest.
+        A table is checked once, and again when its file was written or the manifest has another digest.
         """
         path, known = self.path(name), self.manifest()["tables"]
         if name not in known:
             raise RunError(f"{path}: not in {NAME}, so not of this run; {self.again(name)} makes it")
-        if self._sound.get(name) != known[name] and (fault := self.fault(name, known[name])):
+        stamp = known[name], path.stat().st_mtime_ns if path.exists() else 0
+        if self._sound.get(name) != stamp and (fault := self.fault(name, known[name])):
             raise RunError(f"{path}: {fault}; {self.again(name)} makes it again")
-        self._sound[name] = known[name]
+        self._sound[name] = stamp
 
     def fault(self, name: str, digest: str | None) -> str | None:
         """The fault of a stored table that should have a digest, and the columns declared; None if it has both."""

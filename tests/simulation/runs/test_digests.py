@@ -49,6 +49,20 @@ def rewrite(run, change):
     path.write_text(json.dumps(content, indent=2), encoding="utf-8")
 
 
+def test_a_table_that_is_changed_after_it_was_read(run):
+    """A table is checked again when its file was written, also by the object that read it before."""
+    run.table("errors")
+    path, data = run.path("errors"), run.path("summary").read_bytes()
+    path.write_bytes(data)
+    os.utime(path, (2e9, 2e9))  # whatever the steps of the clock
+    for read in (lambda: run.table("errors"), lambda: run.check("errors")):
+        with pytest.raises(RunError, match="damaged: its SHA-256 is not the one in"):
+            read()
+    path.unlink()
+    with pytest.raises(RunError, match="damaged"):
+        run.check("errors")
+
+
 def test_a_digest_is_sha_256(tmp_path):
     """The digest is that of the bytes, also right after a change that keeps size and place; None without a file."""
     path = tmp_path / "file"
