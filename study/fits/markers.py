@@ -477,7 +477,8 @@ def _solve(joint: MarkersMoments, known: Floats | None, weighted: bool) -> _Solu
         return center[0], joint.subtracted(known)[:, 0], weights[:, 0]
     weights, subtracted = joint.n, np.zeros_like(joint.c)
     center = joint.center(subtracted, weights)
-    for _ in range(ROUNDS if len(weights) > 1 else 2):  # a single centre is final after one: its weight after two
+    # the centre of one marker is final after one round, since its weight cancels, and its weight after two
+    for _ in range(ROUNDS if len(weights) > 1 else 2):
         if weighted:
             weights = joint.weights(center)
         subtracted = np.zeros_like(joint.c) + _root(joint, weights[:, 0]) * np.eye(len(center[0]))

@@ -305,7 +305,7 @@ def _called(name: str, samples: Samples) -> Estimates:
 
 
 TOGETHER = 2**19
-"""Samples drawn at once: several blocks, so that calls cost little beside the fits, in 13 MB an array of three axes."""
+"""Samples drawn at once: several blocks, so that calls cost little beside the fits. Arrays of three axes take 13 MB."""
 
 _workspace = Workspace()
 

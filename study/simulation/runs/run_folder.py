@@ -194,7 +194,7 @@ class Run:
     def __init__(self, folder: Path, study: Study) -> None:
         self.folder = folder
         self.study = study
-        self._sound: dict[str, tuple[str | None, int]] = {}  # tables found sound: a page reads a large one five times
+        self._sound: dict[str, tuple[str | None, int]] = {}  # tables that are sound: a page reads a large one often
 
     @classmethod
     def create(cls, folder: Path, study: Study) -> "Run":
