@@ -220,7 +220,7 @@ def test_a_fit_of_moments_holds_no_points(rng):
 
 @pytest.mark.parametrize(("angle", "sigma"), [(0.3, 0.03), (0.5, 0.05), (0.8, 0.05)])
 def test_standard_errors_of_one_marker_from_its_moments(rng, angle, sigma):
-    """On a short arc they are those from the points within 15 %: noise widens the spread of directions in the moments."""
+    """On a short arc they are those from the points within 15 %: noise widens the spread of directions."""
     turns = rng.uniform(-angle, angle, 400)
     points = np.stack([np.cos(turns), np.sin(turns)], axis=1) + sigma * rng.standard_normal((400, 2))
     grown = Incremental(2)
