@@ -223,15 +223,15 @@ def efficiency(tables: Tables) -> list[Markup]:
         return [html.paragraph(said)]
     by_decade = bool(frame["decade"].notna().any())
     titles, conditions, fixed = _conditions(frame, by_decade)
-    shown = [name for name in tables.estimators if name in set(frame["estimator"])]
     bounded, rows = has_bounds(tables.run.study), []
-    for _, part in frame.groupby("group", sort=False):
-        fits = {str(row["estimator"]): row for row in part.to_dict("records")}
-        first = next(iter(fits.values()))
+    fits = {(row["group"], row["estimator"]): row for row in frame.to_dict("records")}
+    for group in frame["group"].unique():
+        mine = [fits.get((group, name)) for name in tables.estimators]
+        first = next(filter(None, mine))
         cells: list[Content] = [*(make(first) for make in conditions), words.count(int(first["planned"]))]
         if bounded:
             cells += [f"{value:.3g}" for value in medians_at_bounds(tables.run.study, first)]
-        rows.append([*cells, *(_ratio(fits[name]) if name in fits else "–" for name in shown)])
+        rows.append([*cells, *(_ratio(row) if row else "–" for row in mine)])
     least = words.count(int(frame["planned"].min()))
     law = f" ({name})" if (name := bound_law(frame)) else ""
     efficient = (
@@ -246,7 +246,7 @@ def efficiency(tables: Tables) -> list[Markup]:
         the same trials. A fit without a number counts as infinitely far. Below a median stands the share of fits that
         are not ok. {efficient}At least {least} trial{"s" * (least != "1")} a row{fixed}.
     """)
-    head = [*titles, "trials", *(["CRLB", "attainable"] if bounded else []), *(style.label(name) for name in shown)]
+    head = [*titles, "trials", *(["CRLB", "attainable"] if bounded else []), *map(style.label, tables.estimators)]
     table = html.table(f"Error over the bound, {tables.name}", caption, head, rows, numeric=range(len(head)))
     if len(rows) <= _LONG:
         return [table]
@@ -283,7 +283,7 @@ def statuses(tables: Tables) -> list[Markup]:
         if name in ("planned", "ok") or any(total):
             text = "planned" if name == "planned" else Status[name.upper()].text
             rows.append([text, *map(words.count, total)])
-    head = ["Fits", *(style.label(name) for name in tables.estimators)]
+    head = ["Fits", *map(style.label, tables.estimators)]
     caption = "None is ever drawn again or left out."
     numeric = frozenset(range(1, len(head)))
     return [html.table(f"How the fits ended, {tables.name}", caption, head, rows, numeric=numeric)]
