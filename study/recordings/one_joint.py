@@ -279,10 +279,12 @@ def _doubts(joints: Calibration, n: Mapping[str, float], recording: Recording, w
     doubts += joints.without_pose.values() if found.estimate is None else ()
     markers, place = recording.positions[[not is_centre(label) for label in recording.markers]], world[None]
     if not np.isnan(world).all():
-        if found.axis is not None and not found.joint.across:  # seen along it, where the joint's place is unknown
+        seen = ""
+        if found.axis is not None and not found.joint.across:  # the joint's place along its axis is unknown
             flat = np.einsum("ijt,jk->kit", joints.poses[PARENT].rotation, null_space(found.axis[None]))
             markers, place = (np.einsum("kit,mit->mkt", flat, x) for x in (markers, place))
-        doubts += filter(None, map(hull_doubt, *hull_distances(markers, place)))
+            seen = "seen along its axis, "
+        doubts += [seen + doubt for doubt in map(hull_doubt, *hull_distances(markers, place)) if doubt]
     return doubts
 
 

@@ -161,7 +161,7 @@ def test_a_place_along_an_axis_is_no_reason_to_doubt():
     )
     assert inside.ok, inside.doubts
     (doubt,) = beside.doubts
-    assert doubt.startswith("outside the markers' hull in 100% of the frames, by up to ")
+    assert doubt.startswith("seen along its axis, outside the markers' hull in 100% of the frames, by up to ")
 
 
 def test_points_that_are_not_at_the_joint():

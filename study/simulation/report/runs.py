@@ -221,8 +221,7 @@ def efficiency(tables: Tables) -> list[Markup]:
     if frame["group"].nunique() > _TOO_LONG:
         said = ["There are too many conditions for a table; ", html.code("summary.parquet"), " has them."]
         return [html.paragraph(said)]
-    by_decade = bool(frame["decade"].notna().any())
-    titles, conditions, fixed = _conditions(frame, by_decade)
+    titles, conditions, fixed = _conditions(frame)
     bounded, rows = has_bounds(tables.run.study), []
     fits = {(row["group"], row["estimator"]): row for row in frame.to_dict("records")}
     for group in frame["group"].unique():
@@ -254,9 +253,9 @@ def efficiency(tables: Tables) -> list[Markup]:
     return [html.paragraph("There are many conditions; the figures show them better."), folded]
 
 
-def _conditions(frame: pd.DataFrame, by_decade: bool) -> tuple[list[str], list[Callable[[RowValues], str]], str]:
+def _conditions(frame: pd.DataFrame) -> tuple[list[str], list[Callable[[RowValues], str]], str]:
     """Titles and formats of the columns that distinguish groups, and the conditions that all groups share."""
-    if by_decade:
+    if frame["decade"].notna().any():
         return ["σ/r from"], [lambda row: words.power_of_ten(int(row["decade"]))], ""
     made = {c: partial(words.condition, c) for c in LABELS if not c.stored or c.name in frame}
     records = frame.drop_duplicates("group").to_dict("records")
@@ -285,8 +284,7 @@ def statuses(tables: Tables) -> list[Markup]:
             rows.append([text, *map(words.count, total)])
     head = ["Fits", *map(style.label, tables.estimators)]
     caption = "None is ever drawn again or left out."
-    numeric = frozenset(range(1, len(head)))
-    return [html.table(f"How the fits ended, {tables.name}", caption, head, rows, numeric=numeric)]
+    return [html.table(f"How the fits ended, {tables.name}", caption, head, rows, numeric=range(1, len(head)))]
 
 
 def worst_trials(tables: Tables) -> list[Markup]:
