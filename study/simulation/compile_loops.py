@@ -1,7 +1,7 @@
 """Compile the loops that studies and claims use, so that none waits for the compiler: once after an installation.
 
-``python -m study.simulation.compile_loops CONFIG…``. Numba keeps the compiled code beside the sources. A plan of a
-study computes a few of its trials, and so compiles what its run needs. ``--circles`` adds fits in two dimensions,
+``python -m study.simulation.compile_loops CONFIG…``. Numba keeps the compiled code beside the sources. A few
+trials of a study and a chain of its posteriors compile what its run needs. ``--circles`` adds fits in two dimensions,
 ``--costs`` the loops of the table of costs. Two processes compile.
 """
 
@@ -66,8 +66,7 @@ def compile_loops(configs: list[Path], circles: bool = False, costs: bool = Fals
     context, progress = get_context("spawn"), Progress()
     records: Queue[logging.LogRecord] = context.Queue()
     tasks: list[Callable[[], object]] = [partial(timed_scalar, 3, 20), partial(timed, 3, 20)] if costs else []
-    tasks += [partial(_fit, 3), *(partial(_plan, path) for path in configs)]
-    tasks += [partial(_fit, 2)] if circles else []
+    tasks += [*(partial(_fit, d) for d in (3, 2)[: 1 + circles]), *(partial(_begin, path) for path in configs)]
     listener = QueueListener(records, progress)
     listener.start()
     with progress.status, ProcessPoolExecutor(_PROCESSES, context, _report_to, (records,)) as pool:
@@ -85,13 +84,16 @@ def _report_to(records: "Queue[logging.LogRecord]") -> None:
     log.propagate = False
 
 
-def _plan(config: Path) -> None:
-    """Compute a few trials of a study."""
+def _begin(config: Path) -> None:
+    """Compute a few trials of a study, and a chain if it has posteriors."""
     from study.simulation.experiment.config import load
+    from study.simulation.posterior.run import chain_tasks
     from study.simulation.runs.plan import extremes, plan
 
-    for part in extremes(load(config)).values():
+    for part in extremes(study := load(config)).values():
         plan(part, 1)
+    for task in chain_tasks(study)[:1]:
+        task.compute()
 
 
 def _fit(dimension: int) -> None:
@@ -100,7 +102,7 @@ def _fit(dimension: int) -> None:
 
     from study.fits import fit
 
-    points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(2, 30, dimension)
+    points = np.cos(np.arange(80.0 * dimension) ** 2).reshape(2, 40, dimension)  # enough to look for structure
     points /= np.linalg.norm(points, axis=2, keepdims=True)
     for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
         str(answer)  # computes the intervals

@@ -49,6 +49,15 @@ for n in (5, 10, 20, 100):
 print(hashlib.sha256(b"".join(f.center.tobytes() + f.noise_variance.tobytes() for f in answers)).hexdigest())
 """
 
+CHAINS = """
+name = "chains"
+seed = 1
+dimension = 3
+estimators = ["gdke"]
+design = { kind = "grid", trials = 2, samples = [100], noise_over_radius = [0.01], angle = [90] }
+posterior = { trials = 1, noise = ["unknown"], max_steps = 200 }
+"""
+
 
 @pytest.fixture
 def package(tmp_path):
@@ -121,6 +130,15 @@ def test_a_program_can_silence_the_compiler(package):
     _, run = package
     assert run(f"import logging\nlogging.getLogger('study').setLevel('ERROR')\n{TWO_LOOPS}") == ["0", "0"]
     assert run.warnings == [""]
+
+
+def test_a_run_compiles_nothing_that_set_up_could(package):
+    """Chains were first compiled by the run, four seconds in which only one process worked."""
+    copy, run = package
+    (copy.parent / "chains.toml").write_text(CHAINS)
+    run("from pathlib import Path; from study.simulation import compile_loops as c; c._begin(Path('chains.toml'))")
+    run("import sys; from study.cli import main; sys.argv[1:] = ['run', 'chains.toml', '--jobs', '1']; main()")
+    assert [COMPILING in warnings for warnings in run.warnings] == [True, False]
 
 
 def test_two_threads_that_call_first_get_one_answer():

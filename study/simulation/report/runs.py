@@ -21,7 +21,6 @@ from study.simulation.posterior import run as posterior
 from study.simulation.report import html, words
 from study.simulation.report.html import Content, Section
 from study.simulation.report.material import Material
-from study.simulation.runs.run_folder import plugins
 from study.simulation.statistics import MEASURES
 from study.text import one_line
 
@@ -177,7 +176,7 @@ def provenance(tables: Tables) -> list[Markup]:
         ("Digest of the config", html.code(tables.run.study.digest())),
         (f"SHA-256 of {main}.parquet", html.code(tables.run.fingerprint(main) or "")),
     ]
-    command = ["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs), *plugins(tables.run.own())]
+    command = ["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs), *tables.run.plugins()]
     again = shlex.join(command)
     other = shlex.quote(f"{folder}-again")
     return [

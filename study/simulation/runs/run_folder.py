@@ -136,11 +136,6 @@ def _without_digest(content: Manifest) -> Manifest:
     return {key: value for key, value in content.items() if key != DIGEST}
 
 
-def plugins(own: Collection[str]) -> list[str]:
-    """The options that give the files among the origins of estimators; packages are found without an option."""
-    return [word for name in own if name.endswith(".py") for word in ("--plugin", name)]
-
-
 def _own_estimators(folder: Path) -> list[str]:
     """Files or packages whose estimators a run has, by its manifest, whatever else is wrong with that.
 
@@ -344,11 +339,12 @@ class Run:
     def again(self, name: str = "") -> str:
         """The command that makes a table again, or resumes the run."""
         command = ["run", f"{self.folder / 'config.toml'}", "--out"] if name != "claims" else ["claims"]
-        return f"`{' '.join(['study', *command, str(self.folder), *plugins(self.own())])}`"
+        return f"`{' '.join(['study', *command, str(self.folder), *self.plugins()])}`"
 
-    def own(self) -> list[str]:
-        """Files or packages whose estimators the run has."""
-        return [str(origin["from"]) for origin in origins(self.study.estimators)]
+    def plugins(self) -> list[str]:
+        """The options that give the files whose estimators the run has; packages are found without an option."""
+        names = [str(origin["from"]) for origin in origins(self.study.estimators)]
+        return [word for name in names if name.endswith(".py") for word in ("--plugin", name)]
 
     def valid(self, name: str) -> bool:
         """True if a table is stored, and has the digest that its manifest says, and the columns declared."""
