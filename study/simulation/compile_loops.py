@@ -102,10 +102,11 @@ def _fit(dimension: int) -> None:
 
     from study.fits import fit
 
-    points = np.cos(np.arange(80.0 * dimension) ** 2).reshape(2, 40, dimension)  # enough to look for structure
-    points /= np.linalg.norm(points, axis=2, keepdims=True)
-    for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
-        str(answer)  # computes the intervals
+    for n in (30, 100):  # few, among which outliers are searched for, and enough to look for structure
+        points = np.cos(np.arange(2.0 * n * dimension) ** 2).reshape(2, n, dimension)
+        points /= np.linalg.norm(points, axis=2, keepdims=True)
+        for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
+            str(answer)  # computes the intervals
 
 
 if __name__ == "__main__":

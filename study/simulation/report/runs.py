@@ -177,7 +177,6 @@ def provenance(tables: Tables) -> list[Markup]:
         (f"SHA-256 of {main}.parquet", html.code(tables.run.fingerprint(main) or "")),
     ]
     command = ["study", "run", str(folder / "config.toml"), "--jobs", str(manifest.jobs), *tables.run.plugins()]
-    again = shlex.join(command)
     other = shlex.quote(f"{folder}-again")
     return [
         html.facts(facts),
@@ -185,7 +184,7 @@ def provenance(tables: Tables) -> list[Markup]:
         html.paragraph(
             "To run it again, into another folder; with the same versions the error table is equal to the byte:"
         ),
-        html.verbatim(f"{again} --out {other}", f"Command that runs {tables.name} again"),
+        html.verbatim(f"{shlex.join(command)} --out {other}", f"Command that runs {tables.name} again"),
         *([html.paragraph("The commit above does not hold all of the code that ran.")] if software.dirty else []),
     ]
 
