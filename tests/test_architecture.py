@@ -37,8 +37,9 @@ USUAL = 150
 """Lines of code that half of the chapters have at least."""
 SHORT = 40
 MOST_SHORT = 15
-MOST_FILES = 137
-MOST_ARROWS = 751
+MOST_FILES = 150
+MOST_ARROWS = 825
+"""Files and imports between them, with a tenth to spare for what is added."""
 MOST_PARAMETERS = 7
 MOST_ANY = 176
 MOST_UNFORMATTED = 0

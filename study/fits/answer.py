@@ -15,11 +15,11 @@ from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.circle import Circle, fit_circles, lowest_radius
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
-from study.fits.goodness import Goodness, evenly_thinned, goodness
+from study.fits.goodness import Answer, Goodness
 from study.fits.intervals import Intervals, intervals
+from study.fits.judge import PointEvidence, gather, influence, judge, widened
 from study.fits.robust import outliers
 from study.fits.samples import Estimates, Samples, Status, plug_in_bound, repeated, semi_axes, unless_missing
-from study.fits.structure import Structure, structure, widened
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,17 +34,17 @@ class FittedPoints:
         center: ĉ (b, d).
         without_outliers: the estimator leaves outliers out.
         ordered: the rows are in the order in which they were measured.
-        known: the fits by `corrected`, if these are its.
+        spheres: the free fits by `corrected`, if these are its.
     """
 
     def __init__(
-        self, samples: Samples, center: Floats, without_outliers: bool, ordered: bool, known: Estimates | None
+        self, samples: Samples, center: Floats, without_outliers: bool, ordered: bool, spheres: Estimates | None
     ) -> None:
         self._samples = samples
         self._center = center
         self._without_outliers = without_outliers
         self._ordered = ordered
-        self._known = known
+        self._spheres = spheres
 
     @property
     def samples(self) -> Samples:
@@ -97,7 +97,7 @@ class FittedPoints:
         points = self._samples
         if not self._without_outliers and not self._repeated.any():
             return points
-        return Samples(np.where((self.used & ~self._repeated)[:, None], points.x, np.nan), points.noise)
+        return points.without(~self.used | self._repeated)
 
     @cached_property
     def spare(self) -> Ints:
@@ -109,55 +109,24 @@ class FittedPoints:
         return np.asarray(np.maximum(count - self._center.shape[1] - 1, 1))
 
     @property
-    def structure(self) -> Structure:
-        """Structure in the residuals of these points; ValueError if they were lent and have changed."""
+    def evidence(self) -> PointEvidence:
+        """Evidence in the residuals of these points; ValueError if they were lent and have changed."""
         self._samples.unchanged()
-        return self._structure
+        return self._evidence
 
     @cached_property
-    def _structure(self) -> Structure:
+    def _evidence(self) -> PointEvidence:
         different = self._different
-        return structure(different, self._ordered, self._known if different is self._samples else None)
+        return gather(different, self._ordered, self._spheres if different is self._samples else None)
 
-    def doubts(self, status: Ints, ends: Intervals) -> Ints:
-        """The status of each fit (b,) after what its residuals show: hinges, outliers, and models that fail.
+    def judged(self, status: Ints, ends: Intervals) -> tuple[Ints, Goodness]:
+        """The status of each fit (b,) after what its residuals show, and the answers of the tests.
 
         Args:
             status: by the intervals (b,).
             ends: the intervals at 95 %.
         """
-        seen, result = self.structure, status.copy()
-        placed = (status != Status.TOO_FEW_POINTS) & (status != Status.NOT_FINITE) & (status != Status.FAILED)
-        result[seen.hinge & placed] = Status.HINGE
-        result[(result == Status.OK) & seen.doubted] = Status.MISFIT
-        fitted = ((result == Status.OK) | (result == Status.MISFIT)) & (seen.extreme | seen.spread)
-        fitted |= ((result == Status.WEAKLY_IDENTIFIED) | (result == Status.INSIGNIFICANT)) & seen.spread
-        fitted |= seen.far & (result == Status.HINGE)  # an arc's ends lie far from its middle, too
-        searched = np.flatnonzero(fitted & np.logical_not(self._without_outliers))
-        if not len(searched):
-            return result
-        part = evenly_thinned(self._different.take(searched))
-        named = outliers(part, from_all=True)
-        hidden = np.flatnonzero(~named.any(axis=1) & (seen.spread[searched] | (result[searched] == Status.MISFIT)))
-        if len(hidden):
-            named[hidden] = outliers(part.take(hidden))
-        result[searched[named.any(axis=1) & (result[searched] != Status.MISFIT)]] = Status.OUTLIERS
-        failing = np.flatnonzero(named.any(axis=1) & (result[searched] == Status.MISFIT))
-        if len(failing):  # is it the outliers alone that make the model fail?
-            rest = np.where(named[failing][:, None], np.nan, part.x[failing])
-            explained = ~structure(Samples(rest), self._ordered).doubted
-            result[searched[failing[explained]]] = Status.OUTLIERS
-        free = ends.radius[:, 0] < ends.radius[:, 1]  # a known radius needs no point to carry it
-        alone = np.flatnonzero(seen.single & free & (result == Status.OK))
-        if len(alone):  # does the farthest point alone carry the radius?
-            x = self._different.take(alone).x
-            away = np.square(x - np.nanmean(x, axis=2, keepdims=True)).sum(axis=1)
-            rest = np.where((away == np.nanmax(away, axis=1, keepdims=True))[:, None], np.nan, x)
-            without, radius = intervals(Samples(rest)), ends.radius[alone]
-            apart = (without.radius[:, 0] > radius[:, 1]) | (without.radius[:, 1] < radius[:, 0])
-            result[alone[apart]] = Status.OUTLIERS
-            result[alone[~without.identified]] = Status.WEAKLY_IDENTIFIED
-        return result
+        return judge(self.evidence, self._different, status, ends, self._ordered, self._without_outliers)
 
     @cached_property
     def circles(self) -> Circle:
@@ -166,7 +135,7 @@ class FittedPoints:
 
     def intervals(self, level: float) -> Intervals:
         """Intervals of a level, with allowance for structure; open along the axis where the points lie on a circle."""
-        different, seen = self.different, self._structure
+        different, seen = self.different, self._evidence
         ends = widened(different, level, intervals(different, level), seen.stretch(level, self.spare))
         if not seen.hinge.any():
             return ends
@@ -404,8 +373,14 @@ class Fit:
     @cached_property
     def _settled(self) -> Ints:
         """The status by the rule, of a fit that holds its points."""
+        return self._judged[0]
+
+    @cached_property
+    def _judged(self) -> tuple[Ints, Goodness]:
+        """The status and the answers of the tests, of a fit that holds its points."""
         ends = self._intervals(0.95)
-        return self._points.doubts(ruled_status(self._estimates, ends), ends).reshape(self.shape)
+        status, goodness = self._points.judged(ruled_status(self._estimates, ends), ends)
+        return status.reshape(self.shape), goodness.reshape(*self.shape)
 
     def _intervals(self, level: float) -> Intervals:
         """Intervals of the flat batch, computed once for each level."""
@@ -535,6 +510,19 @@ class Fit:
         found = self._points.outliers
         return found.reshape(*self.shape, found.shape[1])
 
+    @property
+    def outlier_influence(self) -> Floats:
+        """Largest change of the centre or the radius without the `outliers`, in standard errors without them (…).
+
+        It is 0 where there are none, or the fit leaves them out. Up to 1.5 they do not matter: intervals still cover.
+        """
+        named, points = self.outliers.reshape(-1, self.outliers.shape[-1]), self._points
+        moved = np.zeros(len(named))
+        some = np.flatnonzero(named.any(axis=1) & (not self._without_outliers))
+        if len(some):
+            moved[some] = influence(points.samples.take(some), named[some])
+        return moved.reshape(self.shape)
+
     @cached_property
     def copies(self) -> Ints:
         """Number of points (…) that repeat an earlier one but for rounding, which makes the standard errors too small.
@@ -553,7 +541,7 @@ class Fit:
 
         Source: theory §13.
         """
-        return Goodness(*(block.reshape(self.shape) for block in goodness(self._points.different)))
+        return Goodness.untested(self.shape, Answer.NO_POINTS) if self._samples is None else self._judged[1]
 
     @cached_property
     def allowance(self) -> Floats:
@@ -565,7 +553,7 @@ class Fit:
 
         Source: theory §13.6.
         """
-        return self._points.structure.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
+        return self._points.evidence.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
 
     @cached_property
     def circle(self) -> Circle:

@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import fdtri, stdtrit
+from scipy.special import chdtri, fdtri, stdtrit
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.corrected import corrected, corrected_covariance
@@ -25,7 +25,7 @@ _CURVED = 1.3
 """Least ratio of the points' smaller extent in their plane to what a circle leaves of it, as variances; on a line 1."""
 _ROUND = 0.15
 """Largest residual of the circle, in its radii; points that fill a disc leave .3."""
-_FEWEST, _SURE = 15, 25
+FEWEST, _SURE = 15, 25
 """Number of points from which a circle is told from a cap, and from which that residual may be as large."""
 _SAME = 2.5
 """Largest ratio of the circle's residual variance to the sphere's, beside chance."""
@@ -78,7 +78,7 @@ def on_circles(samples: Samples, fit: Estimates) -> Bools:
         fit: spheres.
     """
     b, d, n = samples.shape
-    if d != 3 or n < _FEWEST:
+    if d != 3 or n < FEWEST:
         return np.zeros(b, dtype=np.bool_)
     values, along = samples.regression.along[:2]
     with np.errstate(all="ignore"):
@@ -158,3 +158,17 @@ def lowest_radius(circle: Circle, level: float, spare: Ints) -> Floats:
     """Lower ends of intervals of the radius of any sphere through the circles (b,), with degrees of freedom (b,)."""
     least = circle.radius - stdtrit(spare.astype(float), 0.5 * (1.0 + level)) * circle.radius_error
     return np.asarray(np.where(least > 0.0, least, 0.0))
+
+
+def parallel(circles: list[Circle]) -> bool:
+    """True if the axes of circles (1,) agree within their errors.
+
+    Each axis has two tilts; the angle from the best-known one, in standard errors of both, is at most the root of the
+    quantile of χ² with two degrees of freedom.
+    """
+    best = min(circles, key=lambda circle: float(circle.axis_error[0]))
+    for circle in circles:
+        sine = np.linalg.norm(np.cross(circle.axis[0], best.axis[0]))
+        if not sine <= math.sqrt(chdtri(2, _RARE) * float(circle.axis_error[0] ** 2 + best.axis_error[0] ** 2)):
+            return False
+    return True

@@ -80,7 +80,8 @@ def as_dict(fit: Any) -> dict[str, Any]:
     numbers |= {name: getattr(fit, name) for name in others}
     numbers |= {"radius_interval": fit.interval("radius"), "center_intervals": fit.interval("center")}
     plain = {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in numbers.items()}
-    plain["goodness"] = {"p": float(fit.goodness.p)} | {name: float(p) for name, p in fit.goodness._asdict().items()}
+    plain["goodness"] = {name: float(p) for name, p in ({"p": fit.goodness.p} | fit.goodness.by_block()).items()}
+    plain["tests"] = fit.goodness.in_words()
     plain["misfit"], plain["allowance"] = str(fit.goodness.first()), fit.allowance.tolist()
     hinge = status == Status.HINGE
     plain["circle"] = {name: part.tolist() for name, part in fit.circle._asdict().items()} if hinge else None

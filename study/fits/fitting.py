@@ -7,7 +7,7 @@ says.
 import csv
 import io
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import meanings, statuses
 from study.fits.given import GivenFit, takes
+from study.fits.judge import INFLUENCE
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
 from study.fits.registry import load
@@ -52,6 +53,9 @@ def doubts(fit: Fit) -> Iterator[str]:
         named = ", ".join(str(row) for row in rows[:_NAMED]) + (" …" if len(rows) > _NAMED else "")
         are, it = ("is an outlier (row", "it") if len(rows) == 1 else ("are outliers (rows", "them")
         use = f"leaves {it} out" if fit.without_outliers else f"uses {it}; -e robust leaves {it} out"
+        if not fit.without_outliers:
+            size = float(fit.outlier_influence)
+            use += f"; without {it} it moves by {number(size, '.2g')} ±" if math.isfinite(size) else ""
         yield f"{len(rows)} of {samples} points {are} {named}): the fit {use}"
     copies = int(fit.copies)
     if copies:
@@ -92,6 +96,17 @@ def _misfit_in_words(fit: Fit, block: str) -> str:
     elif largest == 1.0:
         allowed = "that of white noise is as large"
     return f"not a {shape} with white noise ({block}, {size}): {_REASONS[block]}; {allowed}"
+
+
+def tests_in_words(fit: Fit) -> str:
+    """A line with the answer of each test."""
+    by_answer: dict[str, list[str]] = {}
+    for name, answer in fit.goodness.in_words().items():
+        by_answer.setdefault(answer, []).append(name)
+    parts = [f"{answer.partition(':')[0]} {', '.join(names)}" for answer, names in by_answer.items()]
+    reasons = [answer.partition(": ")[2] for answer in by_answer]
+    parts = [f"{part} ({reason})" if reason else part for part, reason in zip(parts, reasons, strict=True)]
+    return f"tests: {'; '.join(parts)}"
 
 
 def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
@@ -215,17 +230,12 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
         row |= {"diameter": float(result.diameter), "diameter_error": 2.0 * float(radius_error)}
         row["noise"] = float(result.sigma)
         row |= {name: float(getattr(result, name)) for name in _SIZES} | interval_numbers(result, names)
-        row |= {f"goodness_{name}": float(p) for name, p in result.goodness._asdict().items()}
+        row |= {f"goodness_{name}": float(p) for name, p in result.goodness.by_block().items()}
         row["allowance"] = float(result.allowance.max())
         row["outliers"], row["copies"] = int(result.outliers.sum()), int(result.copies)
         row["samples"], row["status"] = int(result.count), Status(int(result.status)).text
         rows.append(row)
     return rows
-
-
-def all_ok(rows: Iterable[Row]) -> bool:
-    """True if every fit's status is ok."""
-    return all(row["status"] == Status.OK.text for row in rows)
 
 
 def printed(rows: list[Row], names: list[str]) -> Iterator[str]:
@@ -276,8 +286,8 @@ class FileFits(NamedTuple):
         return fit_rows(self.fits, self.table.names)
 
     def ok(self) -> bool:
-        """True if every fit is ok."""
-        return all_ok(self.rows())
+        """True if every fit is ok, and uses no outliers that move it."""
+        return all(bool(fit.ok) and fit.outlier_influence <= INFLUENCE for fit in self.fits.values())
 
 
 def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
@@ -293,6 +303,7 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
         first = next(iter(only.fits.values()))
         yield from intervals_in_words(first, only.table.names)
         yield from doubts(first)
+        yield tests_in_words(first)
         if isinstance(first, GivenFit):
             yield from first.remarks()
     else:

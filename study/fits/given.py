@@ -18,6 +18,7 @@ one equation in θ.
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -26,12 +27,12 @@ import scipy
 from numpy.typing import ArrayLike
 
 from study.arrays import Bools, Floats, Ints, real_array
-from study.fits.answer import Fit, FittedPoints, ruled_status
+from study.fits.answer import Fit, FittedPoints
 from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness, number_of
 from study.fits.intervals import Intervals
+from study.fits.judge import PointEvidence, weighted_outliers
 from study.fits.samples import Estimates, Samples, Status, blank
-from study.fits.structure import Structure
 from study.fits.weighted import Spheres, Weighted, center_ends, cost, covariance, profile, radius_ends, solve
 from study.text import number, with_error
 
@@ -46,8 +47,6 @@ _NOTICED = 0.01
 """p value below which the points do not agree with a known radius, or with the noise that was given for each."""
 _SIDES = 3.0
 """Standard errors by which a known radius must fit better on one side of the points than on the other."""
-_FALSE_ALARMS = 0.01
-"""Share of clean data sets in which a point with a noise of its own is named an outlier."""
 
 
 _CLOSED = ("als", "ugdk", "gdke")
@@ -275,8 +274,8 @@ class GivenFit(Fit):
     """Spheres that were fitted with a known radius, or with a noise for each point; see `study.fit`.
 
     It has all that a `Fit` has. Covariances and intervals use what is known. Where each point has a noise of its own,
-    the test of fit, which takes the noise to be of one size, is not made, and outliers are points beyond the largest
-    deviation, in units of their own noise, that clean points have once in a hundred data sets.
+    residuals are tested in units of it, and outliers are points beyond the largest deviation, in units of their own
+    noise, that clean points have once in a hundred data sets.
 
     Args:
         estimates: the estimator's numbers, with the leading axes.
@@ -297,6 +296,8 @@ class GivenFit(Fit):
         0.94
     """
 
+    _samples: Samples
+
     def __init__(
         self, estimates: Estimates, samples: Samples, estimator: str, given: Given, ordered: bool = False
     ) -> None:
@@ -309,18 +310,27 @@ class GivenFit(Fit):
         places = np.arange(self.radius.size).reshape(self.shape)[index]
         part = Estimates._make([np.asarray(array[places]) for array in self._estimates.reshape(-1)])
         flat = np.atleast_1d(places).ravel()
-        samples, given = self._points.samples.take(flat), self._given.take(flat)
+        samples, given = self._samples.take(flat), self._given.take(flat)
         return type(self)(part, samples, self._estimator, given, self._ordered)
 
     @cached_property
     def _points(self) -> FittedPoints:
-        """The points; what they show is judged by the sphere of the free fit."""
+        """The points with their weights; what they show is judged by the sphere of the free fit."""
         center = self.center.reshape(-1, self.center.shape[-1])
-        return FittedPoints(self._samples, center, self._without_outliers, self._ordered, None)  # type: ignore[arg-type]
+        samples, free = self._samples, None
+        if self._given.noise is not None:
+            sets, sphere = self._sets, self._free
+            samples = replace(samples, weights=self._along(sphere))
+            center_of_free = sets.origin + sphere.center * sets.unit[:, None]
+            numbers = sphere.radius * sets.unit, sphere.scale * sets.unit**2
+            free = blank(*self._samples.shape[:2])
+            for whole, part in zip(free, (center_of_free, *numbers), strict=False):
+                whole[sphere.found] = part[sphere.found]
+        return FittedPoints(samples, center, self._without_outliers, self._ordered, free)
 
     @cached_property
     def _sets(self) -> Weighted:
-        return weighted(self._points.samples.x, self._given, self._estimator)
+        return weighted(self._samples.x, self._given, self._estimator)
 
     @cached_property
     def _spheres(self) -> Spheres:
@@ -344,17 +354,24 @@ class GivenFit(Fit):
         result[~self._spheres.found] = np.nan
         return (result * (self._sets.unit**2)[:, None, None]).reshape(*self.shape, *result.shape[1:])
 
-    @cached_property
-    def _structure(self) -> Structure:
-        """Structure in the residuals; none where points have their own noise.
+    def _along(self, sphere: Spheres) -> Floats:
+        """Weights of the points (b, n) by their noise along the directions from the centres of spheres."""
+        sets = self._sets
+        if sets.covariances is None:
+            return sets.weights
+        with np.errstate(all="ignore"):
+            away = sets.points - sphere.center[:, None]
+            e = away / np.linalg.norm(away, axis=2, keepdims=True)
+            return np.where(sets.present, 1.0 / np.einsum("bni,bnij,bnj->bn", e, sets.covariances, e), 0.0)
 
-        A known radius that the points refuse is a coefficient of degree 0, which joins those of degree 2 that measure
-        structure, in units of the free fit's noise; the noise of this fit may hold the refused part already
-        (theory 13.6).
+    @cached_property
+    def _evidence(self) -> PointEvidence:
+        """Evidence in the residuals of the free fit, and a known radius that the points refuse.
+
+        Such a radius is a coefficient of degree 0, which joins those of degree 2 that measure structure, in units of
+        the free fit's noise; the noise of this fit may hold the refused part already (theory 13.6).
         """
-        seen, test, d = self._points.structure, self.radius_test, self.center.shape[-1]
-        if self._given.noise is not None:
-            return seen._replace(ratio=np.ones_like(seen.ratio))
+        seen, test, d = self._points.evidence, self.radius_test, self.center.shape[-1]
         with np.errstate(all="ignore"):  # a radius without an error
             shift = (((test.radius - self.radius) / test.error) ** 2).reshape(-1, 1)
             freedom = np.minimum(seen.freedom, number_of(d, 2))
@@ -368,10 +385,9 @@ class GivenFit(Fit):
     def allowance(self) -> Floats:
         """Factors on standard errors for structure in the residuals, and for a known radius that the points refuse.
 
-        They are 1 where points have their own noise (…, d+1). A radius that is itself wrong moves the centre of a cap
-        along its axis by more than that.
+        A radius that is itself wrong moves the centre of a cap along its axis by more than that (…, d+1).
         """
-        return self._structure.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
+        return self._evidence.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
 
     @cached_property
     def noise_scale(self) -> Floats:
@@ -384,7 +400,7 @@ class GivenFit(Fit):
         with np.errstate(all="ignore"):
             square = cost(sets, sphere.center, sphere.radius) / (sets.size - sphere.center.shape[1] - free)
             given = np.where(np.isfinite(sets.scale), sets.scale, np.nan if self._given.noise is None else 1.0)
-            known = weighted(self._points.samples.x, self._given._replace(relative=False), self._estimator)
+            known = weighted(self._samples.x, self._given._replace(relative=False), self._estimator)
             size = known.scale * known.unit**2  # of a point of weight 1, as its noise was given
             unit = np.where(np.isfinite(sets.scale), 1.0, sets.unit**2 / size)
             return np.asarray(np.sqrt(square * unit / given).reshape(self.shape))
@@ -435,59 +451,33 @@ class GivenFit(Fit):
         """True for each point (…, n) that does not belong to the sphere of the majority; see the class."""
         if self._given.noise is None:
             return np.asarray(super().outliers)
-        sets = self._sets
-        limit = _quantile(sets, np.maximum(sets.size - 4.0, 1.0), 1.0 - 0.5 * _FALSE_ALARMS / sets.size)
-        named = sets.present & (self._deviations > limit[:, None])
+        named = weighted_outliers(self._points.samples)
         return np.asarray(named.reshape(*self.shape, named.shape[1]))
-
-    @cached_property
-    def _deviations(self) -> Floats:
-        """Distances from the sphere, in units of each point's own noise along its direction (b, n)."""
-        sets, sphere = self._sets, self._spheres
-        with np.errstate(all="ignore"):
-            away = sets.points - sphere.center[:, None]
-            distance, weights = np.linalg.norm(away, axis=2), sets.weights
-            if sets.covariances is not None:
-                e = away / distance[..., None]
-                weights = 1.0 / np.einsum("bni,bnij,bnj->bn", e, sets.covariances, e)
-            return np.asarray(np.abs(distance - sphere.radius[:, None]) * np.sqrt(weights / sphere.scale[:, None]))
-
-    @cached_property
-    def goodness(self) -> Goodness:
-        """Test of fit (…), on the points alone; NaN where each point has a noise of its own."""
-        if self._given.noise is None:
-            return super().goodness
-        return Goodness(*(np.full(self.shape, np.nan) for _ in Goodness._fields))
 
     def _intervals(self, level: float) -> Intervals:
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
             ends = given_intervals(self._sets, level)
-            longer = 0.5 * (self._structure.stretch(level, self._points.spare)[:, :-1] - 1.0)
+            longer = 0.5 * (self._evidence.stretch(level, self._points.spare)[:, :-1] - 1.0)
             with np.errstate(invalid="ignore"):  # open ends
                 length = np.where(longer > 0.0, longer * np.ptp(ends.center, axis=2), 0.0)
             known[level] = ends._replace(center=ends.center + length[..., None] * [-1.0, 1.0])
         return known[level]
 
     @cached_property
-    def _settled(self) -> Ints:
-        """The status by the rule for every estimator, which a known radius must fit.
-
-        Where points have their own noise there is no test of fit; residuals larger than such noise are a misfit, by χ².
-        """
-        if self._given.noise is None:
-            status = np.asarray(super()._settled)
-        else:
-            status = ruled_status(self._estimates, self._intervals(0.95)).reshape(self.shape)
-            status = np.where((status == Status.OK) & self.outliers.any(axis=-1), Status.OUTLIERS, status)
-            if not self._given.relative:
-                sets = self._sets
-                spare = np.maximum(sets.size - self.center.shape[-1] - ~np.isfinite(sets.radius), 1.0)
-                square = np.where(sets.present, self._deviations, 0.0) ** 2
-                larger = scipy.special.chdtrc(spare, square.sum(axis=1)) < _NOTICED
-                status = np.where((status == Status.OK) & larger.reshape(self.shape), Status.MISFIT, status)
-        return np.where((status == Status.OK) & (self.radius_test.p < _NOTICED), Status.MISFIT, status)
+    def _judged(self) -> tuple[Ints, Goodness]:
+        """The status by the rule for every fit, which a known radius must pass, and a noise that is given, by χ²."""
+        status, goodness = super()._judged
+        refused = self.radius_test.p < _NOTICED
+        if self._given.noise is not None and not self._given.relative:
+            sets, sphere = self._sets, self._spheres
+            spare = np.maximum(sets.size - self.center.shape[-1] - ~np.isfinite(sets.radius), 1.0)
+            with np.errstate(all="ignore"):
+                distance = np.linalg.norm(sets.points - sphere.center[:, None], axis=2)
+                square = (self._along(sphere) * (distance - sphere.radius[:, None]) ** 2).sum(axis=1) / sphere.scale
+            refused |= (scipy.special.chdtrc(spare, square) < _NOTICED).reshape(self.shape)
+        return np.where((status == Status.OK) & refused, Status.MISFIT, status), goodness
 
 
 def given_intervals(sets: Weighted, level: float) -> Intervals:

@@ -14,6 +14,7 @@ when an answer is wanted: every closed form, and the common centre, from the sam
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
@@ -24,9 +25,23 @@ from scipy.special import fdtrc
 from study.arrays import Floats, Ints, real_array
 from study.fits.answer import Fit
 from study.fits.bounds import noise_covariance
+from study.fits.circle import Circle, fit_circles, parallel
+from study.fits.goodness import LEVEL, Answer, Goodness
+from study.fits.intervals import Intervals
+from study.fits.judge import gather, judge
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments, Regression
-from study.fits.samples import FARTHEST, Estimator, Samples, Status, binary_size, blank, is_ordinary, scaled_noise
+from study.fits.samples import (
+    FARTHEST,
+    Estimator,
+    Samples,
+    Status,
+    binary_size,
+    blank,
+    is_ordinary,
+    repeated,
+    scaled_noise,
+)
 from study.text import number, with_error
 
 if TYPE_CHECKING:
@@ -42,12 +57,12 @@ class JointFit:
         radii: r̂ of each marker (M,), in the unit of the points; NaN where no radius is real.
         noise_variance: σ² of one coordinate, unit squared: as given (the mean over coordinates, for a covariance) or
             estimated.
-        status: `Status` of the fit: its own, or *misfit* where markers do not share a centre (`agreement`). There is no
-            interval for several markers yet, and so "ok" does not mean that they bound their radii.
+        own_status: `Status` by the equations alone, before the points are tested.
         condition: ρ, the largest share of noise in Σ w_p C_p along any direction; it must be below 1.
         covariance: covariance of ĉ (d, d), unit squared: the Cramér-Rao bound with the estimates plugged in.
         count: number of samples used of each marker (M,); points with a NaN are left out.
         markers: the points of each marker (n_p, d), missing ones as NaN.
+        ordered: the rows are in the order in which they were measured.
 
     Example:
         >>> import numpy as np, study
@@ -63,11 +78,57 @@ class JointFit:
     center: Floats
     radii: Floats
     noise_variance: float
-    status: Status
+    own_status: Status
     condition: float
     covariance: Floats
     count: Ints
     markers: tuple[Floats, ...] = field(default=())
+    ordered: bool = False
+
+    @property
+    def status(self) -> Status:
+        """`Status` of the fit by the rule for every fit, after the points of each marker are tested.
+
+        Its own where it failed. Markers on circles about one axis are a *hinge*. A fit is a *misfit* where a marker's
+        points are no sphere about the common centre, or the markers do not share one (`agreement`); it uses *outliers*
+        where some of a marker's points are, and that matters. Without its points it is *not tested*.
+        """
+        return self._judged[0]
+
+    @property
+    def goodness(self) -> tuple[Goodness, ...]:
+        """The tests of each marker's points about the common centre, M of them."""
+        return self._judged[1]
+
+    @cached_property
+    def _judged(self) -> tuple[Status, tuple[Goodness, ...]]:
+        """The status and the tests of the markers."""
+        if self.own_status != Status.OK or not self.markers:
+            untested = (Goodness.untested((), Answer.NO_POINTS),) * len(self.radii)
+            return (Status.UNTESTED if self.own_status == Status.OK else self.own_status), untested
+        statuses, tests, circles = list[Status](), list[Goodness](), list[Circle]()
+        for points, radius in zip(self.markers, self.radii, strict=True):
+            samples = Samples(np.ascontiguousarray(points.T[None]))
+            samples = samples.without(repeated(samples.x))
+            sphere = blank(1, len(self.center))
+            sphere.center[0], sphere.radius[0], sphere.noise_variance[0] = self.center, radius, self.noise_variance
+            evidence = gather(samples, self.ordered, sphere, LEVEL / len(self.radii))
+            nothing = Intervals.unbounded(1, len(self.center), 0.95)
+            nothing.radius[:] = 0.0  # no marker need bound the centre alone
+            ruled, goodness = judge(evidence, samples, np.zeros(1, dtype=np.int64), nothing, self.ordered, False)
+            statuses.append(Status(int(ruled[0])))
+            tests.append(goodness.take(0))
+            if statuses[-1] == Status.HINGE:
+                circles.append(fit_circles(samples))
+        told = [status for status in statuses if status != Status.UNTESTED]
+        if told and len(circles) == len(told) and parallel(circles):
+            return Status.HINGE, tuple(tests)
+        for status in (Status.OUTLIERS, Status.MISFIT):
+            if status in statuses:
+                return status, tuple(tests)
+        if self.agreement < REFUSED:
+            return Status.MISFIT, tuple(tests)
+        return (Status.OK if told else Status.UNTESTED), tuple(tests)
 
     @property
     def ok(self) -> bool:
@@ -353,7 +414,9 @@ def solved(matrix: Floats, right: Floats) -> Floats:
         return np.asarray(np.linalg.pinv(matrix) @ right)
 
 
-def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted: bool = True) -> JointFit:
+def mgdk(
+    markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted: bool = True, ordered: bool = False
+) -> JointFit:
     """Fit spheres with one common centre to several markers, each with a radius of its own (MGDK).
 
     Args:
@@ -363,6 +426,7 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
             is then estimated from the points.
         weighted: weigh each marker by 1/r̂². If False, eq. 22 as derived is used, whose errors exceed the reported
             covariance where the radii differ.
+        ordered: the rows of each marker are in the order in which they were measured, so that memory is no misfit.
 
     Returns:
         A `JointFit`. Look at its ``status`` before using the numbers: markers that determine no centre have a status,
@@ -401,22 +465,22 @@ def mgdk(markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted:
         return _unit_bound(arrays, solution[0], unit_noise)
 
     result = _fit_moments(moments, count, d, known, weighted, bound)
-    result = replace(
+    return replace(
         result,
         markers=given,
+        ordered=ordered,
         center=np.ldexp(result.center, power),
         radii=np.ldexp(result.radii, power),
         noise_variance=float(np.ldexp(result.noise_variance, 2 * power)),
         covariance=np.ldexp(result.covariance, 2 * power),
     )
-    return replace(result, status=Status.MISFIT) if result.ok and result.agreement < REFUSED else result
 
 
 def mgdk_so_far(markers: Sequence[Incremental]) -> JointFit:
     """Fit one centre to several markers that grow, from their moments alone: the points are not stored.
 
     The answer is that of `mgdk` for the same points. Its covariance takes the spread of the directions from the
-    moments, where `mgdk` takes it from the points; ``markers`` of the fit is empty.
+    moments, where `mgdk` takes it from the points; ``markers`` of the fit is empty, and nothing is tested.
 
     Args:
         markers: at least one, of the same dimension; points of a size between 1e-40 and 1e40.

@@ -86,6 +86,7 @@ class Samples:
         x: the points, coordinates first (b, d, n), float64, any memory layout.
         noise: σ, one for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
         lent: True if the points are in an array of the caller's, who may have changed them since.
+        weights: one over the noise variance of each point, but for a factor of each set (b, n); None if all are equal.
 
     Example:
         A batched estimator of one's own reads them; see `study.register`.
@@ -99,6 +100,7 @@ class Samples:
     x: Floats
     noise: float | Floats | None = None
     lent: bool = False
+    weights: Floats | None = None
 
     @classmethod
     def of_regression(cls, regression: Regression, noise: float | Floats | None = None) -> "Samples":
@@ -117,11 +119,21 @@ class Samples:
         if not self.shape[2] and "regression" in self.__dict__:
             return Samples.of_regression(self.regression.take(places), noise)
         one = len(places) == 1  # of which the array need not be copied
-        part = Samples(self.x[int(places[0]) :][:1] if one else self.x[places], noise, self.lent)
+        weights = None if self.weights is None else self.weights[places]
+        part = Samples(self.x[int(places[0]) :][:1] if one else self.x[places], noise, self.lent, weights)
         if self.lent:
             numbers, vectors, second = self.moments
             part.__dict__["moments"] = Moments(numbers[:, places], vectors[:, places], second[places])
         return part
+
+    def rows_at(self, places: Ints) -> "Samples":
+        """Some points of every set, by their places (k,)."""
+        weights = None if self.weights is None else self.weights[:, places]
+        return Samples(np.ascontiguousarray(self.x[:, :, places]), self.noise, weights=weights)
+
+    def without(self, points: Bools) -> "Samples":
+        """The samples, of which some points (b, n) are missing."""
+        return Samples(np.where(points[:, None], np.nan, self.x), self.noise, weights=self.weights)
 
     def unchanged(self) -> "Samples":
         """These samples.
@@ -152,7 +164,10 @@ class Samples:
                 yield sets, self
             else:
                 complete = [np.ascontiguousarray(self.x[t][:, present[t]]) for t in sets]
-                yield sets, Samples(np.stack(complete), self._noise_of(sets))
+                weights = self.weights
+                if weights is not None:
+                    weights = np.stack([weights[t][present[t]] for t in sets])
+                yield sets, Samples(np.stack(complete), self._noise_of(sets), weights=weights)
 
     def alike(self) -> Iterator[tuple[Ints, "Samples", int]]:
         """Sets with equally many samples and of one size: their places (k,), the samples in a unit, its power of two.
@@ -282,6 +297,7 @@ class Status(Worded):
         "the points are not a sphere with white noise, by enough to matter: another shape, or noise of another kind",
     )
     OUTLIERS = 12, "some points are outliers and the fit uses them: the estimator robust leaves them out"
+    UNTESTED = 13, "not tested: these points cannot tell a sphere from another shape; if you know it is one, say so"
 
 
 _LEAST_FOURTH, _MOST_FOURTH = 1e-160, 1e160
@@ -333,7 +349,7 @@ def scaled(samples: Samples, power: int) -> Samples:
     if power == 0:
         return samples
     with np.errstate(all="ignore"):
-        return Samples(np.ldexp(samples.x, power), scaled_noise(samples.noise, power))
+        return Samples(np.ldexp(samples.x, power), scaled_noise(samples.noise, power), weights=samples.weights)
 
 
 def scaled_noise(noise: float | Floats | None, power: int) -> float | Floats | None:

@@ -23,8 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.corrected import RadialMeans, radial_means
+from study.fits.corrected import RadialMeans, corrected, radial_means
 from study.fits.jit import compiled
+from study.fits.samples import Estimates, Samples
 
 _STEPS = 50
 _TOLERANCE = 1e-12
@@ -493,3 +494,22 @@ def center_ends(sets: Weighted, sphere: Spheres, ends: Floats, quantile: Floats)
     bounded = (ends[:, 0] > 0.0) & (ends[:, 1] < np.inf)
     result[~bounded] = -np.inf, np.inf
     return result
+
+
+def free_sphere(samples: Samples) -> Estimates:
+    """Fit each complete set by `corrected`, or by its equations with the points' weights."""
+    start = corrected(samples)
+    if samples.weights is None:
+        return start
+    sets = Weighted.of(samples.points, 1.0 / samples.weights, False, np.full(len(samples.x), np.nan))
+    with np.errstate(all="ignore"):
+        center = (start.center - sets.origin) / sets.unit[:, None]
+        sphere = Spheres(
+            center, start.radius / sets.unit, start.noise_variance / sets.unit**2, np.isfinite(start.radius)
+        )
+        sphere = solve(sets, sphere, corrected=True, fuller=2.0)
+        scale = sphere.scale * sets.unit**2 * samples.weights.mean(axis=1)
+    fields = [sets.origin + sphere.center * sets.unit[:, None], sphere.radius * sets.unit, scale]
+    for whole, part in zip(start, fields, strict=False):
+        whole[:] = np.where(sphere.found.reshape(-1, *[1] * (part.ndim - 1)), part, np.nan)
+    return start

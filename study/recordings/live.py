@@ -200,7 +200,7 @@ class GrowingJoint:
             lack = f"{count} all markers of its parent"
         elif not fit.count.any():
             lack = "no frame has a marker of its child and enough of its parent's"
-        elif fit.status == Status.TOO_FEW_POINTS:
+        elif fit.own_status == Status.TOO_FEW_POINTS:
             lack = "too few frames"
         return LiveAnswer(replace(fit, covariance=covariance), rms_angles(whole, fit), lack)
 
@@ -232,8 +232,8 @@ class LiveAnswer(NamedTuple):
     @property
     def doubt(self) -> str:
         """Reason why the joint is not ok, in words; empty if it is."""
-        if self.lack or not self.fit.ok:
-            return self.lack or self.fit.status.text
+        if self.lack or self.fit.own_status != Status.OK:
+            return self.lack or self.fit.own_status.text
         reasons = []
         if not self.error < CENTIMETRE:
             few = not np.isfinite(self.error)
@@ -249,7 +249,7 @@ class LiveAnswer(NamedTuple):
             return self.doubt
         place = ", ".join(f"{1000 * x:.1f}" for x in self.fit.center)
         moved = "-".join(f"{np.degrees(angle):.0f}°" for angle in self.angles[[0, 2]])
-        verdict = "ok" if self.ok else f"unsure: {self.doubt}" if self.fit.ok else self.doubt
+        verdict = "ok" if self.ok else f"unsure: {self.doubt}" if self.fit.own_status == Status.OK else self.doubt
         noise = f"noise {1000 * self.fit.sigma:.1f} mm; moved {moved}"
         return f"({place}) ± {1000 * self.error:.1f} mm; {noise}; {int(self.fit.count.sum())} samples; {verdict}"
 

@@ -102,11 +102,12 @@ def _fit(dimension: int) -> None:
 
     from study.fits import fit
 
-    for n in (30, 100):  # few, among which outliers are searched for, and enough to look for structure
-        points = np.cos(np.arange(2.0 * n * dimension) ** 2).reshape(2, n, dimension)
-        points /= np.linalg.norm(points, axis=2, keepdims=True)
-        for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
-            str(answer)  # computes the intervals
+    points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(
+        2, 30, dimension
+    )  # few, so that outliers are searched for
+    points /= np.linalg.norm(points, axis=2, keepdims=True)
+    for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
+        str(answer)  # computes the intervals
 
 
 if __name__ == "__main__":

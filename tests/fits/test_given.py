@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import eig
 from scipy.optimize import root
 from scipy.special import erf
+from scipy.stats import binom
 
 import study
 from study import Status
@@ -303,11 +304,14 @@ def test_a_radius_without_a_centre_is_noticed(rng, on_cap):
 
 
 def test_noise_that_was_given_too_small_is_a_misfit(rng):
-    """Of 20 points with twice the noise that is given few are ok; with the right one 1 % more than outliers are not."""
+    """Of 20 points with twice the noise that is given few are ok; with the right one at most 2.5 % are a misfit.
+
+    The test of fit and χ² of the noise have a level of 1 % each. False alarms: at most 1e-4.
+    """
     points, sigma = uneven(rng, 400, 20, 60.0, 0.01)
     right, half = study.fit(points, noise=sigma), study.fit(points, noise=0.5 * sigma)
     assert right.ok.mean() > 0.94
-    assert (right.status == Status.MISFIT).mean() < 0.03
+    assert (right.status == Status.MISFIT).sum() <= binom.isf(1e-4, 400, 0.025)
     assert half.ok.mean() < 0.1
     assert study.fit(points, noise=0.5 * sigma, scale="estimated").ok.mean() > 0.95
 
@@ -362,7 +366,6 @@ def test_noise_that_is_too_small_shows(rng):
     far = x.copy()
     far[np.argmin(s)] *= 1 + 4 * s.min()
     assert list(np.flatnonzero(study.fit(far, noise=s).outliers)) == [np.argmin(s)]
-    assert np.isnan(study.fit(x, noise=s).goodness.shape)
 
 
 def test_missing_points_and_parts_of_a_batch(rng):

@@ -18,10 +18,9 @@ from filelock import FileLock, Timeout
 from numba.core.caching import IndexDataCacheFile
 
 import study
-from study.fits import ESTIMATORS, Estimates, Samples, structure
+from study.fits import ESTIMATORS, Estimates, Samples
 from study.fits.jit import BLOCK, COMPILING, LOCK, compiled
 from study.fits.moments import Moments
-from study.simulation import compile_loops
 
 PROGRAM = """
 import numpy as np
@@ -140,15 +139,6 @@ def test_a_run_compiles_nothing_that_set_up_could(package):
     run("from pathlib import Path; from study.simulation import compile_loops as c; c._begin(Path('chains.toml'))")
     run("import sys; from study.cli import main; sys.argv[1:] = ['run', 'chains.toml', '--jobs', '1']; main()")
     assert [COMPILING in warnings for warnings in run.warnings] == [True, False]
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_set_up_looks_for_structure(monkeypatch, dimension):
-    """Its fits had 30 points, of which all are tested in full: the first fit of a user with more points compiled."""
-    looks = Mock(wraps=structure._look)
-    monkeypatch.setattr(structure, "_look", looks)
-    compile_loops._fit(dimension)
-    assert looks.called
 
 
 def test_two_threads_that_call_first_get_one_answer():
