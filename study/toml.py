@@ -88,10 +88,10 @@ def toml_tables(text: str, source: str, kind: type[ConfigError] = ConfigError) -
         raise kind(f"{source}: not TOML: {error}") from None
     except RecursionError:
         raise kind(f"{source}: {_TOO_DEEP}") from None
-    level: list[Any] = [tables]
+    level: list[object] = [tables]
     for _ in range(_MOST_LEVELS):
-        level = [v for entry in level for v in (entry.values() if isinstance(entry, dict) else entry)]
-        level = [v for v in level if isinstance(v, dict | list)]
+        held = [list(value.values()) if isinstance(value, dict) else value for value in level]
+        level = [inner for values in held if isinstance(values, list) for inner in values]
     if level:
         raise kind(f"{source}: {_TOO_DEEP}")
     return tables
