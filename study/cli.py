@@ -54,7 +54,17 @@ _POINTS = "text such as CSV, .npy, .parquet, .ply, .pcd, .stl, .xlsx, .las and o
 Points = Annotated[list[Path], typer.Argument(metavar="POINTS", help=_POINTS, allow_dash=True)]
 FitsAsJson = Annotated[bool, typer.Option("--json", help="print the fits as JSON")]
 Csv = Annotated[bool, typer.Option("--csv", help="print the fits as CSV")]
-Estimator = Annotated[str, typer.Option("--estimator", "-e", help="name of an estimator, or all")]
+_LONGEST_NAME = 1000
+
+
+def _one_name(name: str | None) -> str | None:
+    """Refuse a list of names, which a message would repeat."""
+    if name and len(name) > _LONGEST_NAME:
+        raise typer.BadParameter(f"{len(name):,} characters; give the name of one estimator, or all")
+    return name
+
+
+Estimator = Annotated[str, typer.Option("--estimator", "-e", callback=_one_name, help="name of an estimator, or all")]
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
 _ORDERED = "the rows are in order of time: errors allow for noise that neighbours share"
 Ordered = Annotated[bool, typer.Option("--ordered", help=_ORDERED)]
@@ -81,7 +91,7 @@ PlanAsJson = Annotated[bool, typer.Option("--json", help="print the plan as a JS
 _PAIRS = "folders of pairs NAME.ds (a point a line) and NAME.fit (centre and diameter) [default: the package's own]"
 Pairs = Annotated[list[Path] | None, typer.Argument(metavar="FOLDER", help=_PAIRS)]
 _CERTIFIED = "name of an estimator, or minimum_zone [default: mle; without folders also gdke and minimum_zone]"
-Certified = Annotated[str | None, typer.Option("--estimator", "-e", help=_CERTIFIED)]
+Certified = Annotated[str | None, typer.Option("--estimator", "-e", callback=_one_name, help=_CERTIFIED)]
 Limit = Annotated[float, typer.Option("--limit", help="largest error that passes, as a share of the radius")]
 PairsOut = Annotated[Path | None, typer.Option("--out", help="folder for the package's own pairs, as files")]
 Errors = Annotated[Path | None, typer.Option("--table", help="file for the errors of every set, .csv or .parquet")]
@@ -375,6 +385,10 @@ def main(command: Callable[..., object] = app) -> None:
     instruction_set.fix()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a batch system sends it when time is up
+    if sys.stderr is None:  # closed: what would be said is lost, and no file that is opened takes its number
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.set_inheritable(nowhere, True)
+        sys.stderr = os.fdopen(nowhere, "w")
     for stream in (sys.stdout, sys.stderr):  # a terminal without Greek letters gets question marks
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

@@ -61,7 +61,13 @@ def explained(place: Path, of_run: bool = True) -> Iterator[None]:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name in the same folder; the file is synced and renamed at the end, or removed on failure."""
+    """Give a temporary name in the same folder; the file is synced and renamed at the end, or removed on failure.
+
+    Raises:
+        OSError: if a device or a pipe has the name: renaming would put a file in its place.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a folder is not replaced, in the system's words
+        raise OSError(errno.EINVAL, "a device or a pipe has this name, and is not replaced; give another")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         yield temporary

@@ -7,6 +7,7 @@ import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -111,6 +112,12 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return small[close[0]] if close else None
 
 
+def listed(names: Iterable[str]) -> str:
+    """Names with commas between them: forty at most, each of forty characters at most, and the number of the others."""
+    names = [name if len(name) <= 40 else f"{name[:37]}..." for name in names]
+    return ", ".join(names[:40] + [f"and {len(names) - 40:,} more"] * (len(names) > 40))
+
+
 def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:
     """The remedy for an unknown name, as the end of a message.
 
@@ -122,10 +129,10 @@ def did_you_mean(names: str | Iterable[str], known: Iterable[str]) -> str:
         "did you mean 'kasa'? Known are kasa, lls"; without a name that is much like it, "known are kasa, lls".
     """
     known = list(known)
-    result = [nearest(name, known) for name in ([names] if isinstance(names, str) else names)]
+    result = [nearest(name, known) for name in ([names] if isinstance(names, str) else [*islice(names, 5)])]
     close = list(dict.fromkeys(name for name in result if name is not None))
-    listed = f"nown are {', '.join(known)}"
-    return f"did you mean {' and '.join(map(repr, close))}? K{listed}" if close else f"k{listed}"
+    words = f"nown are {listed(known)}"
+    return f"did you mean {' and '.join(map(repr, close))}? K{words}" if close else f"k{words}"
 
 
 _BYTES = {"EB": 1e18, "PB": 1e15, "TB": 1e12, "GB": 1e9, "MB": 1e6}

@@ -14,13 +14,17 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from study.text import did_you_mean, nearest
+from study.text import did_you_mean, listed, nearest
 
 Path = tuple[str | int, ...]
 Keys = tuple[str, ...]
 M = TypeVar("M", bound=BaseModel)
 Check = Callable[[M], Iterable["Fault"]]
 _MISSING = object()
+_MOST_FAULTS = 50
+"""Most faults that a message shows."""
+_MOST_LEVELS = 50
+_TOO_DEEP = f"tables or lists stand in each other more than {_MOST_LEVELS} deep; no document here needs more than ten"
 _MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"
 """The mark with which some editors begin a file in UTF-8."""
 
@@ -48,6 +52,7 @@ class Fault:
         text = ""
         for part in self.path:
             text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+        text = text if len(text) <= 120 else text[:117] + "..."
         return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text) or "the file"
 
 
@@ -56,14 +61,14 @@ class ConfigError(Exception):
 
     @classmethod
     def listing(cls, source: str, text: str, faults: Sequence[Fault]) -> "ConfigError":
-        """One message for all faults, in the order of the file."""
-        lines = []
-        for fault in faults:
+        """One message for all faults, in the order of the file; of very many the first ones are shown."""
+        lines = _lines(text)
+        placed = [(_line(lines, fault.path), fault) for fault in faults]
+        shown = [f"{source}: {'1 fault' if len(faults) == 1 else f'{len(faults):,} faults'}"]
+        for line, fault in sorted(placed, key=lambda entry: entry[0])[:_MOST_FAULTS]:
             value = "" if fault.value is _MISSING else f" = {shorten(fault.value)}"
-            lines.append((_line(text, fault.path), f"{fault.place()}{value}: {fault.words}"))
-        lines.sort(key=lambda entry: entry[0])
-        count = "1 fault" if len(lines) == 1 else f"{len(lines)} faults"
-        return cls("\n".join([f"{source}: {count}", *(f"  line {line}: {words}" for line, words in lines)]))
+            shown.append(f"  line {line}: {fault.place()}{value}: {fault.words}")
+        return cls("\n".join(shown + [f"  and {len(faults) - _MOST_FAULTS:,} more"] * (len(faults) > _MOST_FAULTS)))
 
 
 def toml_text(path: pathlib.Path, kind: type[ConfigError] = ConfigError) -> str:
@@ -78,9 +83,18 @@ def toml_text(path: pathlib.Path, kind: type[ConfigError] = ConfigError) -> str:
 def toml_tables(text: str, source: str, kind: type[ConfigError] = ConfigError) -> dict[str, Any]:
     """The tables of a TOML document; an error of a kind, which names the source, if it is none."""
     try:
-        return tomllib.loads(text.removeprefix(_MARK))
-    except (ValueError, RecursionError) as error:  # for numbers of thousands of digits, and thousands of brackets, too
+        tables = tomllib.loads(text.removeprefix(_MARK))
+    except ValueError as error:  # for numbers of thousands of digits, too
         raise kind(f"{source}: not TOML: {error}") from None
+    except RecursionError:
+        raise kind(f"{source}: {_TOO_DEEP}") from None
+    level: list[object] = [tables]
+    for _ in range(_MOST_LEVELS):
+        held = [list(value.values()) if isinstance(value, dict) else value for value in level]
+        level = [inner for values in held if isinstance(values, list) for inner in values]
+    if level:
+        raise kind(f"{source}: {_TOO_DEEP}")
+    return tables
 
 
 def read_document(path: pathlib.Path, model: type[M], known: Mapping[Keys, list[str]], check: Check[M]) -> M:
@@ -131,7 +145,9 @@ def report(
         value: object = _MISSING if entry["type"] == "missing" else entry["input"]
         wants: tuple[Path, ...] = ()
         means = None
-        if entry["type"] == "extra_forbidden":
+        if entry["type"] == "extra_forbidden" and len(faults) > _MOST_FAULTS:
+            words = "unknown key"  # to search a known one for each of thousands would take minutes
+        elif entry["type"] == "extra_forbidden":
             names = known.get(tuple(part for part in path[:-1] if isinstance(part, str)), [])
             key = str(path[-1])
             known_elsewhere = "unknown key: not one of this kind of design"
@@ -166,27 +182,29 @@ def distinct(faults: Sequence[Fault]) -> list[Fault]:
     return [fault for fault in first.values() if not meant & set(fault.wants)]
 
 
-def _line(text: str, path: Path) -> int:
-    """Line of a key in a TOML document, from 1; of its table, or 1, if the key is not there."""
+def _lines(text: str) -> dict[Path, int]:
+    """The first line, from 1, of each table and key of a TOML document."""
+    lines: dict[Path, int] = {}
     section: Path = ()
     counts: dict[tuple[str, ...], int] = {}  # of the entries so far of each array of tables
-    best, best_depth = 1, 0
     for number, line in enumerate(text.splitlines(), start=1):
         if header := re.match(r"\s*\[+([^\[\]]+)\]+\s*(#.*)?$", line):
             names = tuple(part.strip().strip("\"'") for part in header[1].split("."))
             if line.lstrip().startswith("[["):
-                counts = {key: count for key, count in counts.items() if key == names or key[: len(names)] != names}
+                if names in counts:
+                    counts = {key: n for key, n in counts.items() if key == names or key[: len(names)] != names}
                 counts[names] = counts.get(names, 0) + 1
             heads = [names[: depth + 1] for depth in range(len(names))]
             section = tuple(part for head in heads for part in (head[-1], counts.get(head, 0) - 1) if part != -1)
-            here = section
+            lines.setdefault(section, number)
         elif key := re.match(r"\s*([\w.\"'-]+)\s*=", line):
-            here = (*section, *(part.strip("\"'") for part in key[1].split(".")))
-        else:
-            continue
-        if len(here) > best_depth and here == path[: len(here)]:
-            best, best_depth = number, len(here)
-    return best
+            lines.setdefault((*section, *(part.strip("\"'") for part in key[1].split("."))), number)
+    return lines
+
+
+def _line(lines: Mapping[Path, int], path: Path) -> int:
+    """Line of a key; of its table, or 1, if the key is not there."""
+    return next((lines[path[:depth]] for depth in range(len(path), 0, -1) if path[:depth] in lines), 1)
 
 
 def shorten(value: object) -> str:
@@ -213,7 +231,7 @@ def each_once(values: tuple[T, ...]) -> tuple[T, ...]:
     """The values, of which none may be there twice: a second one would be lost, or count twice."""
     twice = [repr(v) if isinstance(v, str) else f"{v:.12g}" for v, count in Counter(values).items() if count > 1]
     if twice:
-        raise ValueError(f"{', '.join(twice)} given more than once; give each value once")
+        raise ValueError(f"{listed(twice)} given more than once; give each value once")
     return values
 
 

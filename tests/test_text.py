@@ -23,7 +23,7 @@ from study.options import shown, unchanged
 from study.recordings.formats.read import read_recording
 from study.recordings.recording import RecordingError
 from study.simulation.report.page import read_bench
-from study.text import columns, did_you_mean, duration, inert, inert_frame, nearest, number, size
+from study.text import columns, did_you_mean, duration, inert, inert_frame, listed, nearest, number, size
 
 
 @pytest.mark.parametrize(
@@ -185,3 +185,12 @@ def test_pipes(tmp_path):
     for read, error in ((read_recording, RecordingError), (read_bench, RunError), (files.of_file, RunError)):
         with pytest.raises(error, match=r"table\.csv: cannot be read: not a regular file"):
             read(tmp_path / "table.csv")
+
+
+def test_lists_of_names_are_bounded():
+    """Forty names of forty characters each, and how many more there are."""
+    assert listed(["kasa", "lls"]) == "kasa, lls"
+    assert listed(map(str, range(41))) == f"{', '.join(map(str, range(40)))}, and 1 more"
+    assert listed(["x" * 41]) == "x" * 37 + "..."
+    many = [f"column {i} of a wide table, with a long name" for i in range(5000)]
+    assert len(did_you_mean(many, many)) < 2000

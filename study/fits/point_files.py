@@ -15,7 +15,7 @@ import numpy as np
 
 from study.arrays import Floats
 from study.fits import point_formats
-from study.fits.point_formats import Columns, PointFileError, Wanted, read_text
+from study.fits.point_formats import Columns, PointFileError, Wanted, damage_in, read_text
 
 Reader = Callable[[BinaryIO, Wanted], Columns]
 _READERS: dict[str, Reader] = {
@@ -67,7 +67,7 @@ _REFUSED = {
     ".dwg": ("a DWG drawing", _MESH),
     **dict.fromkeys([".vtk", ".vtp"], ("a VTK file", _MESH)),
     **dict.fromkeys([".c3d", ".trc", ".bvh"], ("a motion recording", _MOTION)),
-    ".xls": ("an old Excel workbook", "save it as .xlsx or CSV"),
+    ".xls": ("an Excel workbook that is old or has a password", "save it as .xlsx without one, or as CSV"),
     ".ods": ("an OpenDocument spreadsheet", "save it as .xlsx or CSV"),
     ".mat": ("a MATLAB file", "save the points with writematrix(points, 'points.csv')"),
     **dict.fromkeys([".h5", ".hdf5"], ("an HDF5 file", "save its points as .npy or CSV")),
@@ -114,7 +114,7 @@ def read_points(path: Path, columns: Sequence[str] | None = None, dimension: int
         PointFileError: with the row and column at fault; or with the format's name and a way out, if it is not read.
     """
     try:
-        with _opened(path) as file:
+        with _opened(path) as file, np.errstate(all="ignore"):  # damaged numbers
             return _read(file, path.suffix.lower(), Wanted(columns, dimension))
     except OSError as error:
         raise PointFileError(f"{path}: cannot be read: {error.strerror or error}") from None
@@ -166,7 +166,7 @@ def _noise(file: BinaryIO, reader: Reader, d: int, left: list[str]) -> tuple[Flo
     """Standard deviations in a column called sigma, or in those called sx, sy, sz, and the names of these columns.
 
     Raises:
-        PointFileError: with the row of a point whose standard deviation is not positive.
+        PointFileError: with the row of a point whose standard deviation is not positive and finite.
     """
     wanted = [["sigma"], [f"s{axis}" for axis in "xyz"[:d]]][: 1 + (d <= 3)]
     names = next((names for names in wanted if all(left.count(name) == 1 for name in names)), [])
@@ -174,9 +174,10 @@ def _noise(file: BinaryIO, reader: Reader, d: int, left: list[str]) -> tuple[Flo
         return None, []
     file.seek(0)
     noise, _, _ = reader(file, Wanted(names))
-    for row, column in np.argwhere(~((noise > 0.0) | np.isnan(noise))):
+    for row, column in np.argwhere(~((noise > 0.0) & (noise < np.inf) | np.isnan(noise))):
         value = f"{names[column]} = {noise[row, column]:g} at point {row + 1}"
-        raise PointFileError(f"{value}: a standard deviation must be positive; an empty cell leaves the point out")
+        words = "a standard deviation must be positive and finite; an empty cell leaves the point out"
+        raise PointFileError(f"{value}: {words}")
     return noise[:, 0] if names == ["sigma"] else noise, names
 
 
@@ -186,10 +187,8 @@ def _kind(file: BinaryIO, suffix: str) -> str:
     file.seek(0)
     if not start.startswith(b"PK\x03\x04"):
         return next((kind for known, kind in _STARTS.items() if start.startswith(known)), suffix)
-    try:
+    with damage_in("a ZIP archive"):
         members = zipfile.ZipFile(file).infolist()
-    except (zipfile.BadZipFile, ValueError, NotImplementedError):
-        raise PointFileError("a ZIP archive that cannot be read") from None
     if sum(member.file_size for member in members) > _MOST_BYTES:
         raise PointFileError(f"unpacks to more than {_MOST_BYTES:,} bytes; save its points as .npy or text")
     file.seek(0)

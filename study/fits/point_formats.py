@@ -11,15 +11,21 @@ Source: Turk 1994 (PLY), Wavefront (OBJ), 3D Systems 1989 (STL), Point Cloud Lib
 
 import ast
 import codecs
+import contextlib
 import csv
+import io
 import json
 import os
 import re
+import struct
+import subprocess
+import sys
+import warnings
 import zipfile
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from math import prod
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -45,6 +51,19 @@ def _optional(module: str, what: str, way_out: str) -> Any:
     except ImportError:
         remedy = f"pip install 'sphere-fit-study[points]', or {way_out}"
         raise PointFileError(f"{what}, for which {module} is not installed: {remedy}") from None
+
+
+@contextlib.contextmanager
+def damage_in(what: str) -> Iterator[None]:
+    """Turn whatever a library raises for a damaged file into one line, and leave out its warnings."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except PointFileError:
+        raise
+    except Exception as error:
+        raise PointFileError(f"not {what} that can be read: {' '.join(str(error).split())[:120]}") from None
 
 
 Columns = tuple[Floats, list[str], list[str]]
@@ -127,6 +146,10 @@ def _chosen(names: list[str], places: list[int], points: Any) -> Columns:
 _Row = tuple[int, str]
 """Number of a line, from 1, and its text."""
 _COMMENTS = ("#", "//", "%")
+_ERROR = re.compile(r"\s*#([¡¿]?[^\W_a-z]+(/[^\W_a-z]+)?[!?]|N/?[ADV])(?=[\s;,|]|$)")
+"""A spreadsheet's error in a first cell, such as #DIV/0!, #¡VALOR! or #N/A: a missing number, and no comment."""
+_MINUS = "\N{MINUS SIGN}"
+"""The sign that typeset text has where a program writes a hyphen."""
 _MOST_PREAMBLE = 50
 _PTS_NAMES = {3: [*"xyz"], 4: [*"xyz", "intensity"], 6: [*"xyz", "red", "green", "blue"]}
 _PTS_NAMES[7] = [*_PTS_NAMES[4], "red", "green", "blue"]
@@ -148,12 +171,17 @@ def read_text(file: BinaryIO, wanted: Wanted, pts: bool = False) -> Columns:
     except UnicodeDecodeError:
         remedy = "save it as UTF-8 text with columns x, y, z"
         raise PointFileError(f"neither UTF-8 text nor a format that is read here; {remedy}") from None
-    return _read_lines(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), wanted, pts)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").replace(_MINUS, "-").split("\n")
+    return _read_rows([(n, row) for n, row in enumerate(lines, 1) if not _is_comment(row)], lines, wanted, pts)
 
 
-def _read_lines(lines: list[str], wanted: Wanted, pts: bool = False) -> Columns:
-    """Read a table from its lines, as `read_text` does."""
-    rows = [(n, row) for n, row in enumerate(lines, 1) if row.strip() and not row.lstrip().startswith(_COMMENTS)]
+def _is_comment(row: str) -> bool:
+    return row.lstrip().startswith(_COMMENTS) and not _ERROR.match(row)
+
+
+def _read_rows(rows: list[_Row], lines: list[str], wanted: Wanted, pts: bool = False) -> Columns:
+    """Read a table from its rows, and the lines among which they are: comments above the rows may have names."""
+    rows = [(n, row) for n, row in rows if row.strip()]
     if rows and _SPREADSHEET.fullmatch(rows[0][1].strip()):
         rows = rows[1:]
     if not rows:
@@ -162,6 +190,8 @@ def _read_lines(lines: list[str], wanted: Wanted, pts: bool = False) -> Columns:
     delimiter = _delimiter([row for _, row in rows[1:21] or rows])
     if delimiter != _BLANKS and all(row.rstrip(_BLANKS).endswith(delimiter) for _, row in rows):
         rows = [(n, row.rstrip(_BLANKS).removesuffix(delimiter)) for n, row in rows]  # no column of nothing
+        if not any(row.strip() for _, row in rows):
+            raise PointFileError("empty: no row with a number in it")
     rows = rows[_preamble(rows, delimiter) :]
     names = [str(i + 1) for i in range(len(_cells(rows[0][1], delimiter)))]
     header = _header(_cells(rows[0][1], delimiter), delimiter)
@@ -268,7 +298,7 @@ def _plain(rows: list[str], delimiter: str, width: int, chosen: list[int]) -> Fl
         plain = np.loadtxt(rows, delimiter=mark, comments=None, ndmin=2, usecols=chosen if part else None)
     except ValueError:
         return None
-    return plain if plain.shape[1] == len(chosen) else None
+    return plain if plain.shape == (len(rows), len(chosen)) else None
 
 
 def _delimiter(rows: list[str]) -> str:
@@ -306,14 +336,20 @@ _POINTS = ["points", "xyz", "vertices"]
 
 def read_numpy(file: BinaryIO, wanted: Wanted) -> Columns:
     """Read an array of shape (n, d), whose columns are called by their numbers; or an archive of arrays."""
-    try:
-        _assert_whole(file)
+    with damage_in("a NumPy array of numbers"):
+        length = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        if file.read(4) == b"PK\x03\x04":
+            archive = zipfile.ZipFile(file)
+            for member in archive.infolist():
+                _assert_whole(archive.open(member), member.file_size)
+        else:
+            _assert_whole(file, length)
+        file.seek(0)
         array = np.load(file, allow_pickle=False)
         names: list[str] = []
         if not isinstance(array, np.ndarray):
             names, array = _member(dict(array))
-    except (ValueError, EOFError, zipfile.BadZipFile):
-        raise PointFileError("not a NumPy array of numbers") from None
     if array.ndim != 2 or array.dtype.kind not in "fiu" or 0 in array.shape:
         raise PointFileError(f"expected numbers of shape (n, d), found {array.dtype}, shape {array.shape}")
     named, names = bool(names), names or [str(i + 1) for i in range(array.shape[1])]
@@ -334,22 +370,22 @@ def _member(arrays: dict[str, Any]) -> tuple[list[str], Any]:
     return [], arrays[points[0]]
 
 
-def _assert_whole(file: BinaryIO) -> None:
-    """Raise if the header claims more than the file holds, before memory is taken for it."""
-    length = file.seek(0, os.SEEK_END)
+def _assert_whole(file: IO[bytes], length: int) -> None:
+    """Raise if an array's header claims more than its file of so many bytes holds, before memory is taken for it."""
     file.seek(0)
-    if file.read(6) == b"\x93NUMPY":
-        wide = file.read(2)[:1] != b"\x01"
-        header = file.read(int.from_bytes(file.read(4 if wide else 2), "little"))
-        try:
-            fields = ast.literal_eval(header.decode("utf-8" if wide else "latin-1"))
-            claimed = prod(fields["shape"]) * np.dtype(fields["descr"]).itemsize
-        except (SyntaxError, ValueError, TypeError, KeyError, MemoryError, RecursionError):
-            raise PointFileError("not a NumPy array of numbers: its header cannot be read") from None
-        if claimed > length - file.tell() and not np.dtype(fields["descr"]).hasobject:
-            words = f"its header claims shape {fields['shape']}, the file is shorter"
-            raise PointFileError(f"not a NumPy array of numbers: {words}")
-    file.seek(0)
+    start = file.read(8)
+    if start[:6] != b"\x93NUMPY":
+        return
+    wide = start[6:7] != b"\x01"
+    size = int.from_bytes(file.read(4 if wide else 2), "little")
+    if size > length:
+        raise PointFileError(f"not a NumPy array of numbers: its header claims {size:,} bytes, the file has {length:,}")
+    fields = ast.literal_eval(file.read(size).decode("utf-8" if wide else "latin-1"))
+    shape, dtype = fields["shape"], np.dtype(fields["descr"])
+    if not all(type(n) is int and n >= 0 for n in shape):  # True is an int
+        raise ValueError(f"shape {shape}")
+    if prod(shape) * dtype.itemsize > length - size and not dtype.hasobject:
+        raise PointFileError(f"not a NumPy array of numbers: its header claims shape {shape}, the file is shorter")
 
 
 def read_parquet(file: BinaryIO, wanted: Wanted) -> Columns:
@@ -357,18 +393,16 @@ def read_parquet(file: BinaryIO, wanted: Wanted) -> Columns:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
+    with damage_in("a parquet file"):
         table = pq.ParquetFile(file).read()
-    except pa.ArrowException as error:
-        raise PointFileError(f"not a parquet file: {str(error).splitlines()[0]}") from None
-    index = _index_columns(table.schema)
-    kinds = [pa.types.is_floating(field.type) or pa.types.is_integer(field.type) for field in table.schema]
-    numeric = [i for i, field in enumerate(table.schema) if kinds[i] and field.name not in index]
-    if not numeric or not table.num_rows:
-        raise PointFileError("no numeric column, or no row")
-    names = [table.schema.field(i).name for i in numeric]
-    chosen = wanted.places(names)
-    values = [table.column(numeric[i]).cast(pa.float64(), safe=False).to_numpy() for i in chosen]
+        index = _index_columns(table.schema)
+        kinds = [pa.types.is_floating(field.type) or pa.types.is_integer(field.type) for field in table.schema]
+        numeric = [i for i, field in enumerate(table.schema) if kinds[i] and field.name not in index]
+        if not numeric or not table.num_rows:
+            raise PointFileError("no numeric column, or no row")
+        names = [table.schema.field(i).name for i in numeric]
+        chosen = wanted.places(names)
+        values = [table.column(numeric[i]).cast(pa.float64(), safe=False).to_numpy() for i in chosen]
     return _chosen(names, chosen, np.stack(values, axis=1))
 
 
@@ -383,6 +417,7 @@ def _index_columns(schema: "pa.Schema") -> list[object]:
 _PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _PLY_TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
 _PLY_TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
+_PCD_TYPES = {code.upper(): code for code in ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8")}
 _PLY_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 _STL_HEADER, _STL_FACET = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
 _LONGEST_HEADER = 1000
@@ -425,10 +460,13 @@ def read_ply(file: BinaryIO, wanted: Wanted) -> Columns:
 def read_pcd(file: BinaryIO, wanted: Wanted) -> Columns:
     """Read a PCD file, in text or binary."""
     header = {words[0]: words[1:] for words in _header_lines(file, "DATA")}
+    data = file.read()
     try:
         names, counts = header["FIELDS"], list(map(int, header.get("COUNT", ["1"] * len(header["FIELDS"]))))
-        codes = [kind.lower() + width for kind, width in zip(header["TYPE"], header["SIZE"], strict=True)]
+        codes = [_PCD_TYPES[kind + width] for kind, width in zip(header["TYPE"], header["SIZE"], strict=True)]
         number = int(header["POINTS"][0] if "POINTS" in header else header["WIDTH"][0])
+        if sum(counts) > len(data):  # each number takes a byte or more
+            raise PointFileError(f"its header announces {sum(counts):,} numbers a point, {len(data):,} bytes are there")
         fields = [
             (name if many == 1 else f"{name} {i}", code)
             for name, code, many in zip(names, codes, counts, strict=True)
@@ -440,11 +478,11 @@ def read_pcd(file: BinaryIO, wanted: Wanted) -> Columns:
     except (KeyError, ValueError, TypeError, IndexError):
         raise PointFileError("a PCD file whose header cannot be read") from None
     if kind == "ascii":
-        return _from_text(file.read().splitlines()[:number], fields, wanted, number)
+        return _from_text(data.splitlines()[:number], fields, wanted, number)
     if kind != "binary":
         remedy = "save it as text, as with pcl_convert_pcd_ascii_binary IN OUT 0"
         raise PointFileError(f"a PCD file of {kind} data, which is not read here: {remedy}")
-    return _from_bytes(file.read(), dtype, number, wanted)
+    return _from_bytes(data, dtype, number, wanted)
 
 
 def read_obj(file: BinaryIO, wanted: Wanted) -> Columns:
@@ -468,15 +506,45 @@ def read_stl(file: BinaryIO, wanted: Wanted) -> Columns:
     return _of_all(list("xyz"), corners[np.sort(first)], wanted)
 
 
+_UNPACK = """
+import io, sys
+import laspy
+import numpy as np
+cloud = laspy.read(io.BytesIO(sys.stdin.buffer.read()))
+np.save(sys.stdout.buffer, np.stack([cloud.x, cloud.y, cloud.z], axis=1))
+"""
+"""Program that unpacks a LAZ file: some damage ends, rather than fails, the process that does it."""
+
+
 def read_las(file: BinaryIO, wanted: Wanted) -> Columns:
     """Read a LAS or LAZ file, with the library laspy."""
     laspy = _optional("laspy", "a LAS point cloud", "export it as text with columns x, y, z")
-    try:
-        cloud = laspy.read(file, closefd=False)
-        points = np.stack([cloud.x, cloud.y, cloud.z], axis=1)
-    except Exception as error:  # whatever a damaged file raises in it
-        raise PointFileError(f"not a LAS or LAZ file that can be read: {str(error)[:80]}") from None
+    with damage_in("a LAS or LAZ file"):
+        if _is_packed(file):
+            done = subprocess.run([sys.executable, "-P", "-c", _UNPACK], input=file.read(), capture_output=True)
+            if done.returncode:
+                raise ValueError("its points cannot be unpacked; it is damaged, or lazrs is not installed")
+            points = np.load(io.BytesIO(done.stdout))
+        else:
+            cloud = laspy.read(file, closefd=False)
+            points = np.stack([cloud.x, cloud.y, cloud.z], axis=1)
     return _of_all(list("xyz"), np.asarray(points, dtype=float), wanted)
+
+
+def _is_packed(file: BinaryIO) -> bool:
+    """True for a LAZ file; raises if a header claims more records than its file has bytes for."""
+    length = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    header = file.read(255).ljust(255, b"\0")
+    start, variable, kind, size, points = struct.unpack_from("<IIBHI", header, 96)
+    packed, extended = bool(kind >> 6 == 2), 0
+    if header[25] >= 4:  # LAS 1.4
+        extended, points = struct.unpack_from("<IQ", header, 243)
+    if max(start, 54 * variable) + 60 * extended + size * points * (not packed) > length:
+        words = f"its header claims {points:,} points and {variable + extended:,} records more"
+        raise ValueError(f"{words}, and it is shorter")
+    file.seek(0)
+    return packed
 
 
 def _header_lines(file: BinaryIO, last: str) -> Iterator[list[str]]:
@@ -493,7 +561,7 @@ def _header_lines(file: BinaryIO, last: str) -> Iterator[list[str]]:
 def _from_text(lines: list[bytes], fields: list[tuple[str, str]], wanted: Wanted, count: int) -> Columns:
     """Points from lines of numbers, of which further ones are left out."""
     names = [name for name, _ in fields]
-    rows = [line.decode("latin-1").split() for line in lines]
+    rows = [line.replace(_MINUS.encode(), b"-").decode("latin-1").split() for line in lines]
     if len(rows) < count or not count:
         raise PointFileError(f"its header announces {count} points, {len(rows)} are there")
     try:
@@ -518,8 +586,7 @@ def _from_bytes(data: bytes, dtype: np.dtype[Any], count: int, wanted: Wanted) -
     records = np.frombuffer(data, dtype, count)
     names = list(dtype.names or ())
     chosen = wanted.places(names)
-    with np.errstate(invalid="ignore"):  # damaged numbers
-        return _chosen(names, chosen, np.stack([records[names[i]].astype(float) for i in chosen], axis=1))
+    return _chosen(names, chosen, np.stack([records[names[i]].astype(float) for i in chosen], axis=1))
 
 
 def _whole(number: str) -> int:
@@ -529,21 +596,32 @@ def _whole(number: str) -> int:
     return int(number)
 
 
+_MOST_CELLS = 100_000_000
+"""Most cells of a sheet, five columns of as many rows as it may have."""
+
+
 def read_workbook(file: BinaryIO, wanted: Wanted) -> Columns:
-    """Read the sheet that was last open in a workbook, with the library openpyxl, as if it were text.
+    """Read the sheet that was last open in a workbook, with the library openpyxl, as if it were text without comments.
 
     Rows are counted as the spreadsheet counts them; empty columns do not count.
     """
     openpyxl = _optional("openpyxl", "an Excel workbook", "save the sheet as CSV")
-    try:
-        book = openpyxl.load_workbook(file, data_only=True)
-        rows = [[_text(cell) for cell in row] for row in book.active.iter_rows(min_row=1, values_only=True)]
-    except (zipfile.BadZipFile, KeyError, ValueError, TypeError, AttributeError, SyntaxError, OSError):
-        raise PointFileError("not an Excel workbook that can be read") from None
-    filled = [i for i in range(max(map(len, rows), default=0)) if any(row[i] for row in rows)]
-    return _read_lines(["\t".join(row[i] or " " for i in filled) for row in rows], wanted)
+    rows, count = list[tuple[int, dict[int, str]]](), 0
+    with damage_in("an Excel workbook"):
+        sheet = openpyxl.load_workbook(file, read_only=True, data_only=True).active
+        sheet.reset_dimensions()  # a row then ends with its last cell
+        for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
+            count += 1 + len(row)
+            if count > _MOST_CELLS:
+                raise PointFileError(f"more than {_MOST_CELLS:,} cells; save the columns x, y and z alone")
+            if row:
+                rows.append((number, {i: text for i, cell in enumerate(row) if (text := _text(cell))}))
+    filled = sorted({i for _, row in rows for i in row})
+    if len(rows) * len(filled) > _MOST_CELLS:
+        raise PointFileError(f"{len(rows):,} rows of {len(filled):,} columns; save the columns x, y and z alone")
+    return _read_rows([(n, "\t".join(row.get(i, " ") for i in filled)) for n, row in rows], [], wanted)
 
 
 def _text(cell: object) -> str:
     """A cell as text without tabs and quotes, which would make two of it."""
-    return "" if cell is None else " ".join(str(cell).replace('"', " ").split())
+    return "" if cell is None else " ".join(str(cell).replace('"', " ").replace(_MINUS, "-").split())

@@ -424,6 +424,7 @@ _BINS = 4
 """Bins along that line for each point, of which those with close points are looked at."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # points as large as numbers go, which are refused later
 def repeated(x: Floats) -> Bools:
     """True for each point of the sets (b, d, n) that repeats an earlier one: (b, n). Missing samples repeat none.
 
@@ -439,8 +440,7 @@ def repeated(x: Floats) -> Bools:
         in_order = np.sort(along, axis=1)  # where no two are alike, which is the rule, nothing else need be done
         first, extent = _middle_half(in_order)
         reach = _ALIKE * extent
-        with np.errstate(invalid="ignore"):
-            close = in_order[:, 1:] - in_order[:, :-1] <= d * reach[:, None]
+        close = in_order[:, 1:] - in_order[:, :-1] <= d * reach[:, None]
         for t in np.flatnonzero(close.any(axis=1)):
             rows = _near_another(along[t], in_order[t], close[t], first[t], extent[t])
             result[begun + t, rows] = _repeats(x[begun + t][:, rows], along[t, rows], float(reach[t]))
@@ -480,7 +480,7 @@ def _along(x: Floats) -> Floats:
 def _middle_half(in_order: Floats) -> tuple[Floats, Floats]:
     """Begin and extent of the middle half (b,) of numbers in ascending order (b, n), NaN last; 0 if not finite."""
     n, rows = np.logical_not(np.isnan(in_order)).sum(axis=1), np.arange(len(in_order))
-    with np.errstate(invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         first = in_order[rows, n // 4]
         extent = in_order[rows, 3 * n // 4] - first
     finite = np.isfinite(extent)

@@ -183,6 +183,7 @@ USAGE = {
     "figures out fig_eficiency": "fig_eficiency: unknown; did you mean 'fig_efficiency'?",
     "figures fig_efficiency": "fig_efficiency: no run is given",
     "fit cap.csv --csv --json": "give --json or --csv, not both",
+    f"fit cap.csv -e {','.join(map(str, range(3000)))}": "13,889 characters; give the name of one estimator, or all",
     "fit cap.csv cap.csv --plot out.png": "--plot: give one file",
     "plan-fit --noise 0.1 --radius 50": "a plan needs two of error, angle and points",
 }
@@ -225,6 +226,29 @@ def test_wrong_usage(call_here, files_of, folder, line):
 def test_a_file_that_cannot_be_written(refused, folder, cell, line):
     """A folder that is a file, a file that is a folder, another kind: code 1 and one line that names it."""
     refused(folder, 1, UNWRITTEN[line], *shlex.split(line.replace("@", cell)), silent=False)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no named pipes")
+@pytest.mark.parametrize("line", ["fit cap.csv --plot PIPE.png", "report out --out PIPE", "regret out --csv PIPE.csv"])
+def test_a_pipe_is_not_replaced(refused, folder, line):
+    """Nor is a device: renaming would put a file in its place. Code 1 and one line; the pipe stays."""
+    pipe = folder / next(word for word in line.split() if word.startswith("PIPE"))
+    os.mkfifo(pipe)
+    words = f"{pipe.name}: cannot be written: a device or a pipe has this name, and is not replaced; give another"
+    refused(folder, 1, words, *line.split(), silent=False)
+    assert pipe.is_fifo()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="on Windows links need a right of their own")
+def test_a_link_becomes_a_file(well, folder):
+    """A link to a file, or to nothing, is replaced by what is written; the file it led to keeps its bytes."""
+    (folder / "link.png").symlink_to("cap.csv")
+    (folder / "loose.png").symlink_to("nothing.png")
+    for name in ("link.png", "loose.png"):
+        well(folder, "fit", "cap.csv", "--plot", name)
+        assert (folder / name).read_bytes()[1:4] == b"PNG"
+        assert not (folder / name).is_symlink()
+    assert (folder / "cap.csv").read_text() == POINTS
 
 
 def test_a_closed_folder(call_here, well, folder, monkeypatch):
@@ -399,6 +423,17 @@ def test_output_that_is_lost(command, tmp_path, line, code, words):
     shell = ["bash", "-c", f"{shlex.join(command[0])} configs {line}"]
     done = subprocess.run(shell, cwd=tmp_path, env=command[1], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     assert (done.returncode, done.stderr.decode(errors="replace")) == (code, words)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no shell that closes an output")
+@pytest.mark.parametrize("backend", ["threads", "loky"])
+def test_a_run_that_nobody_hears(command, config, tmp_path, backend):
+    """With standard error closed a run is computed as with it."""
+    (tmp_path / "tiny.toml").write_text(config)
+    line = shlex.join([*command[0], "run", "tiny.toml", "--out", "out", "--backend", backend])
+    done = subprocess.run(["bash", "-c", f"{line} 2>&-"], cwd=tmp_path, env=command[1], stdout=subprocess.PIPE)
+    assert (done.returncode, done.stdout) == (0, b"out\n")
+    assert len(Run.open(tmp_path / "out").table("errors")) == 5 * 2 * 2 * 2  # trials, samples, noises, estimators
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")

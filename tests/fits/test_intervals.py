@@ -8,6 +8,7 @@ Standard errors and ellipsoids of a fit: their definition, and their coverage of
 import numpy as np
 import pytest
 from scipy.optimize import root
+from scipy.signal import lfilter
 from scipy.special import erf, gamma, hyp1f1
 from scipy.stats import t as student
 
@@ -337,3 +338,29 @@ def test_errors_without_a_noise_estimate(rng, on_cap, noise):
     assert np.all(fit.own_status == Status.OK)
     for errors in (fit.standard_errors, fit.ellipsoid().reshape(2, 9)):
         np.testing.assert_array_equal(np.isfinite(errors).all(axis=1), [True, noise is not None])
+
+
+@pytest.mark.parametrize("known", [{}, {"radius": 1.0}], ids=["radius unknown", "radius known"])
+def test_intervals_are_longer_by_the_allowance(known):
+    """Noise with memory along a path over the sphere: interval ≥ 2 q s √(AᵀA)⁻¹ · allowance, if this is small, too.
+
+    A are the directions, with a column of ones for an unknown radius; s² is the residuals' variance; q is Student's
+    quantile for white noise. That of the few coefficients that measure memory is larger.
+    """
+    rng, t = np.random.default_rng(3), np.arange(600) / 600
+    height, turn = np.sin(0.45 * np.pi * np.sin(6 * np.pi * t)), 10 * np.pi * t
+    across = np.sqrt(1 - height**2)
+    path = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
+    x = path + 0.02 * lfilter([np.sqrt(0.96)], [1, -0.2], rng.standard_normal((100, 650, 3)), axis=1)[:, 50:]
+    fit = study.fit(x, "mle", ordered=True, **known)
+    away = x - fit.center[:, None]
+    distance = np.linalg.norm(away, axis=2, keepdims=True)
+    rows = away / distance if known else np.concatenate([away / distance, np.ones((100, 600, 1))], axis=2)
+    squares = np.sum((distance - (1.0 if known else distance.mean(axis=1, keepdims=True))) ** 2, axis=(1, 2))
+    spare = 600 - rows.shape[2]
+    variance = np.diagonal(np.linalg.inv(np.swapaxes(rows, 1, 2) @ rows), axis1=1, axis2=2)[:, :3]
+    white = 2.0 * student.ppf(0.975, spare) * np.sqrt(squares[:, None] / spare * variance)
+    factor = fit.allowance[:, :3]
+    small = (factor > 1.02) & (factor.max(axis=1, keepdims=True) < 1.2)
+    assert small.sum() > 10
+    assert (np.ptp(fit.interval("center"), axis=2) / white / factor).min() > 0.99

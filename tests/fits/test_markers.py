@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.optimize import least_squares
 
 import study
 from study import Status
@@ -276,3 +277,23 @@ def test_agreement_needs_something_to_compare(rng):
     gaps[3] = np.nan
     moved = [gaps, points[1], points[1][:1]]  # one sample fixes its own radius
     assert study.mgdk(moved).agreement == pytest.approx(study.mgdk([np.delete(gaps, 3, 0), points[1]]).agreement)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_agreement_is_an_f_test(rng, d):
+    """The squares of distances about a common centre and about each marker's own, by SciPy, with d for each further.
+
+    A marker of d points fixes no centre of its own, and changes nothing.
+    """
+    markers, _ = drawn(rng, (20, 12, 15, d), (1.0, 2.0, 0.7, 1.5), noise=1e-3, angle=90.0, d=d)
+
+    def left(*some):
+        """Least squares of the distances of some markers from one centre."""
+        start = [*np.zeros(d), *(np.linalg.norm(points, axis=1).mean() for points in some)]
+        off = [lambda v, i=i, x=x: np.linalg.norm(x - v[:d], axis=1) - v[d + i] for i, x in enumerate(some)]
+        return 2.0 * least_squares(lambda v: np.concatenate([f(v) for f in off]), start, xtol=1e-14, ftol=1e-14).cost
+
+    apart, more, spare = sum(map(left, markers[:3])), 2 * d, 20 + 12 + 15 - 3 * (d + 1)
+    p = stats.f.sf((left(*markers[:3]) - apart) / more / (apart / spare), more, spare)
+    assert study.mgdk(markers[:3]).agreement == pytest.approx(p, rel=2e-3)
+    assert study.mgdk(markers).agreement == pytest.approx(p, rel=2e-3)

@@ -382,7 +382,7 @@ def test_an_array_that_claims_too_much(tmp_path):
         start = b"\x93NUMPY" + bytes([version, 0]) + struct.pack(size, len(header))
         for text, words in (
             (header + b"\0" * 240, "claims shape (1000000000000, 3), the file is shorter"),
-            (header.replace(b"'shape'", b"'shap'"), "header cannot be read"),
+            (header.replace(b"'shape'", b"'shap'"), "not a NumPy array of numbers that can be read"),
         ):
             assert words in refusal(written(tmp_path, start + text, "points.npy"))
 
@@ -441,5 +441,5 @@ def test_noise_of_each_point(tmp_path):
     assert read_points(written(tmp_path, text.replace("sy", "other"))).noise is None
     rows[3, 4] = -1.0
     path = written(tmp_path, "\n".join(["x,y,z,sx,sy,sz,w", *lines(rows, ",")]))
-    words = "sy = -1 at point 4: a standard deviation must be positive; an empty cell"
+    words = "sy = -1 at point 4: a standard deviation must be positive and finite; an empty cell"
     assert words in refusal(path)

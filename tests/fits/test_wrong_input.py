@@ -44,6 +44,17 @@ def test_frames_with_text(call):
         call(frame[["x", "name", "good"]].rename(columns={"x": "w"}))
 
 
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("size", [1e308, np.finfo(float).max])
+def test_points_as_large_as_numbers_go(d, size):
+    """They are not finite when squared, which is said without a warning, whatever is known of their noise."""
+    corners = np.array([[i >> k & 1 for k in range(d)] for i in range(2**d)]) * 2.0 - 1.0
+    for points in (size * corners, np.concatenate([corners, size * corners])):
+        for known in ({}, {"ordered": True}, {"radius": 1.0}, {"noise": 1.0}, {"noise": np.ones(len(points))}):
+            assert study.fit(points, **known).status == Status.NOT_FINITE
+        assert (study.fit(np.stack([points, points])).status == Status.NOT_FINITE).all()
+
+
 @pytest.mark.parametrize("shape", [(), (3,), (5, 1), (4, 5, 1), (3, 3), (0, 3), (2, 2), (7, 4, 4)])
 def test_wrong_shapes(estimator, shape):
     """Points of another shape than (…, n, d) with n > d ≥ 2 raise an error that shows the shape; so do directions."""

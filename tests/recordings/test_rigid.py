@@ -335,3 +335,8 @@ def test_rigid_residual_operator(rng):
     assert np.trace(left) == pytest.approx(6.0)
     turn, shift = rng.standard_normal((2, 3))
     np.testing.assert_allclose(left @ (np.cross(turn, SHAPE) + shift).ravel(), 0.0, atol=1e-12)
+
+
+def test_a_marker_at_the_centre_has_no_cap():
+    """It lies in no direction from the centre in any frame."""
+    assert np.isnan(rigid.cap_angle(np.full((3, 5), 0.2), np.ones(5, dtype=bool), np.full(3, 0.2)))

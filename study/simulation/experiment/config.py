@@ -51,7 +51,7 @@ from study.simulation.experiment.designs import (
     as_list,
 )
 from study.simulation.experiment.noise import MOST_SPACED, PATH, SPACED, GaussianNoise, gaussian
-from study.text import did_you_mean
+from study.text import did_you_mean, listed
 from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
 
 Noise = Literal["known", "unknown"]
@@ -74,13 +74,13 @@ def _conditions(value: object) -> tuple[tuple[str, tuple[Value, ...]], ...]:
         raise ValueError("must be a table of conditions and values, such as { angle = [60, 180], samples = 100 }")
     unknown = [key for key in value if key not in CONDITIONS]
     if unknown:
-        raise ValueError(f"{', '.join(unknown)} unknown: conditions are {', '.join(CONDITIONS)}")
-    listed = {key: as_list(values) for key, values in value.items()}
-    if any(not values for values in listed.values()):
+        raise ValueError(f"{listed(unknown)} unknown: conditions are {', '.join(CONDITIONS)}")
+    lists = {key: as_list(values) for key, values in value.items()}
+    if any(not values for values in lists.values()):
         raise ValueError("every list must have a value; leave a condition out to choose all of its cells")
-    if any(not CONDITIONS[key].holds(v) for key, values in listed.items() for v in values):
+    if any(not CONDITIONS[key].holds(v) for key, values in lists.items() for v in values):
         raise ValueError("every value must be a number")
-    return tuple((key, tuple(v if isinstance(v, str) else float(v) for v in values)) for key, values in listed.items())
+    return tuple((key, tuple(v if isinstance(v, str) else float(v) for v in values)) for key, values in lists.items())
 
 
 class Posterior(Frozen):
@@ -188,7 +188,7 @@ _SAMPLES_IN_SUMMARY = 20_000_000_000
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in ESTIMATORS]
     if unknown:
-        raise ValueError(f"{', '.join(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
+        raise ValueError(f"{listed(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
     return names
 
 
@@ -379,7 +379,7 @@ def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
         yield Fault(("design", "samples"), words, design["samples"])
     shape = raw.get("noise_shape")
     if shape is not None and not _is_covariance(shape, d):
-        words = f"must be a symmetric, positive definite {d} × {d} matrix (list of rows)"
+        words = f"must be a symmetric, positive definite {d} × {d} matrix (list of rows), its largest number {_SIZES}"
         yield Fault(("noise_shape",), words, shape)
     random, points = design.get("kind") != "grid", raw.get("keep_points")
     moments, summary = raw.get("route") == "moments", raw.get("keep") == "summary"
@@ -493,7 +493,7 @@ def _precision_faults(study: Study) -> Iterator[Fault]:
     if study.keep == "summary":
         yield Fault(("precision",), 'needs the errors, which keep = "summary" does not store')
     if unknown := [name for name in precision.estimators or () if name not in study.estimators]:
-        words = f"{', '.join(map(repr, unknown))} not among the study's; {did_you_mean(unknown, study.estimators)}"
+        words = f"{listed(map(repr, unknown))} not among the study's; {did_you_mean(unknown, study.estimators)}"
         yield Fault(("precision", "estimators"), words)
 
 
@@ -508,11 +508,15 @@ def _sample_counts(samples: object) -> list[int]:
     return [round(v) for v in values if CONDITIONS["samples"].holds(v)]
 
 
+_SIZES = "1e-100 to 1e100"
+"""Sizes of a covariance whose squares are numbers."""
+
+
 def _is_covariance(shape: object, d: int) -> bool:
     """True if a noise shape is a covariance (d, d)."""
     try:
         matrix = np.asarray(shape, dtype=float)
-        if matrix.shape != (d, d) or not np.all(np.isfinite(matrix)) or not np.all(matrix == matrix.T):
+        if matrix.shape != (d, d) or not 1e-100 <= np.max(np.abs(matrix)) <= 1e100 or not np.all(matrix == matrix.T):
             return False
         values = np.linalg.eigvalsh(matrix)
         return bool(values[0] > d * np.finfo(float).eps * values[-1])

@@ -1,6 +1,7 @@
 """Sides that contradict each other: the rule, its words, and the rates of false and missed alarms."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy import stats
 from study.recordings.joints.estimate import (
     CENTIMETRE,
     USABLE,
+    Estimate,
     JointStatus,
     PlaceDifference,
     check_against_sides,
@@ -378,3 +380,25 @@ def test_axis_of_contradictory_sides(kata_joints):
     np.testing.assert_array_equal(doubted.axis_in_child, forearm.axis)
     assert np.abs(agreed.axis_in_child @ forearm.axis) < 0.98  # the rotations of both segments show another axis
     assert np.linalg.norm(doubted.axis_in_parent) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("axis", "place", "wanted"),
+    [
+        ([0.0, 0.0, 1.0], [1.0, 2.0, 3.0], [0.5, 0.5, 3.0]),
+        ([0.0, 0.6, 0.8], [0.5, 1.5, 0.5], [0.5, 0.86, 0.98]),
+        (None, [1.0, 2.0, 3.0], None),
+        ([0.0, 0.0, 1.0], [np.nan] * 3, None),
+        (None, [np.nan] * 3, None),
+    ],
+)
+def test_a_place_along_the_axis(axis, place, wanted):
+    """It is c + ((p - c)·a) a; where the axis or the point is not known the estimate is the same."""
+    poses, center = SimpleNamespace(mean_place=lambda _: np.array(place)), np.full(3, 0.5)
+    axis = None if axis is None else np.array(axis)
+    estimate = Estimate("parent", poses, (), center, np.eye(3), axis, "none", np.ones((1, 1), dtype=bool))
+    moved = estimate.placed_along_axis(np.zeros((3, 1)))
+    if wanted is None:
+        assert moved is estimate
+    else:
+        np.testing.assert_allclose(moved.center, wanted, atol=1e-15)

@@ -10,11 +10,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.recordings.joints.estimate import USABLE, JointStatus
+from study.recordings.joints.center import CenterFit
+from study.recordings.joints.estimate import USABLE, Estimate, JointStatus, SymmetricFit
 from study.recordings.joints.find import JointPlace, exchange, find_joints
 from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset, match
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.session import calibrate_session, pool_places, refit_shapes, session_lines, session_table
+from study.recordings.session import (
+    allowance,
+    calibrate_session,
+    pool_places,
+    refit_shapes,
+    session_lines,
+    session_table,
+)
 from study.recordings.skeleton.calibrate import other_subject
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.synthetic.make import PARTS, Recipe, body, draw_motion, marker_noise, skin_motion
@@ -361,6 +369,22 @@ def test_an_allowance_beyond_a_centimetre_takes_the_vote():
     share = 25.0 / (25.0 + 4.0 + 81.0)  # of the trial that stood, by x
     np.testing.assert_allclose(both.in_parent, [0.008 * share, 0.0, 0.0], atol=1e-12)
     assert both.covariance[0, 0] == pytest.approx(share**2 * 4e-6 + (1 - share) ** 2 * 25e-6)
+
+
+def test_what_skin_hides_along_an_arm():
+    """Skin of 1 mm over a rotation of θ² about each axis hides (1 mm)²/θ²: of poses' rotation for all three axes.
+
+    Markers that move on a sphere show no rotation about their arm, the axis of the least one: there it is as much as
+    for the weaker of the two others.
+    """
+    turn, squares = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix(), np.array([1e-4, 0.01, 0.04])
+    normal, none, used = turn @ np.diag(squares) @ turn.T, np.zeros(3), np.ones((1, 50), dtype=bool)
+    sphere = CenterFit(none, none, 0, 1, 0, none, none, 50, 50, None, none, 9, True, none, 50 * normal, np.ones(1))
+    pair = SymmetricFit(None, none, none, none, 0.0, none, none, False, normal, 50, 50)
+    for kind, shown in (({"sphere": sphere}, [0.01, 0.01, 0.04]), ({"pair": pair}, squares)):
+        estimate = Estimate("parent", None, (), none, np.eye(3), None, "none", used, **kind)
+        place = replace(part("one", none, (0.001,) * 3), estimates=(estimate,))
+        np.testing.assert_allclose(allowance(place), turn @ np.diag(1e-6 / np.array(shown)) @ turn.T, rtol=1e-9)
 
 
 def test_a_joint_that_no_trial_moved():

@@ -6,6 +6,8 @@ Claims on GDKE's bias: each verdict follows its table, and turns with it.
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
+from scipy.optimize import brentq
 
 from study.simulation.analysis.theory import median_attainable
 from study.simulation.claims.claim import Verdict
@@ -242,6 +244,19 @@ def test_stays(find, arc, growth, bias, last, verdict):
     assert found.verdict == verdict
     assert found.numbers[0].value == pytest.approx(bias, rel=0.01)
     assert found.numbers[2].value == pytest.approx(last, abs=1e-6)
+
+
+def test_a_coverage_that_is_not_surely_below_a_twentieth(find, arc, growth):
+    """A bias by which 5 % of the ellipses hold the truth, by the noncentral χ², is not two standard errors below.
+
+    Of 400 trials as many may be so by chance; 2000 trials of a third of the share are enough.
+    """
+    for share, trials, verdict in ((0.05, 400, Verdict.PARTLY), (0.015, 2000, Verdict.REPRODUCED)):
+        bias = brentq(lambda b, p: stats.ncx2.cdf(stats.chi2.ppf(0.95, 2), 2, b**2) - p, 1.0, 9.0, args=(share,))
+        tables = {"ellipse/errors": arc(bias, trials), "power-law/errors": growth(1.0)}
+        found = find("gdke-bias-stays", tables)
+        assert found.numbers[1].value == pytest.approx(share, abs=4.5 * np.sqrt(share / trials))
+        assert found.verdict is verdict
 
 
 def test_coverage(find, arc, growth):

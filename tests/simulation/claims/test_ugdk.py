@@ -51,6 +51,15 @@ def test_bias(find, bias, ugdk, gdke, verdict):
     assert found.verdict is verdict
 
 
+def test_share_of_fits_that_are_not_ok(find, bias):
+    """One trial of twenty has another status, of UGDK alone."""
+    errors = bias(ugdk=-1.0, gdke=0.0)["bias/errors"].reset_index(drop=True)
+    errors.loc[(errors["estimator"] == "ugdk") & (errors["trial"] % 20 == 0), "status"] = int(Status.INSIGNIFICANT)
+    share = find("ugdk-bias", {"bias/errors": errors}).numbers[3]
+    assert "not ok" in share.words
+    assert share.value == pytest.approx(0.05)
+
+
 def test_bias_needs_means_that_exist(find, bias):
     """With a tail of 1/x, as UGDK's error has where the noise is not small, there is no mean and no verdict."""
     tables = bias(ugdk=-1.0, gdke=0.0)

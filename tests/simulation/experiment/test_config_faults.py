@@ -375,11 +375,43 @@ def test_what_is_not_toml(text):
     """The message about a file that is no TOML is that of the TOML reader."""
     with pytest.raises(ConfigError, match=r"^x\.toml: not TOML: .*(line|end of document|digits)"):
         parse(text, "x.toml")
-    with pytest.raises(ConfigError, match=r"^x\.toml: "):  # deeper than the reader can follow
-        parse("a = " + 3000 * "[" + 3000 * "]", "x.toml")
+    deep = (3000 * "[" + 3000 * "]", 3000 * "{ a = " + "1" + 3000 * "}", "1\n[b" + 3000 * ".a" + "]")
+    for text in (*deep, f"1\nb{3000 * '.a'} = 1"):  # deeper than the reader, or what comes after it, can follow
+        with pytest.raises(ConfigError, match=r"^x\.toml: tables or lists stand in each other more than 50 deep; .*$"):
+            parse(f"a = {text}", "x.toml")
     for text, key in (("design = 3", "design"), ("[[design]]\ntrials = 3", "design"), ("[[precision]]", "precision")):
         with pytest.raises(ConfigError, match=rf"line 1: {key} = .*: must be one table, whose entries follow a line"):
             parse(text)
+
+
+def test_thousands_of_faults():
+    """Fifty are shown, in the order of the file, and the number of the others; a list of names is cut."""
+    keys = "".join(f"key{i} = {i}\n" for i in range(20_000))
+    with pytest.raises(ConfigError) as caught:
+        parse(keys + GRID, "x.toml")
+    head, *lines, last = str(caught.value).splitlines()
+    assert (head, last) == ("x.toml: 20,000 faults", "  and 19,950 more")
+    assert [line.split(" = ")[0] for line in lines] == [f"  line {i + 1}: key{i}" for i in range(50)]
+    names = [f"name{i}" for i in range(3000)]
+    for text in (
+        GRID.replace('["mle", "ugdk"]', json.dumps(names)),
+        GRID.replace('["mle", "ugdk"]', json.dumps(names * 2)),
+        f"{GRID}[posterior]\nwhere = {{ {', '.join(f'{name} = 1' for name in names)} }}\n",
+        f"{GRID}{''.join(names)} = 1\n",
+    ):
+        (line,) = faults(text)
+        assert len(line) < 2000
+
+
+@pytest.mark.parametrize(("size", "usable"), [(1e-101, False), (1e-100, True), (1e100, True), (1e101, False)])
+def test_sizes_of_a_covariance(size, usable):
+    """A noise shape whose squares are no numbers is refused; others are taken, and make no warning."""
+    text = f"noise_shape = [[{size}, 0, 0], [0, {size}, 0], [0, 0, {size}]]\n{GRID}"
+    if usable:
+        assert parse(text).noise_shape[0][0] == size
+    else:
+        (line,) = faults(text)
+        assert line.endswith("its largest number 1e-100 to 1e100")
 
 
 def test_what_cannot_be_read(tmp_path):
