@@ -6,6 +6,9 @@ updates are in closed form. It is biased where the directions have another law, 
 
     study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py
 
+The published method is *given* the mean direction and the concentration; here both are estimated, so this is a variant
+of it, and its errors are not those of the published one.
+
 Source: Lesouple, Pilastre, Altmann & Tourneret, IEEE Signal Processing Letters 28 (2021) 314-318.
 """
 

@@ -224,7 +224,7 @@ def worst(
 ) -> None:
     """List the trials with the largest errors.
 
-    Errors are in units of the bound; only fits whose status is ok count.
+    Errors are in units of the bound; only fits that their estimator calls ok count, by its own status.
 
     With --json: run, bound, and trials, each with the name that `study replay` takes, cell, trial, estimator, ratio
     (error over bound), error, bound, and the conditions.
@@ -323,9 +323,9 @@ def coverage(config: CoverageConfig, jobs: Threads = 2, out: CoverageOut = None)
         save_frame(table, folder / f"coverage.{suffix}")
     fewer = ", fewer for large N" if table["trials"].nunique() > 1 else ""
     stamp = f"{design.name} · seed {design.seed} · {int(table['trials'].max()):,} trials a cell{fewer}"
-    for path in save(draw(table, stamp), folder / "fig_coverage"):
+    for path in save(draw(table, stamp, design.level), folder / "fig_coverage"):
         typer.echo(str(path))
-    echo(printed(table))
+    echo(printed(table, design.level))
 
 
 ReadingsConfig = Annotated[Path, typer.Argument(metavar="CONFIG", help="config of readings, or readings if shipped")]

@@ -4,9 +4,9 @@ Noise is given by κ = (v/σ²)√(N/2), the least variance v of the directions 
 variance. It compares the extent along the cap's axis with the noise. Curvature is lost near κ = 1, whatever the cap.
 A cell of the config is drawn and fitted, and its shares get Monte-Carlo errors; the table is printed, and drawn.
 
-In the figure a point is a cell; its colour is the number of samples. The band is .93 to .97. Look at: the interval
-within the band up to σ = .2 r and near it up to .5 r, above and below; and the standard errors, which leave it where
-the noise grows, most of all among the fits that the estimators call ok.
+In the figure a point is a cell; its colour is the number of samples. The band is .93 to .97 at the level .95 (see
+`band`). Look at: the interval within the band up to σ = .2 r and near it up to .5 r, above and below; and the standard
+errors, which leave it where the noise grows, most of all among the fits that the estimators call ok.
 """
 
 import math
@@ -255,14 +255,14 @@ def _share(hits: Floats) -> tuple[float, float]:
 _LITTLE, _MUCH = 0.2, 0.5
 
 
-def printed(table: pd.DataFrame) -> Iterator[str]:
+def printed(table: pd.DataFrame, level: float = 0.95) -> Iterator[str]:
     """Lines: coverage of the radius by each method over all fits, of each cell; then a summary of each method."""
     methods = list(dict.fromkeys(table["method"]))
     head, *rows = by_cell(table, methods)
     yield f"Coverage of the radius over all fits: {' / '.join(methods)}"
     yield from columns(rows, head)
     yield ""
-    summaries = [summary(table, name) for name in methods]
+    summaries = [summary(table, name, level) for name in methods]
     yield from columns([list(row.values()) for row in summaries], list(summaries[0]))
 
 
@@ -279,18 +279,25 @@ def by_cell(table: pd.DataFrame, methods: list[str]) -> list[list[str]]:
     return rows
 
 
-def summary(table: pd.DataFrame, name: str) -> dict[str, str]:
+def band(level: float) -> tuple[float, float]:
+    """Coverage that counts as near a level: .93 to .97 at .95, and as many standard errors of a share at any other."""
+    reach = 0.02 * math.sqrt(level * (1.0 - level) / (0.95 * 0.05))
+    return level - reach, min(level + reach, 1.0)
+
+
+def summary(table: pd.DataFrame, name: str, level: float = 0.95) -> dict[str, str]:
     """Coverage by one method over the cells, by the titles of the columns."""
     part = table[table["method"] == name]
     little, moderate = part[part["sigma"] < _LITTLE], part[part["sigma"] <= _MUCH]
-    inside = little["radius"].between(0.93, 0.97)
+    low, high = band(level)
+    inside = little["radius"].between(low, high)
     often = part[(part["ok"] >= 0.2) & (part["sigma"] < 0.35)]
     clear = part[(part["kappa"] == 100.0) & (part["samples"] >= 40) & (part["sigma"] < _LITTLE)]["width_attainable"]
     center = np.minimum(moderate["axis"], moderate["across"])
     return {
         "method": "interval" if name == INTERVAL else f"{name} ± t s.e.",
         "σ < .2 r: mean": _three_digits(little["radius"].mean()),
-        "within .93-.97": f"{100.0 * inside.mean():.0f} %",
+        f"within {_short(low)}-{_short(high)}": f"{100.0 * inside.mean():.0f} %",
         "least": _three_digits(little["radius"].min()),
         "σ ≤ .5 r: least": _three_digits(moderate["radius"].min()),
         "centre: least": _three_digits(center.min()),
@@ -305,14 +312,18 @@ def _three_digits(value: float) -> str:
     return f"{value:.3f}".removeprefix("0")
 
 
-_LEVEL, _LOW, _HIGH = 0.95, 0.93, 0.97
+def _short(value: float) -> str:
+    """At most three digits without the leading zero."""
+    return f"{value:.3g}".removeprefix("0")
+
+
 _LEAST_OK = 0.2
 """Cells in which fewer fits are ok are left out of the lower row."""
 _COLORS = ("#56b4e9", "#0072b2", "#009e73", "#e69f00", "#d55e00", "#882255")
 
 
 @style.journal()
-def draw(table: pd.DataFrame, stamp: str) -> Figure:
+def draw(table: pd.DataFrame, stamp: str, level: float = 0.95) -> Figure:
     """Draw the table of `study.simulation.coverage.measure`: a column of panels per method."""
     methods = list(dict.fromkeys(table["method"]))
     numbers = sorted(table["samples"].unique())
@@ -321,8 +332,8 @@ def draw(table: pd.DataFrame, stamp: str) -> Figure:
     for column, method in enumerate(methods):
         part = table[table["method"] == method]
         often = part[part["ok"] >= _LEAST_OK]
-        _points(axes[0, column], part, "radius", numbers)
-        _points(axes[1, column], often, "radius_ok", numbers)
+        _points(axes[0, column], part, "radius", numbers, level)
+        _points(axes[1, column], often, "radius_ok", numbers, level)
         title = "interval" if method == INTERVAL else f"{style.label(method)} ± t s.e."
         axes[0, column].set_title(title, loc="left")
         axes[1, column].set_xlabel("noise σ / radius")
@@ -337,10 +348,10 @@ def draw(table: pd.DataFrame, stamp: str) -> Figure:
     return figure
 
 
-def _points(ax: Axes, part: pd.DataFrame, column: str, numbers: list[int]) -> None:
+def _points(ax: Axes, part: pd.DataFrame, column: str, numbers: list[int], level: float) -> None:
     """Cells of one method; log-odds would hide a coverage of zero, so the axis is linear."""
-    ax.axhspan(_LOW, _HIGH, color="#dddddd", linewidth=0.0, zorder=0)
-    ax.axhline(_LEVEL, color="black", linewidth=0.6, zorder=1)
+    ax.axhspan(*band(level), color="#dddddd", linewidth=0.0, zorder=0)
+    ax.axhline(level, color="black", linewidth=0.6, zorder=1)
     for k, n in enumerate(numbers):
         rows = part[part["samples"] == n]
         color = _COLORS[k % len(_COLORS)]

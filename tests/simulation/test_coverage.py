@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from study.cli import app
 from study.fits.cap import sample_cap
-from study.simulation.coverage import _outcome, _row, draw, least_variance, measure, printed, read_design
+from study.simulation.coverage import _outcome, _row, band, draw, least_variance, measure, printed, read_design, summary
 from study.toml import ConfigError
 
 SHIPPED = Path(__file__).parents[2] / "configs" / "coverage.toml"
@@ -141,3 +141,12 @@ def test_command(tmp_path):
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     assert len(pd.read_parquet(tmp_path / "out" / "coverage.parquet")) == 6
     assert "Coverage of the radius over all fits: mle / als / interval" in done.output
+
+
+def test_band_follows_the_level(table):
+    """The band is .93 to .97 at .95, and at .5 as many standard errors of a share: .02 √(.25/.0475) either way."""
+    assert band(0.95) == pytest.approx((0.93, 0.97), abs=1e-12)
+    assert band(0.5) == pytest.approx((0.4541, 0.5459), abs=1e-4)
+    assert band(0.999)[1] == 1.0
+    assert "within .93-.97" in summary(table, "interval")
+    assert "within .454-.546" in summary(table, "interval", 0.5)

@@ -601,7 +601,7 @@ def printed_worst(run: Run, trials: pd.DataFrame) -> Iterator[str]:
     """The worst trials for a terminal, each by the name that `study replay RUN NAME` takes."""
     conditions = [condition.name for condition in run.study.conditions()]
     shown = named_in(conditions)
-    yield f"{run.study.run_name()}: the largest errors over the {_bound(conditions)} of fits that are ok"
+    yield f"{run.study.run_name()}: the largest errors over the {_bound(conditions)} of fits ok by own status"
     rows = []
     for trial in trials.to_dict("records"):
         name, over_radius = f"{trial['cell']}/{trial['trial']}", trial["error"] / trial["radius"]

@@ -203,5 +203,15 @@ def printed(study: Study, trial: Trial) -> Iterator[str]:
         numbers = [row[name] for name in ("error", "over_bound", "axis", "radius_error", "noise", "condition")]
         texts = [f"{value:.3g}" if np.isfinite(value) else "-" for value in numbers]
         rows.append([row["estimator"], *texts, str(row["iterations"] or "-"), row["status"]])
-    titles = ["estimator", "error", "over bound", "along axis", "radius error", "noise", "ρ", "iterations", "status"]
+    titles = [
+        "estimator",
+        "error",
+        "over bound",
+        "along axis",
+        "radius error",
+        "noise",
+        "ρ",
+        "iterations",
+        "own status",
+    ]
     yield from columns(rows, titles)
