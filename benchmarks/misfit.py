@@ -167,7 +167,9 @@ def level(sets):
         state = lanes(SEED, "misfit", cell.samples, cell.angle, cell.kappa)
         count = sets if cell.samples < 10_000 or cell.sigma < SMALL else sets // 10  # which take minutes
         fits = [study.fit(x.swapaxes(1, 2)) for x in clean(state, count, cell.samples, cell.angle, cell.sigma)]
-        answer = Goodness(*(np.concatenate(block) for block in zip(*(fit.goodness for fit in fits), strict=True)))
+        answer = Goodness(
+            *(np.concatenate(block, axis=-1) for block in zip(*(fit.goodness for fit in fits), strict=True))
+        )
         looks = [intervals(fit.samples) for fit in fits]
         bounded, white = (np.concatenate([getattr(look, name) for look in looks]) for name in ("identified", "radius"))
         ok, status = (np.concatenate([getattr(fit, name) for fit in fits]) for name in ("ok", "status"))
@@ -310,7 +312,7 @@ def scans(folder):
         low, high = fit.interval("radius")
         row = {"name": file.stem, "samples": fit.count, "radius": fit.radius}
         row |= {"error_white": np.sqrt(fit.own_covariance[3, 3]), "error": fit.standard_errors[3]}
-        row |= {"low": low, "high": high, **{f"p {k}": p for k, p in zip(BLOCKS, fit.goodness, strict=True)}}
+        row |= {"low": low, "high": high, **{f"p {k}": p for k, p in zip(BLOCKS, fit.goodness.values, strict=True)}}
         row |= {"misfit": fit.goodness.first(), "F": series_ratio(fit)}
         row |= {"status": Status(int(fit.status)).name.lower(), "holds_50": low <= 50.0 <= high}
         row["halves_cover"] = halves_cover(x) if file.stem.startswith("t") else math.nan
