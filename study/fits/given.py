@@ -17,7 +17,7 @@ one equation in θ.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -29,10 +29,10 @@ from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.answer import Fit, FittedPoints, ruled_status
 from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness, number_of
-from study.fits.intervals import Intervals
-from study.fits.samples import Estimates, Samples, Status, blank
+from study.fits.intervals import AtRadius, Intervals, at_radius, weighted_intervals
+from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit
 from study.fits.structure import Structure
-from study.fits.weighted import Spheres, Weighted, center_ends, cost, covariance, profile, radius_ends, solve
+from study.fits.weighted import Spheres, Weighted, cost, covariance, for_kernels, solve
 from study.text import number, with_error
 
 _FULLER = 2.0
@@ -104,7 +104,10 @@ def given_of(shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike 
                 f"({n},), ({n}, {d}) or ({n}, {d}, {d})"
             )
         return Given(known, None, False, None if array is None else float(array))
-    return Given(known, point_noise(array, shape), scale == "estimated", None)
+    variance = point_noise(array, shape)
+    if variance.ndim == 4 and np.array_equal(variance, variance[..., :1, :1] * np.eye(d), equal_nan=True):
+        variance = variance[..., 0, 0]  # isotropic
+    return Given(known, variance, scale == "estimated", None)
 
 
 def check_way(estimator: str, given: Given) -> None:
@@ -284,6 +287,7 @@ class GivenFit(Fit):
         estimator: name of the estimator.
         given: what was known, flat.
         ordered: the rows are in the order in which they were measured.
+        covariance_of: the estimator's own covariance of its numbers, where nothing is known.
 
     Example:
         >>> import numpy as np, study
@@ -298,9 +302,15 @@ class GivenFit(Fit):
     """
 
     def __init__(
-        self, estimates: Estimates, samples: Samples, estimator: str, given: Given, ordered: bool = False
+        self,
+        estimates: Estimates,
+        samples: Samples,
+        estimator: str,
+        given: Given,
+        ordered: bool = False,
+        covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
     ) -> None:
-        super().__init__(estimates, samples, estimator, ordered=ordered)
+        super().__init__(estimates, samples, estimator, covariance_of, ordered=ordered)
         self._given = given
 
     def __getitem__(self, index: Any) -> Self:
@@ -310,7 +320,7 @@ class GivenFit(Fit):
         part = Estimates._make([np.asarray(array[places]) for array in self._estimates.reshape(-1)])
         flat = np.atleast_1d(places).ravel()
         samples, given = self._points.samples.take(flat), self._given.take(flat)
-        return type(self)(part, samples, self._estimator, given, self._ordered)
+        return type(self)(part, samples, self._estimator, given, self._ordered, self._covariance_of)
 
     @cached_property
     def _points(self) -> FittedPoints:
@@ -342,7 +352,16 @@ class GivenFit(Fit):
         """Covariance of (ĉ, r̂) for white noise (…, d+1, d+1), unit squared; a known radius has none (theory 9.6)."""
         result = covariance(self._sets, self._spheres, self._estimator == "corrected")
         result[~self._spheres.found] = np.nan
-        return (result * (self._sets.unit**2)[:, None, None]).reshape(*self.shape, *result.shape[1:])
+        result *= (self._sets.unit**2)[:, None, None]
+        if self._nothing_known.any():
+            plain = super().own_covariance.reshape(result.shape)
+            result[self._nothing_known] = plain[self._nothing_known]
+        return result.reshape(*self.shape, *result.shape[1:])
+
+    @property
+    def _nothing_known(self) -> Bools:
+        """True for sets (b,) whose points were given equal noise of unknown size: they are fitted as without it."""
+        return self._sets.alike & np.isnan(self._given.radius)
 
     @cached_property
     def _structure(self) -> Structure:
@@ -407,7 +426,7 @@ class GivenFit(Fit):
         """
         known, start, sphere = self._sets, self._spheres, self._free
         with np.errstate(all="ignore"):
-            score = profile(known, known.radius, start).score
+            score = _at_radius(known, start).score
             error = np.sqrt(covariance(known._replace(radius=np.full_like(known.radius, np.nan)), sphere)[:, -1, -1])
             score = np.where(np.isnan(score), (known.radius - sphere.radius) / error, score)
             spare = np.maximum(known.size - start.center.shape[1] - 1, 1.0)
@@ -468,6 +487,9 @@ class GivenFit(Fit):
             with np.errstate(invalid="ignore"):  # open ends
                 length = np.where(longer > 0.0, longer * np.ptp(ends.center, axis=2), 0.0)
             known[level] = ends._replace(center=ends.center + length[..., None] * [-1.0, 1.0])
+            if (plain := self._nothing_known).any():
+                for whole, part in zip(known[level], self._points.intervals(level), strict=True):
+                    whole[plain] = part[plain]
         return known[level]
 
     @cached_property
@@ -521,24 +543,32 @@ def _quantile(sets: Weighted, spare: Floats, level: Floats | float) -> Floats:
     return np.asarray(quantile)
 
 
+def _at_radius(sets: Weighted, start: Spheres) -> AtRadius:
+    """The centre at the known radius, and its score, from spheres of that radius, in the units of the sets."""
+    b, _, d = sets.points.shape
+    result = AtRadius(*(np.full(shape, np.nan) for shape in (b, (b, d), (b, d), b)))
+    for places, part in for_kernels(sets, start._replace(radius=sets.radius)):
+        for whole, values in zip(result, at_radius(part), strict=True):
+            whole[places] = values
+    return result
+
+
 def _with_radius(sets: Weighted, quantile: Floats) -> Intervals:
     """Intervals of the centre for a known radius, in the units of the sets."""
     least = solve(sets, _closed(sets, "gdke"), corrected=False)
-    at = profile(sets, sets.radius, least)
-    half = quantile[:, None] * at.errors
-    center = np.stack([at.sphere.center - half, at.sphere.center + half], axis=2)
     other = solve(sets, least._replace(center=-least.center), corrected=False)
+    at, second = (_at_radius(sets, sphere) for sphere in (least, other))
+    steps = quantile[:, None, None] * [-1.0, 1.0]
+    center, mirrored = (one.center[..., None] + one.errors[..., None] * steps for one in (at, second))
     apart = np.linalg.norm(other.center - least.center, axis=1) > 1e-3 * sets.radius
     excess = cost(sets, other.center, sets.radius) - cost(sets, least.center, sets.radius)
-    both = apart & other.found & (excess <= quantile**2 * at.sphere.scale)
-    doubt = apart & other.found & (excess <= _SIDES**2 * at.sphere.scale)
-    second = profile(sets, sets.radius, other)
-    half = quantile[:, None] * second.errors
-    center[both, :, 0] = np.fmin(center[..., 0], second.sphere.center - half)[both]
-    center[both, :, 1] = np.fmax(center[..., 1], second.sphere.center + half)[both]
-    lost = ~at.sphere.found
+    both = apart & other.found & (excess <= quantile**2 * at.variance)
+    doubt = apart & other.found & (excess <= _SIDES**2 * at.variance)
+    center[both, :, 0] = np.fmin(center[..., 0], mirrored[..., 0])[both]
+    center[both, :, 1] = np.fmax(center[..., 1], mirrored[..., 1])[both]
+    lost = np.isnan(at.variance)
     center[lost] = -np.inf, np.inf
-    share = np.sqrt(at.sphere.scale) / sets.radius
+    share = np.sqrt(at.variance) / sets.radius
     return Intervals(np.repeat(sets.radius[:, None], 2, axis=1), center, np.where(doubt | lost, np.nan, share))
 
 
@@ -547,27 +577,30 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     start = solve(sets, _closed(sets, "gdke"), corrected=False)
     sphere = solve(sets, start, corrected=True, fuller=_FULLER)
     fine = sphere.found & (sphere.radius < _FAR)
-    radius, center = np.tile([0.0, np.inf], (len(fine), 1)), np.empty_like(sets.origin[..., None].repeat(2, axis=2))
-    center[:] = -np.inf, np.inf
-    part, sphere = sets.take(fine), sphere.take(fine)
-    radius[fine] = radius_ends(part, sphere, quantile[fine])
-    center[fine] = center_ends(part, sphere, radius[fine], quantile[fine])
-    share = np.full(len(fine), np.nan)
-    share[fine] = np.sqrt(sphere.scale) / sphere.radius
-    return Intervals(radius, center, share)
+    for part, better in zip(start, sphere, strict=True):
+        part[fine] = better[fine]
+    result = Intervals.unbounded(len(fine), sets.points.shape[2], 0.5)
+    for places, some in for_kernels(sets, start):
+        for whole, values in zip(result, weighted_intervals(some, quantile[places]), strict=True):
+            whole[places] = values
+    return result
 
 
-def fit_given(points: Floats, estimator: str, given: Given, ordered: bool = False) -> Fit:
+def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ordered: bool = False) -> Fit:
     """`study.fit` with a known radius or a noise for each point; see there."""
     *lead, n, d = points.shape
-    check_way(estimator, given)
+    check_way(name, given)
     x = np.array(points.reshape(-1, n, d).swapaxes(1, 2), dtype=float, order="C")
     if given.noise is not None:  # a point without a noise is missing
         unknown = given.noise <= 0.0 if given.noise.ndim == 2 else np.einsum("bnii->bn", given.noise) <= 0.0
         x[np.broadcast_to(unknown[:, None], x.shape)] = np.nan
     infinite = np.isinf(x).any(axis=(1, 2))
-    answer = estimate(weighted(np.where(infinite[:, None, None], np.nan, x), given, estimator), estimator)
+    sets = weighted(np.where(infinite[:, None, None], np.nan, x), given, name)
+    answer, plain = estimate(sets, name), np.flatnonzero(sets.alike & np.isnan(given.radius) & ~infinite)
+    if len(plain):
+        for whole, part in zip(answer, careful_fit(estimator, Samples(x[plain])), strict=True):
+            whole[plain] = part
     answer.status[infinite] = Status.NOT_FINITE
     fitted = np.isfinite(answer.radius) & np.isfinite(given.radius)
     answer.radius[fitted] = given.radius[fitted]
-    return GivenFit(answer.reshape(*lead), Samples(x), estimator, given, ordered)
+    return GivenFit(answer.reshape(*lead), Samples(x), name, given, ordered, estimator.covariance)

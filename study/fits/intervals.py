@@ -23,7 +23,7 @@ from study.fits.bounds import NOISY
 from study.fits.closed_forms import als
 from study.fits.jit import Sums, compiled, zeros
 from study.fits.samples import FARTHEST, Samples, is_ordinary
-from study.fits.score import PointSet, Profile, new_profile, place, score, solve_profile
+from study.fits.score import PointSet, Profile, Weights, new_profile, place, score, solve_profile
 
 _MOST = 100
 """Largest number of evaluations for one set."""
@@ -121,7 +121,70 @@ def _compute(samples: Samples, level: float, stretch: Floats, result: Intervals)
         return
     start = als(samples)
     quantiles = stretch * float(stdtrit(n - d - 1, 0.5 * (1.0 + level)))
-    _compute_all(samples.rows, start.center, start.radius, quantiles, result, zeros(d), zeros(d, d))
+    sets = PointSets(samples.rows, start.center, start.radius, None)
+    _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
+
+
+class BatchWeights(NamedTuple):
+    """Weights of the points of a batch; see `Weights`.
+
+    Attributes:
+        p: weights, of mean 1 in each set (b, n).
+        bent: factors of s/r in the means of points with covariances (b, 2, n); else (b, 2, 0).
+        scale: s (b,) in the points' unit squared, NaN where it is not known.
+    """
+
+    p: Floats
+    bent: Floats
+    scale: Floats
+
+
+class PointSets(NamedTuple):
+    """Sets of more than d + 1 points, none missing, with a first sphere of each.
+
+    Attributes:
+        x: the points (b, d, n).
+        center: centres (b, d).
+        radius: radii (b,).
+        weights: of the points; None where all weigh the same, and the scale of the noise is not known.
+    """
+
+    x: Floats
+    center: Floats
+    radius: Floats
+    weights: BatchWeights | None
+
+
+def weighted_intervals(sets: PointSets, quantiles: Floats) -> Intervals:
+    """Intervals of points that weigh differently, from quantiles (b,): of the normal law where the scale is known."""
+    b, d, _ = sets.x.shape
+    result = Intervals.unbounded(b, d, 0.5)
+    _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
+    return result
+
+
+class AtRadius(NamedTuple):
+    """Centres of a batch at a radius for each set, and what the points say of that radius; NaN where there is none.
+
+    Attributes:
+        score: T (b,), positive where the points lie further out than the radius.
+        center: centres (b, d).
+        errors: standard errors of their coordinates, given the radius (b, d).
+        variance: noise variance s (b,), of a point of weight 1.
+    """
+
+    score: Floats
+    center: Floats
+    errors: Floats
+    variance: Floats
+
+
+def at_radius(sets: PointSets) -> AtRadius:
+    """Centre and score at the radius of each set, from its first centre."""
+    b, d, _ = sets.x.shape
+    result = AtRadius(*(np.full(shape, np.nan) for shape in (b, (b, d), (b, d), b)))
+    _compute_at(sets, result, zeros(d), zeros(d, d))
+    return result
 
 
 class Evaluations(NamedTuple):
@@ -451,25 +514,60 @@ def _first_variance(rows: Floats, center: Floats, radius: float) -> float:
 
 
 @compiled
-def _compute_all(
-    x: Floats, centers: Floats, radii: Floats, quantiles: Floats, result: Intervals, zero: Sums, square: Sums
-) -> None:
-    """Fill in the intervals of each set of a batch, of which a first estimate is known."""
+def _weights_of(weights: BatchWeights | None, t: int, unit: float) -> Weights | None:
+    """Weights of a set in a unit; None where there are none."""
+    if weights is None:
+        return None
+    scale = np.full(1, weights.scale[t] / unit / unit)
+    return Weights(weights.p[t], weights.bent[t], np.empty((2, weights.p.shape[1])), scale)
+
+
+@compiled
+def _compute_at(sets: PointSets, result: AtRadius, zero: Sums, square: Sums) -> None:
+    """Fill in the centres at the radii."""
+    x, centers, radii, weights = sets
     b, d, n = x.shape
-    points, profile, start = PointSet(np.empty((d + 1, n)), zero, square), new_profile(d), np.empty((2, d))
+    rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
+    for t in range(b):
+        unit, rounding = _load(x, t, rows, origin)
+        points, least, distance = PointSet(rows, zero, square, _weights_of(weights, t, unit)), rounding * rounding, 0.0
+        for i in range(d):
+            start[i] = (centers[t, i] - origin[i]) / unit
+            distance += start[i] * start[i]
+        r = radii[t] / unit
+        if not (unit > 0.0 and 0.0 < r < math.inf and distance < math.inf):
+            continue
+        profile.sphere[2] = max(_first_variance(rows, start, r), least)
+        place(profile, r, start)
+        converged, means = solve_profile(points, profile, least)
+        if converged:
+            result.score[t] = score(points, profile, means)[0]
+            result.variance[t] = profile.sphere[2] * unit * unit
+            for i in range(d):
+                result.center[t, i] = origin[i] + unit * r * profile.toward[i]
+                result.errors[t, i] = unit * profile.errors[i]
+
+
+@compiled
+def _compute_all(sets: PointSets, quantiles: Floats, result: Intervals, zero: Sums, square: Sums) -> None:
+    """Fill in the intervals of each set of a batch."""
+    x, centers, radii, weights = sets
+    b, d, n = x.shape
+    rows, profile, start = np.empty((d + 1, n)), new_profile(d), np.empty((2, d))
     origin, ends, order = np.empty(d), np.empty((d, 2)), np.empty(_MOST, np.int64)
     a, v = np.empty((4, _MOST)), np.empty((4, _MOST, d))
     done = Evaluations(a[0], a[1], a[2], a[3], v[0], v[1], v[2], v[3])
     for t in range(b):
-        unit, rounding = _load(x, t, points.rows, origin)
+        unit, rounding = _load(x, t, rows, origin)
         distance, least, quantile = 0.0, rounding * rounding, quantiles[t]
+        points = PointSet(rows, zero, square, _weights_of(weights, t, unit))
         for i in range(d):
             start[0, i] = (centers[t, i] - origin[i]) / unit
             distance += start[0, i] * start[0, i]
         first = unit / radii[t] if radii[t] > 0.0 else 1.0 / math.sqrt(distance)
         if not (unit > 0.0 and 0.0 < first < math.inf and distance < math.inf):
             continue
-        profile.sphere[2] = max(_first_variance(points.rows, start[0], 1.0 / first), least)
+        profile.sphere[2] = max(_first_variance(rows, start[0], 1.0 / first), least)
         low, high, count, m = _search(points, profile, done, start, first, quantile, least)
         if m < 0:
             continue
