@@ -29,10 +29,10 @@ from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.answer import Fit, FittedPoints, ruled_status
 from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness, number_of
-from study.fits.intervals import AtRadius, Intervals, at_radius, weighted_intervals
+from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radius, weighted_intervals
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit
 from study.fits.structure import Structure
-from study.fits.weighted import Spheres, Weighted, cost, covariance, for_kernels, solve
+from study.fits.weighted import Spheres, Weighted, along_normals, cost, covariance, solve
 from study.text import number, with_error
 
 _FULLER = 2.0
@@ -543,11 +543,32 @@ def _quantile(sets: Weighted, spare: Floats, level: Floats | float) -> Floats:
     return np.asarray(quantile)
 
 
+def _for_kernels(sets: Weighted, spheres: Spheres) -> Iterator[tuple[Ints, PointSets]]:
+    """Sets of equally many points as the kernels of intervals take them, with their places (k,).
+
+    A point with a covariance weighs by its variance along the normal of its set's sphere, and keeps that weight.
+    """
+    kinds = np.column_stack([sets.size.astype(int), sets.alike])
+    for count, same in np.unique(kinds[sets.size > sets.points.shape[2] + 1], axis=0).tolist():
+        places = np.flatnonzero((kinds == [count, same]).all(axis=1))
+        part, sphere = sets.take(places), spheres.take(places)
+        if not same and sets.covariances is not None:
+            p, bent, scale = along_normals(part, sphere)
+        else:
+            p, bent, scale = part.weights, np.empty((len(places), 2, 0)), part.scale
+
+        def dense(array: Floats, part: Weighted = part, shape: tuple[int, int] = (len(places), count)) -> Floats:
+            return np.ascontiguousarray(np.moveaxis(array[part.present].reshape(*shape, -1), 2, 1))
+
+        weights = None if same else BatchWeights(dense(p)[:, 0], bent if bent.size == 0 else dense(bent), scale)
+        yield places, PointSets(dense(part.points), sphere.center, sphere.radius, weights)
+
+
 def _at_radius(sets: Weighted, start: Spheres) -> AtRadius:
     """The centre at the known radius, and its score, from spheres of that radius, in the units of the sets."""
     b, _, d = sets.points.shape
     result = AtRadius(*(np.full(shape, np.nan) for shape in (b, (b, d), (b, d), b)))
-    for places, part in for_kernels(sets, start._replace(radius=sets.radius)):
+    for places, part in _for_kernels(sets, start._replace(radius=sets.radius)):
         for whole, values in zip(result, at_radius(part), strict=True):
             whole[places] = values
     return result
@@ -580,7 +601,7 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     for part, better in zip(start, sphere, strict=True):
         part[fine] = better[fine]
     result = Intervals.unbounded(len(fine), sets.points.shape[2], 0.5)
-    for places, some in for_kernels(sets, start):
+    for places, some in _for_kernels(sets, start):
         for whole, values in zip(result, weighted_intervals(some, quantile[places]), strict=True):
             whole[places] = values
     return result

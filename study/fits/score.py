@@ -139,7 +139,7 @@ def _weight(weights: Weights | None, k: int) -> float:
 
 @compiled
 def _offset(weights: Weights | None, of: int, k: int) -> float:
-    """What ρ (0) or λ (1) of point k exceeds that of the set by."""
+    """The offset of ρ (0) or λ (1) of point k from that of the set."""
     return 0.0 if weights is None else weights.offsets[of, k]
 
 

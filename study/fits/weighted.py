@@ -15,17 +15,15 @@ of second order (theory 9.7): with P = I - eeᵀ and q = eᵀΣPΣe
 
     ρ - r = λ - r = s [tr PΣ / 2r - 2 p q / r],    and p s PΣe/r is taken from the term (R - λ) p e.
 
-The score of a hypothetical radius (theory 10.6) is the one of `study.fits.score` with these weights.
+Intervals, and the score of a radius (theory 10.6), are those of `study.fits.intervals` with these weights.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from study.arrays import Bools, Floats, Ints
 from study.fits.corrected import RadialMeans, radial_means
-from study.fits.intervals import BatchWeights, PointSets
 from study.fits.jit import compiled
 
 _STEPS = 50
@@ -348,28 +346,7 @@ def covariance(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Floa
     return result
 
 
-def for_kernels(sets: Weighted, spheres: Spheres) -> Iterator[tuple[Ints, PointSets]]:
-    """Sets of equally many points as the kernels of intervals take them, with their places (k,).
-
-    A point with a covariance weighs by its variance along the normal of its set's sphere, and keeps that weight.
-    """
-    kinds = np.column_stack([sets.size.astype(int), sets.alike])
-    for count, same in np.unique(kinds[sets.size > sets.points.shape[2] + 1], axis=0).tolist():
-        places = np.flatnonzero((kinds == [count, same]).all(axis=1))
-        part, sphere = sets.take(places), spheres.take(places)
-        if not same and sets.covariances is not None:
-            p, bent, scale = _along_normals(part, sphere)
-        else:
-            p, bent, scale = part.weights, np.empty((len(places), 2, 0)), part.scale
-
-        def dense(array: Floats, part: Weighted = part, shape: tuple[int, int] = (len(places), count)) -> Floats:
-            return np.ascontiguousarray(np.moveaxis(array[part.present].reshape(*shape, -1), 2, 1))
-
-        weights = None if same else BatchWeights(dense(p)[:, 0], bent if bent.size == 0 else dense(bent), scale)
-        yield places, PointSets(dense(part.points), sphere.center, sphere.radius, weights)
-
-
-def _along_normals(sets: Weighted, spheres: Spheres) -> tuple[Floats, Floats, Floats]:
+def along_normals(sets: Weighted, spheres: Spheres) -> tuple[Floats, Floats, Floats]:
     """Weights of mean 1 (b, n), the means' factors (b, n, 2) and the scale, of points with covariances at spheres.
 
     What their noise across the normal adds to the centre's equation (9.7) is written as Σp eeᵀ h: it acts as a λ that
