@@ -29,7 +29,7 @@ from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.answer import Fit, FittedPoints, ruled_status
 from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness, number_of
-from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radius, weighted_intervals
+from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radius, intervals_of
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit
 from study.fits.structure import Structure
 from study.fits.weighted import Spheres, Weighted, along_normals, cost, covariance, solve
@@ -602,7 +602,7 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
         part[fine] = better[fine]
     result = Intervals.unbounded(len(fine), sets.points.shape[2], 0.5)
     for places, some in _for_kernels(sets, start):
-        for whole, values in zip(result, weighted_intervals(some, quantile[places]), strict=True):
+        for whole, values in zip(result, intervals_of(some, quantile[places]), strict=True):
             whole[places] = values
     return result
 

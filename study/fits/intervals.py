@@ -22,8 +22,9 @@ from study.arrays import Bools, Floats, Ints
 from study.fits.bounds import NOISY
 from study.fits.closed_forms import als
 from study.fits.jit import Sums, compiled, zeros
+from study.fits.joint_score import joint_score, solve_joint
 from study.fits.samples import FARTHEST, Samples, is_ordinary
-from study.fits.score import PointSet, Profile, Weights, new_profile, place, score, solve_profile
+from study.fits.score import Markers, PointSet, Profile, Weights, new_profile, place, score, solve_profile
 
 _MOST = 100
 """Largest number of evaluations for one set."""
@@ -121,7 +122,7 @@ def _compute(samples: Samples, level: float, stretch: Floats, result: Intervals)
         return
     start = als(samples)
     quantiles = stretch * float(stdtrit(n - d - 1, 0.5 * (1.0 + level)))
-    sets = PointSets(samples.rows, start.center, start.radius, None)
+    sets = PointSets(samples.rows, start.center, start.radius, None, None)
     _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
 
 
@@ -147,16 +148,21 @@ class PointSets(NamedTuple):
         center: centres (b, d).
         radius: radii (b,).
         weights: of the points; None where all weigh the same, and the scale of the noise is not known.
+        markers: of the points of a single set, each with a radius of its own; None for one sphere.
     """
 
     x: Floats
     center: Floats
     radius: Floats
     weights: BatchWeights | None
+    markers: Markers | None = None
 
 
-def weighted_intervals(sets: PointSets, quantiles: Floats) -> Intervals:
-    """Intervals of points that weigh differently, from quantiles (b,): of the normal law where the scale is known."""
+def intervals_of(sets: PointSets, quantiles: Floats) -> Intervals:
+    """Intervals of points with weights, or of several markers, from quantiles of T (b,).
+
+    They are those of the normal law where the scale of the noise is known. Of markers the radius is that of the first.
+    """
     b, d, _ = sets.x.shape
     result = Intervals.unbounded(b, d, 0.5)
     _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
@@ -238,18 +244,18 @@ def _predict(profile: Profile, before: Evaluations, count: int, k: float, center
 
 @compiled
 def _evaluate(
-    points: PointSet, profile: Profile, done: Evaluations, count: int, k: float, start: Floats, least: float
+    points: PointSet, markers: Markers | None, profile: Profile, done: Evaluations, count: int, k: float, start: Floats
 ) -> int:
     """Write the profile and the score at a curvature to place ``count``, unless there is no profile.
 
     Args:
         points: the points.
+        markers: theirs.
         profile: that of the last evaluation; receives the new one.
         done: the evaluations, of which ``count`` are done.
         count: their number.
         k: the curvature.
         start: centre of the first estimate, and a place for another (2, d).
-        least: noise variance that counts as none.
 
     Returns:
         `_GOOD`, `_WEAK` or `_FAILED`.
@@ -259,13 +265,19 @@ def _evaluate(
         start[1, i] = start[0, i]
     _predict(profile, done, count, k, start[1])
     place(profile, 1.0 / abs(k), start[1])
-    converged, means = solve_profile(points, profile, least)
+    if markers is None:
+        converged, means = solve_profile(points, profile, points.least)
+    else:
+        converged, means = solve_joint(points, profile, markers)
     side = 0.0
     for i in range(d):
         side += profile.toward[i] * done.bend[0, i] if count > 0 else 0.0
     if not converged or (k < 0.0 and not side > 0.0):  # it fell back to the side of the estimate
         return _FAILED
-    value, slope, spread = score(points, profile, means)
+    if markers is None:
+        value, slope, spread = score(points, profile, means)
+    else:
+        value, slope, spread = joint_score(profile, markers)
     if not (abs(value) < math.inf and slope == slope):
         return _FAILED
     r = profile.sphere[0]
@@ -350,7 +362,7 @@ def _toward_zero(done: Evaluations, m: int, below: float, above: float) -> float
 
 @compiled
 def _search(
-    points: PointSet, profile: Profile, done: Evaluations, start: Floats, first: float, quantile: float, least: float
+    points: PointSet, profile: Profile, done: Evaluations, start: Floats, first: float, quantile: float
 ) -> tuple[float, float, int, int]:
     """Search the ends of the set of curvatures with |T| ≤ q, from a first curvature.
 
@@ -364,7 +376,7 @@ def _search(
     turn, wanted, bracket = 0, 0.0, _open(math.nan, math.nan, math.nan)
     for _ in range(_MOST):
         sharp = abs(k) > _SHARPEST
-        m, code = count, _FAILED if sharp else _evaluate(points, profile, done, count, k, start, least)
+        m, code = count, _FAILED if sharp else _evaluate(points, points.markers, profile, done, count, k, start)
         if turn == 0:  # to T = 0
             if code == _FAILED:
                 tries += 1
@@ -373,7 +385,7 @@ def _search(
                     break
                 continue
             count += 1
-            exact = done.variance[m] <= least
+            exact = done.variance[m] <= points.least
             if not exact and abs(done.t[m]) > _NEAR_ZERO * quantile:
                 below, above = (k, above) if done.t[m] < 0.0 else (below, k)
                 k = _toward_zero(done, m, below, above)
@@ -525,12 +537,13 @@ def _weights_of(weights: BatchWeights | None, t: int, unit: float) -> Weights | 
 @compiled
 def _compute_at(sets: PointSets, result: AtRadius, zero: Sums, square: Sums) -> None:
     """Fill in the centres at the radii."""
-    x, centers, radii, weights = sets
+    x, centers, radii, weights, markers = sets
     b, d, n = x.shape
     rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
     for t in range(b):
         unit, rounding = _load(x, t, rows, origin)
-        points, least, distance = PointSet(rows, zero, square, _weights_of(weights, t, unit)), rounding * rounding, 0.0
+        least, distance = rounding * rounding, 0.0
+        points = PointSet(rows, zero, square, least, _weights_of(weights, t, unit), markers)
         for i in range(d):
             start[i] = (centers[t, i] - origin[i]) / unit
             distance += start[i] * start[i]
@@ -551,7 +564,7 @@ def _compute_at(sets: PointSets, result: AtRadius, zero: Sums, square: Sums) -> 
 @compiled
 def _compute_all(sets: PointSets, quantiles: Floats, result: Intervals, zero: Sums, square: Sums) -> None:
     """Fill in the intervals of each set of a batch."""
-    x, centers, radii, weights = sets
+    x, centers, radii, weights, markers = sets
     b, d, n = x.shape
     rows, profile, start = np.empty((d + 1, n)), new_profile(d), np.empty((2, d))
     origin, ends, order = np.empty(d), np.empty((d, 2)), np.empty(_MOST, np.int64)
@@ -560,7 +573,7 @@ def _compute_all(sets: PointSets, quantiles: Floats, result: Intervals, zero: Su
     for t in range(b):
         unit, rounding = _load(x, t, rows, origin)
         distance, least, quantile = 0.0, rounding * rounding, quantiles[t]
-        points = PointSet(rows, zero, square, _weights_of(weights, t, unit))
+        points = PointSet(rows, zero, square, least, _weights_of(weights, t, unit), markers)
         for i in range(d):
             start[0, i] = (centers[t, i] - origin[i]) / unit
             distance += start[0, i] * start[0, i]
@@ -568,10 +581,10 @@ def _compute_all(sets: PointSets, quantiles: Floats, result: Intervals, zero: Su
         if not (unit > 0.0 and 0.0 < first < math.inf and distance < math.inf):
             continue
         profile.sphere[2] = max(_first_variance(rows, start[0], 1.0 / first), least)
-        low, high, count, m = _search(points, profile, done, start, first, quantile, least)
+        low, high, count, m = _search(points, profile, done, start, first, quantile)
         if m < 0:
             continue
-        exact = done.variance[m] <= least
+        exact = done.variance[m] <= points.least
         estimate = done.k[m] if exact else done.k[m] - done.t[m] / done.slope[m]
         if estimate > 0.0:
             result.noise_share[t] = math.sqrt(max(done.variance[m], 0.0)) * estimate

@@ -19,14 +19,17 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import orth
-from scipy.special import fdtrc
+from scipy.special import fdtrc, stdtrit
 
 from study.arrays import Floats, Ints, real_array
-from study.fits.answer import Fit
+from study.fits.answer import Fit, FittedPoints
 from study.fits.bounds import noise_covariance
+from study.fits.display import named_axis
+from study.fits.intervals import Intervals, PointSets, intervals_of
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments, Regression
 from study.fits.samples import FARTHEST, Estimator, Samples, Status, binary_size, blank, is_ordinary, scaled_noise
+from study.fits.score import Markers
 from study.text import number, with_error
 
 if TYPE_CHECKING:
@@ -131,6 +134,66 @@ class JointFit:
         if more < 1 or spare < 1 or not apart > spare * (1e-11 * np.nanmax(self.radii)) ** 2:
             return np.nan
         return float(fdtrc(more, spare, (together - apart) / more / (apart / spare)))
+
+    def interval(self, of: str, level: float = 0.95) -> Floats:
+        """Confidence interval of each radius or diameter, or of the centre or one of its coordinates.
+
+        It depends on the points alone, takes their noise to be isotropic, of one unknown size for all markers, and
+        covers where an estimate ± its standard error does not. That of a single marker is `Fit.interval`.
+
+        Args:
+            of: "radius", "diameter" or "center"; "x", "y" or "z" in up to three dimensions, or "center_1", "center_2",
+                … in any number.
+            level: nominal coverage of each interval, in (0, 1).
+
+        Returns:
+            Lower and upper ends, (M, 2) for radii, (d, 2) for the centre and (2,) for a coordinate, in the unit of the
+            points. Ends that the points do not determine are 0 or infinite for a radius; where no radius is bounded
+            the centre may be anywhere.
+
+        Raises:
+            ValueError: if the level is not in (0, 1), the name is another, or the fit does not hold its points.
+
+        Source: theory §10.7.
+        """
+        axis, ends = named_axis(of, len(self.center)), self.intervals(level)
+        if of in ("radius", "diameter"):
+            return (2.0 if of == "diameter" else 1.0) * ends.radius
+        return np.asarray(ends.center[0, slice(None) if axis is None else axis])
+
+    def intervals(self, level: float) -> Intervals:
+        """Intervals of each radius (M, 2) with the noise's share of it (M,), and of the centre (1, d, 2).
+
+        That of the centre is the union over the radii of the marker whose interval is the narrowest.
+
+        Raises:
+            ValueError: if the level is not in (0, 1), or the fit does not hold its points.
+        """
+        d, residuals = len(self.center), self.residuals
+        result = Intervals.unbounded(len(self.radii), d, level)
+        result = result._replace(center=result.center[:1])
+        arrays = [points[np.isfinite(away)] for points, away in zip(self.markers, residuals, strict=True)]
+        places = [p for p, points in enumerate(arrays) if len(points) >= 2]
+        x = np.concatenate([arrays[p] for p in places]).T[None] if places else np.empty((1, d, 0))
+        spare = x.shape[2] - d - len(places)
+        if len(places) < 2 or spare < 1:
+            if places:
+                own = FittedPoints(Samples(x), self.center[None], False, False, None).intervals(level)
+                result.radius[places], result.center[:], result.noise_share[places] = own
+            return result
+        power = int(binary_size(x)[0])
+        x, center = np.ldexp(x, -power), np.ldexp(self.center[None], -power)
+        quantile, narrowest = np.full(1, stdtrit(spare, 0.5 + 0.5 * level)), np.inf
+        which = np.repeat(np.arange(len(places)), [len(arrays[p]) for p in places])
+        for turn, p in enumerate(places):
+            first = np.where(which == turn, 0, np.where(which == 0, turn, which))
+            sets = PointSets(x, center, np.ldexp(self.radii[p : p + 1], -power), None, Markers.of(first, d))
+            ends = intervals_of(sets, quantile)
+            result.radius[p], result.noise_share[p] = np.ldexp(ends.radius[0], power), ends.noise_share[0]
+            width = np.ptp(np.log(ends.radius[0])) if ends.radius[0, 0] > 0.0 else np.inf
+            if width < narrowest:
+                narrowest, result.center[:] = width, np.ldexp(ends.center, power)
+        return result
 
     def to_frame(self) -> "pd.DataFrame":
         """A row per marker.

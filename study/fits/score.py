@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.arrays import Floats
+from study.arrays import Floats, Ints
 from study.fits.corrected import RadialMeans, radial_means
 from study.fits.jit import Sums, compiled, fill, fresh, put
 from study.fits.linalg import diagonalise, eliminate
@@ -61,6 +61,33 @@ class Weights(NamedTuple):
     scale: Floats
 
 
+class Markers(NamedTuple):
+    """The markers of one set of points, of which marker 0 has the hypothetical radius.
+
+    Attributes:
+        which: the marker of each point (n,).
+        size: number of points of each marker (M,).
+        radii: their radii (M,); receives them.
+        means: ρ - r, λ - r, V and the derivatives of ρ, λ and V by s (M, 6); receives them.
+        sums: ΣR and Σe of each marker (M, d+1); receives them.
+        points: R and e of each point (n, d+1); receives them.
+    """
+
+    which: Ints
+    size: Floats
+    radii: Floats
+    means: Floats
+    sums: Floats
+    points: Floats
+
+    @classmethod
+    def of(cls, which: Ints, dimension: int) -> "Markers":
+        """Markers of points, with room for what kernels find."""
+        size = np.bincount(which).astype(float)
+        m, n, wide = len(size), len(which), dimension + 1
+        return cls(which, size, np.empty(m), np.empty((m, 6)), np.empty((m, wide)), np.empty((n, wide)))
+
+
 class PointSet(NamedTuple):
     """The points of one set, relative to their centroid and in units of their spread.
 
@@ -68,13 +95,17 @@ class PointSet(NamedTuple):
         rows: coordinates, then |x|² in the last row (d+1, n).
         zero: d sums at zero.
         square: d² sums at zero.
-        weights: their weights; None where all points have the same noise, of unknown size. Each has code of its own.
+        least: noise variance that counts as none.
+        weights: their weights; None where all points have the same noise, of unknown size.
+        markers: None for one sphere. Each combination has code of its own.
     """
 
     rows: Floats
     zero: Sums
     square: Sums
+    least: float
     weights: Weights | None
+    markers: Markers | None
 
 
 class Profile(NamedTuple):
@@ -205,7 +236,7 @@ def _distance(rows: Floats, k: int, r: float, twice_height: float, twice_u: Sums
 @compiled
 def _pass(points: PointSet, profile: Profile) -> tuple[float, float]:
     """Fill in the profile's ``sums``, and return Σ(R - r₀) and Σ(R - r₀)²: all with weights, and less the offsets."""
-    rows, zero, square, weights = points
+    rows, zero, square, _, weights, _ = points
     d, r, twice = len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     u, center, e, pull, mean, curve = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
     for i in range(d):
@@ -320,7 +351,7 @@ def _weigh(points: PointSet, profile: Profile, excess: float) -> tuple[float, fl
     and the difference of J and mean eeᵀ: N b·(J - mean eeᵀ)b = Σ (1 - λ/R)(|b|² - (b·e)²).
     The rough one adds up the w, and has their rounding.
     """
-    rows, zero, square, weights = points
+    rows, zero, square, _, weights, _ = points
     d, r, twice = len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     u, center, e, b = fresh(zero), fresh(zero), fresh(zero), fresh(zero)
     scatter, weighted = fresh(square), fresh(square)
@@ -354,7 +385,7 @@ def _weigh(points: PointSet, profile: Profile, excess: float) -> tuple[float, fl
 @compiled
 def _multiply(points: PointSet, profile: Profile, means: RadialMeans, g: float) -> tuple[float, float]:
     """Fill in the profile's ``products`` of ψ and p = (R - λ)e - α[(R - ρ)² - V]ē; returns Σψ and Σψ²."""
-    rows, zero, _, weights = points
+    rows, zero, _, _, weights, _ = points
     n, d, r, twice = rows.shape[1], len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     alpha, products = means.excess01_by_s / means.variance_by_s, profile.products
     u, p, tilt = fresh(zero), fresh(zero), fresh(zero)
