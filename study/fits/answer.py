@@ -136,7 +136,8 @@ class FittedPoints:
     def intervals(self, level: float) -> Intervals:
         """Intervals of a level, with allowance for structure; open along the axis where the points lie on a circle."""
         different, seen = self.different, self._evidence
-        ends = widened(different, level, intervals(different, level), seen.stretch(level, self.spare))
+        white, stretch = intervals(different, level), seen.stretch(level, self.spare)
+        ends = widened(white, stretch, lambda sets, factors: intervals(different.take(sets), level, factors))
         if not seen.hinge.any():
             return ends
         sets = np.flatnonzero(seen.hinge)

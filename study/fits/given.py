@@ -17,7 +17,7 @@ one equation in θ.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -30,10 +30,10 @@ from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.answer import Fit, FittedPoints
 from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness, number_of
-from study.fits.intervals import Intervals
-from study.fits.judge import PointEvidence, weighted_outliers
-from study.fits.samples import Estimates, Samples, Status, blank
-from study.fits.weighted import Spheres, Weighted, center_ends, cost, covariance, profile, radius_ends, solve
+from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radius, intervals_of
+from study.fits.judge import PointEvidence, weighted_outliers, widened
+from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit
+from study.fits.weighted import Spheres, Weighted, along_normals, cost, covariance, solve
 from study.text import number, with_error
 
 _FULLER = 2.0
@@ -103,7 +103,10 @@ def given_of(shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike 
                 f"({n},), ({n}, {d}) or ({n}, {d}, {d})"
             )
         return Given(known, None, False, None if array is None else float(array))
-    return Given(known, point_noise(array, shape), scale == "estimated", None)
+    variance = point_noise(array, shape)
+    if variance.ndim == 4 and np.array_equal(variance, variance[..., :1, :1] * np.eye(d), equal_nan=True):
+        variance = variance[..., 0, 0]  # isotropic
+    return Given(known, variance, scale == "estimated", None)
 
 
 def check_way(estimator: str, given: Given) -> None:
@@ -283,6 +286,7 @@ class GivenFit(Fit):
         estimator: name of the estimator.
         given: what was known, flat.
         ordered: the rows are in the order in which they were measured.
+        covariance_of: the estimator's own covariance of its numbers, where nothing is known.
 
     Example:
         >>> import numpy as np, study
@@ -299,9 +303,15 @@ class GivenFit(Fit):
     _samples: Samples
 
     def __init__(
-        self, estimates: Estimates, samples: Samples, estimator: str, given: Given, ordered: bool = False
+        self,
+        estimates: Estimates,
+        samples: Samples,
+        estimator: str,
+        given: Given,
+        ordered: bool = False,
+        covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
     ) -> None:
-        super().__init__(estimates, samples, estimator, ordered=ordered)
+        super().__init__(estimates, samples, estimator, covariance_of, ordered=ordered)
         self._given = given
 
     def __getitem__(self, index: Any) -> Self:
@@ -311,20 +321,19 @@ class GivenFit(Fit):
         part = Estimates._make([np.asarray(array[places]) for array in self._estimates.reshape(-1)])
         flat = np.atleast_1d(places).ravel()
         samples, given = self._samples.take(flat), self._given.take(flat)
-        return type(self)(part, samples, self._estimator, given, self._ordered)
+        return type(self)(part, samples, self._estimator, given, self._ordered, self._covariance_of)
 
     @cached_property
     def _points(self) -> FittedPoints:
         """The points with their weights; what they show is judged by the sphere of the free fit."""
         center = self.center.reshape(-1, self.center.shape[-1])
-        samples, free = self._samples, None
-        if self._given.noise is not None:
+        samples, free, plain = self._samples, None, np.flatnonzero(self._nothing_known)
+        if self._given.noise is not None and len(plain) < len(center):
             sets, sphere = self._sets, self._free
             samples = replace(samples, weights=self._along(sphere))
-            center_of_free = sets.origin + sphere.center * sets.unit[:, None]
             numbers = sphere.radius * sets.unit, sphere.scale * sets.unit**2
             free = blank(*self._samples.shape[:2])
-            for whole, part in zip(free, (center_of_free, *numbers), strict=False):
+            for whole, part in zip(free, (sets.origin + sphere.center * sets.unit[:, None], *numbers), strict=False):
                 whole[sphere.found] = part[sphere.found]
         return FittedPoints(samples, center, self._without_outliers, self._ordered, free)
 
@@ -352,7 +361,16 @@ class GivenFit(Fit):
         """Covariance of (ĉ, r̂) for white noise (…, d+1, d+1), unit squared; a known radius has none (theory 9.6)."""
         result = covariance(self._sets, self._spheres, self._estimator == "corrected")
         result[~self._spheres.found] = np.nan
-        return (result * (self._sets.unit**2)[:, None, None]).reshape(*self.shape, *result.shape[1:])
+        result *= (self._sets.unit**2)[:, None, None]
+        if self._nothing_known.any():
+            plain = super().own_covariance.reshape(result.shape)
+            result[self._nothing_known] = plain[self._nothing_known]
+        return result.reshape(*self.shape, *result.shape[1:])
+
+    @property
+    def _nothing_known(self) -> Bools:
+        """True for sets (b,) whose points were given equal noise of unknown size: they are fitted as without it."""
+        return self._sets.alike & np.isnan(self._given.radius)
 
     def _along(self, sphere: Spheres) -> Floats:
         """Weights of the points (b, n) by their noise along the directions from the centres of spheres."""
@@ -423,7 +441,7 @@ class GivenFit(Fit):
         """
         known, start, sphere = self._sets, self._spheres, self._free
         with np.errstate(all="ignore"):
-            score = profile(known, known.radius, start).score
+            score = _at_radius(known, start).score
             error = np.sqrt(covariance(known._replace(radius=np.full_like(known.radius, np.nan)), sphere)[:, -1, -1])
             score = np.where(np.isnan(score), (known.radius - sphere.radius) / error, score)
             spare = np.maximum(known.size - start.center.shape[1] - 1, 1.0)
@@ -458,11 +476,16 @@ class GivenFit(Fit):
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
-            ends = given_intervals(self._sets, level)
-            longer = 0.5 * (self._evidence.stretch(level, self._points.spare)[:, :-1] - 1.0)
-            with np.errstate(invalid="ignore"):  # open ends
-                length = np.where(longer > 0.0, longer * np.ptp(ends.center, axis=2), 0.0)
-            known[level] = ends._replace(center=ends.center + length[..., None] * [-1.0, 1.0])
+            sets, stretch = self._sets, self._evidence.stretch(level, self._points.spare)
+            stretch[np.isfinite(self._given.radius), -1] = 1.0
+
+            def again(some: Ints, factors: Floats) -> Intervals:
+                return given_intervals(sets.take(some), level, factors)
+
+            known[level] = widened(given_intervals(sets, level, np.ones(len(stretch))), stretch, again)
+            if (plain := self._nothing_known).any():
+                for whole, part in zip(known[level], self._points.intervals(level), strict=True):
+                    whole[plain] = part[plain]
         return known[level]
 
     @cached_property
@@ -480,12 +503,17 @@ class GivenFit(Fit):
         return np.where((status == Status.OK) & refused, Status.MISFIT, status), goodness
 
 
-def given_intervals(sets: Weighted, level: float) -> Intervals:
+def given_intervals(sets: Weighted, level: float, factors: Floats) -> Intervals:
     """Confidence intervals of radius and centre with what is known, whatever the estimator (theory 10.6).
 
     Given the radius, those of the centre are ĉ ± q errors. Where the sphere on the other side of the points is not
     rejected, as on a cap whose curvature the noise hides, they hold both; where it is not by far, the noise share is
     NaN.
+
+    Args:
+        sets: the points.
+        level: nominal coverage.
+        factors: on the quantile of each set (b,).
 
     Raises:
         ValueError: if the level is not between 0 and 1.
@@ -498,7 +526,7 @@ def given_intervals(sets: Weighted, level: float) -> Intervals:
             enough = np.flatnonzero(alike & sets.usable & (sets.size > d + 1))
             if len(enough):
                 part = sets.take(enough)
-                ends = ends_of(part, _quantile(part, part.size - fitted, 0.5 * (1.0 + level)))
+                ends = ends_of(part, _quantile(part, part.size - fitted, 0.5 * (1.0 + level)) * factors[enough])
                 result.radius[enough] = ends.radius * part.unit[:, None]
                 result.center[enough] = part.origin[..., None] + ends.center * part.unit[:, None, None]
                 result.noise_share[enough] = ends.noise_share
@@ -511,24 +539,53 @@ def _quantile(sets: Weighted, spare: Floats, level: Floats | float) -> Floats:
     return np.asarray(quantile)
 
 
+def _for_kernels(sets: Weighted, spheres: Spheres) -> Iterator[tuple[Ints, PointSets]]:
+    """Sets of equally many points as the kernels of intervals take them, with their places (k,).
+
+    A point with a covariance weighs by its variance along the normal of its set's sphere, and keeps that weight.
+    """
+    kinds = np.column_stack([sets.size.astype(int), sets.alike])
+    for count, same in np.unique(kinds[sets.size > sets.points.shape[2] + 1], axis=0).tolist():
+        places = np.flatnonzero((kinds == [count, same]).all(axis=1))
+        part, sphere = sets.take(places), spheres.take(places)
+        if not same and sets.covariances is not None:
+            p, bent, scale = along_normals(part, sphere)
+        else:
+            p, bent, scale = part.weights, np.empty((len(places), 2, 0)), part.scale
+
+        def dense(array: Floats, part: Weighted = part, shape: tuple[int, int] = (len(places), count)) -> Floats:
+            return np.ascontiguousarray(np.moveaxis(array[part.present].reshape(*shape, -1), 2, 1))
+
+        weights = None if same else BatchWeights(dense(p)[:, 0], bent if bent.size == 0 else dense(bent), scale)
+        yield places, PointSets(dense(part.points), sphere.center, sphere.radius, weights)
+
+
+def _at_radius(sets: Weighted, start: Spheres) -> AtRadius:
+    """The centre at the known radius, and its score, from spheres of that radius, in the units of the sets."""
+    b, _, d = sets.points.shape
+    result = AtRadius(*(np.full(shape, np.nan) for shape in (b, (b, d), (b, d), b)))
+    for places, part in _for_kernels(sets, start._replace(radius=sets.radius)):
+        for whole, values in zip(result, at_radius(part), strict=True):
+            whole[places] = values
+    return result
+
+
 def _with_radius(sets: Weighted, quantile: Floats) -> Intervals:
     """Intervals of the centre for a known radius, in the units of the sets."""
     least = solve(sets, _closed(sets, "gdke"), corrected=False)
-    at = profile(sets, sets.radius, least)
-    half = quantile[:, None] * at.errors
-    center = np.stack([at.sphere.center - half, at.sphere.center + half], axis=2)
     other = solve(sets, least._replace(center=-least.center), corrected=False)
+    at, second = (_at_radius(sets, sphere) for sphere in (least, other))
+    steps = quantile[:, None, None] * [-1.0, 1.0]
+    center, mirrored = (one.center[..., None] + one.errors[..., None] * steps for one in (at, second))
     apart = np.linalg.norm(other.center - least.center, axis=1) > 1e-3 * sets.radius
     excess = cost(sets, other.center, sets.radius) - cost(sets, least.center, sets.radius)
-    both = apart & other.found & (excess <= quantile**2 * at.sphere.scale)
-    doubt = apart & other.found & (excess <= _SIDES**2 * at.sphere.scale)
-    second = profile(sets, sets.radius, other)
-    half = quantile[:, None] * second.errors
-    center[both, :, 0] = np.fmin(center[..., 0], second.sphere.center - half)[both]
-    center[both, :, 1] = np.fmax(center[..., 1], second.sphere.center + half)[both]
-    lost = ~at.sphere.found
+    both = apart & other.found & (excess <= quantile**2 * at.variance)
+    doubt = apart & other.found & (excess <= _SIDES**2 * at.variance)
+    center[both, :, 0] = np.fmin(center[..., 0], mirrored[..., 0])[both]
+    center[both, :, 1] = np.fmax(center[..., 1], mirrored[..., 1])[both]
+    lost = np.isnan(at.variance)
     center[lost] = -np.inf, np.inf
-    share = np.sqrt(at.sphere.scale) / sets.radius
+    share = np.sqrt(at.variance) / sets.radius
     return Intervals(np.repeat(sets.radius[:, None], 2, axis=1), center, np.where(doubt | lost, np.nan, share))
 
 
@@ -537,27 +594,30 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     start = solve(sets, _closed(sets, "gdke"), corrected=False)
     sphere = solve(sets, start, corrected=True, fuller=_FULLER)
     fine = sphere.found & (sphere.radius < _FAR)
-    radius, center = np.tile([0.0, np.inf], (len(fine), 1)), np.empty_like(sets.origin[..., None].repeat(2, axis=2))
-    center[:] = -np.inf, np.inf
-    part, sphere = sets.take(fine), sphere.take(fine)
-    radius[fine] = radius_ends(part, sphere, quantile[fine])
-    center[fine] = center_ends(part, sphere, radius[fine], quantile[fine])
-    share = np.full(len(fine), np.nan)
-    share[fine] = np.sqrt(sphere.scale) / sphere.radius
-    return Intervals(radius, center, share)
+    for part, better in zip(start, sphere, strict=True):
+        part[fine] = better[fine]
+    result = Intervals.unbounded(len(fine), sets.points.shape[2], 0.5)
+    for places, some in _for_kernels(sets, start):
+        for whole, values in zip(result, intervals_of(some, quantile[places]), strict=True):
+            whole[places] = values
+    return result
 
 
-def fit_given(points: Floats, estimator: str, given: Given, ordered: bool = False) -> Fit:
+def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ordered: bool = False) -> Fit:
     """`study.fit` with a known radius or a noise for each point; see there."""
     *lead, n, d = points.shape
-    check_way(estimator, given)
+    check_way(name, given)
     x = np.array(points.reshape(-1, n, d).swapaxes(1, 2), dtype=float, order="C")
     if given.noise is not None:  # a point without a noise is missing
         unknown = given.noise <= 0.0 if given.noise.ndim == 2 else np.einsum("bnii->bn", given.noise) <= 0.0
         x[np.broadcast_to(unknown[:, None], x.shape)] = np.nan
     infinite = np.isinf(x).any(axis=(1, 2))
-    answer = estimate(weighted(np.where(infinite[:, None, None], np.nan, x), given, estimator), estimator)
+    sets = weighted(np.where(infinite[:, None, None], np.nan, x), given, name)
+    answer, plain = estimate(sets, name), np.flatnonzero(sets.alike & np.isnan(given.radius) & ~infinite)
+    if len(plain):
+        for whole, part in zip(answer, careful_fit(estimator, Samples(x[plain])), strict=True):
+            whole[plain] = part
     answer.status[infinite] = Status.NOT_FINITE
     fitted = np.isfinite(answer.radius) & np.isfinite(given.radius)
     answer.radius[fitted] = given.radius[fitted]
-    return GivenFit(answer.reshape(*lead), Samples(x), estimator, given, ordered)
+    return GivenFit(answer.reshape(*lead), Samples(x), name, given, ordered, estimator.covariance)

@@ -22,8 +22,9 @@ from study.arrays import Bools, Floats, Ints
 from study.fits.bounds import NOISY
 from study.fits.closed_forms import als
 from study.fits.jit import Sums, compiled, zeros
+from study.fits.joint_score import joint_score, solve_joint
 from study.fits.samples import FARTHEST, Samples, is_ordinary
-from study.fits.score import PointSet, Profile, new_profile, place, score, solve_profile
+from study.fits.score import Markers, PointSet, Profile, Weights, new_profile, place, score, solve_profile
 
 _MOST = 100
 """Largest number of evaluations for one set."""
@@ -75,9 +76,13 @@ class Intervals(NamedTuple):
 
     @property
     def identified(self) -> Bools:
-        """True where the radius is bounded at both ends and the noise is below 0.35 radii (b,)."""
+        """True where the radius is bounded at both ends and the noise is below 0.35 radii (b,).
+
+        In d > 3 dimensions the limit is lower by the root of 3/d: what noise adds to a distance grows with d.
+        """
+        limit = NOISY * math.sqrt(min(3.0 / self.center.shape[1], 1.0))
         bounded = (self.radius[:, 0] > 0.0) & (self.radius[:, 1] < math.inf)
-        return np.asarray(bounded & (self.noise_share < NOISY))
+        return np.asarray(bounded & (self.noise_share < limit))
 
 
 def intervals(samples: Samples, level: float = 0.95, stretch: Floats | None = None) -> Intervals:
@@ -121,7 +126,75 @@ def _compute(samples: Samples, level: float, stretch: Floats, result: Intervals)
         return
     start = als(samples)
     quantiles = stretch * float(stdtrit(n - d - 1, 0.5 * (1.0 + level)))
-    _compute_all(samples.rows, start.center, start.radius, quantiles, result, zeros(d), zeros(d, d))
+    sets = PointSets(samples.rows, start.center, start.radius, None, None)
+    _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
+
+
+class BatchWeights(NamedTuple):
+    """Weights of the points of a batch; see `Weights`.
+
+    Attributes:
+        p: weights, of mean 1 in each set (b, n).
+        bent: factors of s/r in the means of points with covariances (b, 2, n); else (b, 2, 0).
+        scale: s (b,) in the points' unit squared, NaN where it is not known.
+    """
+
+    p: Floats
+    bent: Floats
+    scale: Floats
+
+
+class PointSets(NamedTuple):
+    """Sets of more than d + 1 points, none missing, with a first sphere of each.
+
+    Attributes:
+        x: the points (b, d, n).
+        center: centres (b, d).
+        radius: radii (b,).
+        weights: of the points; None where all weigh the same, and the scale of the noise is not known.
+        markers: of the points of a single set, each with a radius of its own; None for one sphere.
+    """
+
+    x: Floats
+    center: Floats
+    radius: Floats
+    weights: BatchWeights | None
+    markers: Markers | None = None
+
+
+def intervals_of(sets: PointSets, quantiles: Floats) -> Intervals:
+    """Intervals of points with weights, or of several markers, from quantiles of T (b,).
+
+    They are those of the normal law where the scale of the noise is known. Of markers the radius is that of the first.
+    """
+    b, d, _ = sets.x.shape
+    result = Intervals.unbounded(b, d, 0.5)
+    _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
+    return result
+
+
+class AtRadius(NamedTuple):
+    """Centres of a batch at a radius for each set, and what the points say of that radius; NaN where there is none.
+
+    Attributes:
+        score: T (b,), positive where the points lie further out than the radius.
+        center: centres (b, d).
+        errors: standard errors of their coordinates, given the radius (b, d).
+        variance: noise variance s (b,), of a point of weight 1.
+    """
+
+    score: Floats
+    center: Floats
+    errors: Floats
+    variance: Floats
+
+
+def at_radius(sets: PointSets) -> AtRadius:
+    """Centre and score at the radius of each set, from its first centre."""
+    b, d, _ = sets.x.shape
+    result = AtRadius(*(np.full(shape, np.nan) for shape in (b, (b, d), (b, d), b)))
+    _compute_at(sets, result, zeros(d), zeros(d, d))
+    return result
 
 
 class Evaluations(NamedTuple):
@@ -175,18 +248,18 @@ def _predict(profile: Profile, before: Evaluations, count: int, k: float, center
 
 @compiled
 def _evaluate(
-    points: PointSet, profile: Profile, done: Evaluations, count: int, k: float, start: Floats, least: float
+    points: PointSet, markers: Markers | None, profile: Profile, done: Evaluations, count: int, k: float, start: Floats
 ) -> int:
     """Write the profile and the score at a curvature to place ``count``, unless there is no profile.
 
     Args:
         points: the points.
+        markers: theirs.
         profile: that of the last evaluation; receives the new one.
         done: the evaluations, of which ``count`` are done.
         count: their number.
         k: the curvature.
         start: centre of the first estimate, and a place for another (2, d).
-        least: noise variance that counts as none.
 
     Returns:
         `_GOOD`, `_WEAK` or `_FAILED`.
@@ -196,13 +269,19 @@ def _evaluate(
         start[1, i] = start[0, i]
     _predict(profile, done, count, k, start[1])
     place(profile, 1.0 / abs(k), start[1])
-    converged, means = solve_profile(points, profile, least)
+    if markers is None:
+        converged, means = solve_profile(points, profile, points.least)
+    else:
+        converged, means = solve_joint(points, profile, markers)
     side = 0.0
     for i in range(d):
         side += profile.toward[i] * done.bend[0, i] if count > 0 else 0.0
     if not converged or (k < 0.0 and not side > 0.0):  # it fell back to the side of the estimate
         return _FAILED
-    value, slope, spread = score(points, profile, means)
+    if markers is None:
+        value, slope, spread = score(points, profile, means)
+    else:
+        value, slope, spread = joint_score(profile, markers)
     if not (abs(value) < math.inf and slope == slope):
         return _FAILED
     r = profile.sphere[0]
@@ -287,7 +366,7 @@ def _toward_zero(done: Evaluations, m: int, below: float, above: float) -> float
 
 @compiled
 def _search(
-    points: PointSet, profile: Profile, done: Evaluations, start: Floats, first: float, quantile: float, least: float
+    points: PointSet, profile: Profile, done: Evaluations, start: Floats, first: float, quantile: float
 ) -> tuple[float, float, int, int]:
     """Search the ends of the set of curvatures with |T| ≤ q, from a first curvature.
 
@@ -301,7 +380,7 @@ def _search(
     turn, wanted, bracket = 0, 0.0, _open(math.nan, math.nan, math.nan)
     for _ in range(_MOST):
         sharp = abs(k) > _SHARPEST
-        m, code = count, _FAILED if sharp else _evaluate(points, profile, done, count, k, start, least)
+        m, code = count, _FAILED if sharp else _evaluate(points, points.markers, profile, done, count, k, start)
         if turn == 0:  # to T = 0
             if code == _FAILED:
                 tries += 1
@@ -310,7 +389,7 @@ def _search(
                     break
                 continue
             count += 1
-            exact = done.variance[m] <= least
+            exact = done.variance[m] <= points.least
             if not exact and abs(done.t[m]) > _NEAR_ZERO * quantile:
                 below, above = (k, above) if done.t[m] < 0.0 else (below, k)
                 k = _toward_zero(done, m, below, above)
@@ -451,29 +530,65 @@ def _first_variance(rows: Floats, center: Floats, radius: float) -> float:
 
 
 @compiled
-def _compute_all(
-    x: Floats, centers: Floats, radii: Floats, quantiles: Floats, result: Intervals, zero: Sums, square: Sums
-) -> None:
-    """Fill in the intervals of each set of a batch, of which a first estimate is known."""
+def _weights_of(weights: BatchWeights | None, t: int, unit: float) -> Weights | None:
+    """Weights of a set in a unit; None where there are none."""
+    if weights is None:
+        return None
+    scale = np.full(1, weights.scale[t] / unit / unit)
+    return Weights(weights.p[t], weights.bent[t], np.empty((2, weights.p.shape[1])), scale)
+
+
+@compiled
+def _compute_at(sets: PointSets, result: AtRadius, zero: Sums, square: Sums) -> None:
+    """Fill in the centres at the radii."""
+    x, centers, radii, weights, markers = sets
     b, d, n = x.shape
-    points, profile, start = PointSet(np.empty((d + 1, n)), zero, square), new_profile(d), np.empty((2, d))
+    rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
+    for t in range(b):
+        unit, rounding = _load(x, t, rows, origin)
+        least, distance = rounding * rounding, 0.0
+        points = PointSet(rows, zero, square, least, _weights_of(weights, t, unit), markers)
+        for i in range(d):
+            start[i] = (centers[t, i] - origin[i]) / unit
+            distance += start[i] * start[i]
+        r = radii[t] / unit
+        if not (unit > 0.0 and 0.0 < r < math.inf and distance < math.inf):
+            continue
+        profile.sphere[2] = max(_first_variance(rows, start, r), least)
+        place(profile, r, start)
+        converged, means = solve_profile(points, profile, least)
+        if converged:
+            result.score[t] = score(points, profile, means)[0]
+            result.variance[t] = profile.sphere[2] * unit * unit
+            for i in range(d):
+                result.center[t, i] = origin[i] + unit * r * profile.toward[i]
+                result.errors[t, i] = unit * profile.errors[i]
+
+
+@compiled
+def _compute_all(sets: PointSets, quantiles: Floats, result: Intervals, zero: Sums, square: Sums) -> None:
+    """Fill in the intervals of each set of a batch."""
+    x, centers, radii, weights, markers = sets
+    b, d, n = x.shape
+    rows, profile, start = np.empty((d + 1, n)), new_profile(d), np.empty((2, d))
     origin, ends, order = np.empty(d), np.empty((d, 2)), np.empty(_MOST, np.int64)
     a, v = np.empty((4, _MOST)), np.empty((4, _MOST, d))
     done = Evaluations(a[0], a[1], a[2], a[3], v[0], v[1], v[2], v[3])
     for t in range(b):
-        unit, rounding = _load(x, t, points.rows, origin)
+        unit, rounding = _load(x, t, rows, origin)
         distance, least, quantile = 0.0, rounding * rounding, quantiles[t]
+        points = PointSet(rows, zero, square, least, _weights_of(weights, t, unit), markers)
         for i in range(d):
             start[0, i] = (centers[t, i] - origin[i]) / unit
             distance += start[0, i] * start[0, i]
         first = unit / radii[t] if radii[t] > 0.0 else 1.0 / math.sqrt(distance)
         if not (unit > 0.0 and 0.0 < first < math.inf and distance < math.inf):
             continue
-        profile.sphere[2] = max(_first_variance(points.rows, start[0], 1.0 / first), least)
-        low, high, count, m = _search(points, profile, done, start, first, quantile, least)
+        profile.sphere[2] = max(_first_variance(rows, start[0], 1.0 / first), least)
+        low, high, count, m = _search(points, profile, done, start, first, quantile)
         if m < 0:
             continue
-        exact = done.variance[m] <= least
+        exact = done.variance[m] <= points.least
         estimate = done.k[m] if exact else done.k[m] - done.t[m] / done.slope[m]
         if estimate > 0.0:
             result.noise_share[t] = math.sqrt(max(done.variance[m], 0.0)) * estimate

@@ -12,6 +12,7 @@ Source: theory §13.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -264,29 +265,28 @@ def _remembering(X: Floats, rho: Floats, pull: Floats) -> Floats:
     return np.asarray(np.where(plausible[..., None], variance, 0.0).max(axis=0))
 
 
-def widened(samples: Samples, level: float, white: Intervals, stretch: Floats) -> Intervals:
+def widened(white: Intervals, stretch: Floats, again: Callable[[Ints, Floats], Intervals]) -> Intervals:
     """Intervals of errors that allow for structure, where there is some.
 
     The score of the radius is inverted anew, at a larger quantile. The ends of a coordinate of the centre, which come
     with it, are moved by its own factor.
 
     Args:
-        samples: the points (b, d, n).
-        level: nominal coverage.
-        white: their intervals for white noise.
+        white: intervals for white noise.
         stretch: factors of `PointEvidence.stretch` (b, d + 1).
+        again: forms the intervals of some sets (k,) with factors on their quantiles (k,).
     """
     sets = np.flatnonzero((stretch > 1.0).any(axis=1))
     if not len(sets):
         return white
     radius, center, share = (array.copy() for array in white)
     of_radius = stretch[sets, -1]
-    again = intervals(samples.take(sets), level, of_radius)
+    longer = again(sets, of_radius)
     with np.errstate(all="ignore"):
-        middle = again.center.mean(axis=2, keepdims=True)
-        ends = middle + (again.center - middle) * (stretch[sets, :-1] / of_radius[:, None])[:, :, None]
-    center[sets] = np.where(np.isfinite(again.center), ends, again.center)
-    radius[sets] = again.radius
+        middle = longer.center.mean(axis=2, keepdims=True)
+        ends = middle + (longer.center - middle) * (stretch[sets, :-1] / of_radius[:, None])[:, :, None]
+    center[sets] = np.where(np.isfinite(longer.center), ends, longer.center)
+    radius[sets] = longer.radius
     return Intervals(radius, center, share)
 
 

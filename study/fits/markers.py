@@ -20,15 +20,16 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import orth
-from scipy.special import fdtrc
+from scipy.special import fdtrc, stdtrit
 
 from study.arrays import Floats, Ints, real_array
-from study.fits.answer import Fit
+from study.fits.answer import Fit, FittedPoints
 from study.fits.bounds import noise_covariance
 from study.fits.circle import Circle, fit_circles, parallel
+from study.fits.display import named_axis
 from study.fits.goodness import LEVEL, Answer, Goodness
-from study.fits.intervals import Intervals
-from study.fits.judge import gather, judge
+from study.fits.intervals import Intervals, PointSets, intervals_of
+from study.fits.judge import PointEvidence, gather, judge
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments, Regression
 from study.fits.samples import (
@@ -42,6 +43,7 @@ from study.fits.samples import (
     repeated,
     scaled_noise,
 )
+from study.fits.score import Markers
 from study.text import number, with_error
 
 if TYPE_CHECKING:
@@ -91,7 +93,8 @@ class JointFit:
 
         Its own where it failed. Markers on circles about one axis are a *hinge*. A fit is a *misfit* where a marker's
         points are no sphere about the common centre, or the markers do not share one (`agreement`); it uses *outliers*
-        where some of a marker's points are, and that matters. Without its points it is *not tested*.
+        where some of a marker's points are, and that matters. It is weakly identified where no marker bounds its
+        radius by an `interval`, with a noise below a third of it. Without its points it is *untested*.
         """
         return self._judged[0]
 
@@ -107,28 +110,42 @@ class JointFit:
             untested = (Goodness.untested((), Answer.NO_POINTS),) * len(self.radii)
             return (Status.UNTESTED if self.own_status == Status.OK else self.own_status), untested
         statuses, tests, circles = list[Status](), list[Goodness](), list[Circle]()
-        for points, radius in zip(self.markers, self.radii, strict=True):
-            samples = Samples(np.ascontiguousarray(points.T[None]))
-            samples = samples.without(repeated(samples.x))
-            sphere = blank(1, len(self.center))
-            sphere.center[0], sphere.radius[0], sphere.noise_variance[0] = self.center, radius, self.noise_variance
-            evidence = gather(samples, self.ordered, sphere, LEVEL / len(self.radii))
-            nothing = Intervals.unbounded(1, len(self.center), 0.95)
-            nothing.radius[:] = 0.0  # no marker need bound the centre alone
+        nothing = Intervals.unbounded(1, len(self.center), 0.95)
+        nothing.radius[:] = 0.0  # no marker need bound the centre alone
+        for samples, evidence in zip(self._samples, self._evidence, strict=True):
             ruled, goodness = judge(evidence, samples, np.zeros(1, dtype=np.int64), nothing, self.ordered, False)
             statuses.append(Status(int(ruled[0])))
             tests.append(goodness.take(0))
             if statuses[-1] == Status.HINGE:
                 circles.append(fit_circles(samples))
-        told = [status for status in statuses if status != Status.UNTESTED]
+        told, ends = [status for status in statuses if status != Status.UNTESTED], self.intervals(0.95)
         if told and len(circles) == len(told) and parallel(circles):
-            return Status.HINGE, tuple(tests)
-        for status in (Status.OUTLIERS, Status.MISFIT):
-            if status in statuses:
-                return status, tuple(tests)
-        if self.agreement < REFUSED:
-            return Status.MISFIT, tuple(tests)
-        return (Status.OK if told else Status.UNTESTED), tuple(tests)
+            status = Status.HINGE
+        elif Status.OUTLIERS in statuses:
+            status = Status.OUTLIERS
+        elif Status.MISFIT in statuses or self.agreement < REFUSED:
+            status = Status.MISFIT
+        elif not (np.isfinite(ends.center).all() and ends.identified.any()):
+            status = Status.WEAKLY_IDENTIFIED
+        else:
+            status = Status.OK if told else Status.UNTESTED
+        return status, tuple(tests)
+
+    @cached_property
+    def _samples(self) -> tuple[Samples, ...]:
+        """The points of each marker, copies once."""
+        every = [Samples(np.ascontiguousarray(points.T[None])) for points in self.markers]
+        return tuple(samples.without(repeated(samples.x)) for samples in every)
+
+    @cached_property
+    def _evidence(self) -> tuple[PointEvidence, ...]:
+        """Evidence in the points of each marker about the common centre."""
+        seen = list[PointEvidence]()
+        for samples, radius in zip(self._samples, self.radii, strict=True):
+            sphere = blank(1, len(self.center))
+            sphere.center[0], sphere.radius[0], sphere.noise_variance[0] = self.center, radius, self.noise_variance
+            seen.append(gather(samples, self.ordered, sphere, LEVEL / len(self.radii)))
+        return tuple(seen)
 
     @property
     def ok(self) -> bool:
@@ -192,6 +209,72 @@ class JointFit:
         if more < 1 or spare < 1 or not apart > spare * (1e-11 * np.nanmax(self.radii)) ** 2:
             return np.nan
         return float(fdtrc(more, spare, (together - apart) / more / (apart / spare)))
+
+    def interval(self, of: str, level: float = 0.95) -> Floats:
+        """Confidence interval of each radius or diameter, or of the centre or one of its coordinates.
+
+        It depends on the points alone, takes their noise to be isotropic, of one unknown size for all markers, and
+        covers where an estimate ± its standard error does not. That of a single marker is `Fit.interval`.
+
+        Args:
+            of: "radius", "diameter" or "center"; "x", "y" or "z" in up to three dimensions, or "center_1", "center_2",
+                … in any number.
+            level: nominal coverage of each interval, in (0, 1).
+
+        Returns:
+            Lower and upper ends, (M, 2) for radii, (d, 2) for the centre and (2,) for a coordinate, in the unit of the
+            points. Ends that the points do not determine are 0 or infinite for a radius; where no radius is bounded
+            the centre may be anywhere.
+
+        Raises:
+            ValueError: if the level is not in (0, 1), the name is another, or the fit does not hold its points.
+
+        Source: theory §10.7.
+        """
+        axis, ends = named_axis(of, len(self.center)), self.intervals(level)
+        if of in ("radius", "diameter"):
+            return (2.0 if of == "diameter" else 1.0) * ends.radius
+        return np.asarray(ends.center[0, slice(None) if axis is None else axis])
+
+    def _stretch(self, level: float) -> Floats:
+        """The largest factor of all markers on half-widths, for structure in their residuals (1,)."""
+        spare = [np.maximum(np.atleast_1d(n - len(self.center) - 1), 1) for n in self.count]
+        factors = [seen.stretch(level, free).max() for seen, free in zip(self._evidence, spare, strict=True)]
+        return np.array([max(factors)])
+
+    def intervals(self, level: float) -> Intervals:
+        """Intervals of each radius (M, 2) with the noise's share of it (M,), and of the centre (1, d, 2).
+
+        That of the centre is the union over the radii of the marker whose interval is the narrowest.
+
+        Raises:
+            ValueError: if the level is not in (0, 1), or the fit does not hold its points.
+        """
+        d, residuals = len(self.center), self.residuals
+        result = Intervals.unbounded(len(self.radii), d, level)
+        result = result._replace(center=result.center[:1])
+        arrays = [points[np.isfinite(away)] for points, away in zip(self.markers, residuals, strict=True)]
+        places = [p for p, points in enumerate(arrays) if len(points) >= 2]
+        x = np.concatenate([arrays[p] for p in places]).T[None] if places else np.empty((1, d, 0))
+        spare = x.shape[2] - d - len(places)
+        if len(places) < 2 or spare < 1:
+            if places:
+                own = FittedPoints(Samples(x), self.center[None], False, False, None).intervals(level)
+                result.radius[places], result.center[:], result.noise_share[places] = own
+            return result
+        power = int(binary_size(x)[0])
+        x, center = np.ldexp(x, -power), np.ldexp(self.center[None], -power)
+        quantile, narrowest = self._stretch(level) * stdtrit(spare, 0.5 + 0.5 * level), np.inf
+        which = np.repeat(np.arange(len(places)), [len(arrays[p]) for p in places])
+        for turn, p in enumerate(places):
+            first = np.where(which == turn, 0, np.where(which == 0, turn, which))
+            sets = PointSets(x, center, np.ldexp(self.radii[p : p + 1], -power), None, Markers.of(first, d))
+            ends = intervals_of(sets, quantile)
+            result.radius[p], result.noise_share[p] = np.ldexp(ends.radius[0], power), ends.noise_share[0]
+            width = np.ptp(np.log(ends.radius[0])) if ends.radius[0, 0] > 0.0 else np.inf
+            if width < narrowest:
+                narrowest, result.center[:] = width, np.ldexp(ends.center, power)
+        return result
 
     def to_frame(self) -> "pd.DataFrame":
         """A row per marker.

@@ -239,7 +239,7 @@ def fit(
         raise TypeError(f"ordered = {ordered!r}: expected True or False")
     if radius is not None or scale != "given" or (noise is not None and is_per_point(np.shape(noise), n, d)):
         given = given_of(array.shape, noise, radius, scale)
-        return fit_given(array, estimator, given, ordered)
+        return fit_given(array, estimator, ESTIMATORS[estimator], given, ordered)
     if noise is not None:
         noise_covariance(noise, d)
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from study.arrays import Floats
+from study.arrays import Floats, Ints
 from study.fits.corrected import RadialMeans, radial_means
 from study.fits.jit import Sums, compiled, fill, fresh, put
 from study.fits.linalg import diagonalise, eliminate
@@ -45,6 +45,49 @@ _NOISY = 0.2
 The error of the noise variance adds (d - 1)²σ²/2r² to the relative variance of S, which T_F leaves out: .08 there."""
 
 
+class Weights(NamedTuple):
+    """Weights of the points of one set: point i has the noise variance s/p on each coordinate (theory 10.6).
+
+    Attributes:
+        p: weights, of mean 1 (n,).
+        bent: ρ - r and λ - r of points with covariances, times r/s (2, n); (2, 0) where noise is isotropic.
+        offsets: what ρ and λ of each point exceed those of the set by (2, n); receives them.
+        scale: s, NaN where it is not known (1,).
+    """
+
+    p: Floats
+    bent: Floats
+    offsets: Floats
+    scale: Floats
+
+
+class Markers(NamedTuple):
+    """The markers of one set of points, of which marker 0 has the hypothetical radius.
+
+    Attributes:
+        which: the marker of each point (n,).
+        size: number of points of each marker (M,).
+        radii: their radii (M,); receives them.
+        means: ρ - r, λ - r, V and the derivatives of ρ, λ and V by s (M, 6); receives them.
+        sums: ΣR and Σe of each marker (M, d+1); receives them.
+        points: R and e of each point (n, d+1); receives them.
+    """
+
+    which: Ints
+    size: Floats
+    radii: Floats
+    means: Floats
+    sums: Floats
+    points: Floats
+
+    @classmethod
+    def of(cls, which: Ints, dimension: int) -> "Markers":
+        """Markers of points, with room for what kernels find."""
+        size = np.bincount(which).astype(float)
+        m, n, wide = len(size), len(which), dimension + 1
+        return cls(which, size, np.empty(m), np.empty((m, 6)), np.empty((m, wide)), np.empty((n, wide)))
+
+
 class PointSet(NamedTuple):
     """The points of one set, relative to their centroid and in units of their spread.
 
@@ -52,11 +95,17 @@ class PointSet(NamedTuple):
         rows: coordinates, then |x|² in the last row (d+1, n).
         zero: d sums at zero.
         square: d² sums at zero.
+        least: noise variance that counts as none.
+        weights: their weights; None where all points have the same noise, of unknown size.
+        markers: None for one sphere. Each combination has code of its own.
     """
 
     rows: Floats
     zero: Sums
     square: Sums
+    least: float
+    weights: Weights | None
+    markers: Markers | None
 
 
 class Profile(NamedTuple):
@@ -114,6 +163,66 @@ def place(profile: Profile, radius: float, center: Floats) -> None:
 
 
 @compiled
+def _weight(weights: Weights | None, k: int) -> float:
+    """Weight p of point k."""
+    return 1.0 if weights is None else weights.p[k]
+
+
+@compiled
+def _offset(weights: Weights | None, of: int, k: int) -> float:
+    """The offset of ρ (0) or λ (1) of point k from that of the set."""
+    return 0.0 if weights is None else weights.offsets[of, k]
+
+
+@compiled
+def _known(weights: Weights | None) -> float:
+    """The noise scale s, NaN where it is not known."""
+    return math.nan if weights is None else weights.scale[0]
+
+
+@compiled
+def _widest(weights: Weights | None) -> float:
+    """Mean of 1/p."""
+    if weights is None:
+        return 1.0
+    total = 0.0
+    for k in range(weights.p.size):
+        total += 1.0 / weights.p[k]
+    return total / weights.p.size
+
+
+@compiled
+def _means(weights: Weights | None, r: float, s: float, d: int) -> RadialMeans:
+    """Means of R: of every point where all are alike, else means over the points, and each point's offsets from them.
+
+    They are Σ p ρ/N, Σ p λ/N and Σ p V/N; of derivatives by s nothing is left where s is known.
+    """
+    if weights is None:
+        return radial_means(r, s, d)
+    n, m, x = weights.p.size, weights.offsets[0], weights.offsets[1]
+    a = b = v = m_by_s = x_by_s = v_by_s = x_by_r = short = 0.0
+    for k in range(n):
+        p = weights.p[k]
+        if weights.bent.shape[1] > 0:
+            m_s, x_s = weights.bent[0, k] / r, weights.bent[1, k] / r
+            m[k], x[k] = s * m_s, s * x_s
+            v, m_by_s, x_by_s, v_by_s = v + s, m_by_s + p * m_s, x_by_s + p * x_s, v_by_s + 1.0
+            short, x_by_r = short - p * m[k] / r, x_by_r - p * x[k] / r
+        else:
+            of = radial_means(r, s / p, d)
+            m[k], x[k] = of.lengthening, of.excess01
+            v, m_by_s, x_by_s = v + p * of.variance, m_by_s + of.mean_by_s, x_by_s + of.excess01_by_s
+            v_by_s, x_by_r, short = v_by_s + of.variance_by_s, x_by_r + p * of.excess01_by_r, short + p * of.shortening
+        a, b = a + p * m[k], b + p * x[k]
+    a, b = a / n, b / n
+    for k in range(n):
+        m[k], x[k] = m[k] - a, x[k] - b
+    unknown = 1.0 / n if math.isnan(weights.scale[0]) else 0.0
+    m_by_s, x_by_s = m_by_s * unknown, x_by_s * unknown
+    return RadialMeans(a, short / n, v / n, b, 0.0, m_by_s, 0.0, v_by_s / n, x_by_r / n, x_by_s, 0.0, 0.0)
+
+
+@compiled
 def _distance(rows: Floats, k: int, r: float, twice_height: float, twice_u: Sums) -> tuple[float, float]:
     """R and R - r₀ of point k, of which the second has no digits lost: R² - r₀² = |x|² - 2c·x + 2r₀h."""
     d = len(twice_u)
@@ -126,8 +235,8 @@ def _distance(rows: Floats, k: int, r: float, twice_height: float, twice_u: Sums
 
 @compiled
 def _pass(points: PointSet, profile: Profile) -> tuple[float, float]:
-    """Fill in the profile's ``sums``, and return Σ(R - r₀) and Σ(R - r₀)²."""
-    rows, zero, square = points
+    """Fill in the profile's ``sums``, and return Σ(R - r₀) and Σ(R - r₀)²: all with weights, and less the offsets."""
+    rows, zero, square, _, weights, _ = points
     d, r, twice = len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     u, center, e, pull, mean, curve = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
     for i in range(d):
@@ -135,15 +244,16 @@ def _pass(points: PointSet, profile: Profile) -> tuple[float, float]:
     total = squares = 0.0
     for k in range(rows.shape[1]):
         distance, excess = _distance(rows, k, r, twice, u)
-        over = 1.0 / distance
-        total += excess
-        squares += excess * excess
+        over, p = 1.0 / distance, _weight(weights, k)
+        away, rest = excess - _offset(weights, 1, k), excess - _offset(weights, 0, k)
+        total += p * rest
+        squares += p * rest * rest
         for i in range(d):
             e = put(e, i, (rows[i, k] - center[i]) * over)
-            mean = put(mean, i, mean[i] + e[i])
-            pull = put(pull, i, pull[i] + e[i] * excess)
+            mean = put(mean, i, mean[i] + p * e[i])
+            pull = put(pull, i, pull[i] + p * e[i] * away)
             for j in range(i + 1):
-                curve = put(curve, i * d + j, curve[i * d + j] + e[i] * over * e[j])
+                curve = put(curve, i * d + j, curve[i * d + j] + p * e[i] * over * e[j])
     for i in range(d):
         profile.sums[0, i], profile.sums[1, i] = pull[i], mean[i]
         for j in range(d):
@@ -177,10 +287,11 @@ def solve_profile(points: PointSet, profile: Profile, least: float) -> tuple[boo
         False if the iteration did not converge; and the means of R at the solution.
     """
     sphere, toward, matrix, sums = profile.sphere, profile.toward, profile.system, profile.sums
-    n, d, r = points.rows.shape[1], toward.size, sphere[0]
+    n, d, r, known = points.rows.shape[1], toward.size, sphere[0], _known(points.weights)
     means, done, fine = radial_means(r, 1.0, d), False, False
     for _ in range(_MAX_STEPS):
-        means = radial_means(r, sphere[2], d)
+        sphere[2] = known if known == known else sphere[2]
+        means = _means(points.weights, r, sphere[2], d)
         if done:
             fine = True
             break
@@ -215,7 +326,7 @@ def solve_profile(points: PointSet, profile: Profile, least: float) -> tuple[boo
             toward[i] += step / r
         before = sphere[2]
         sphere[2] = max(before - (excess + change) / slope, _DROP * before, 0.1 * least)
-        steady = abs(sphere[2] - before) <= _STEADY * before
+        steady = abs(sphere[2] - before) <= _STEADY * before or known == known
         short = abs(forward) <= _CONVERGED * sphere[2] and length <= 1e-2 * r
         done = (short and steady) or (sphere[2] < least and before < least)
     if fine:
@@ -234,13 +345,13 @@ def solve_profile(points: PointSet, profile: Profile, least: float) -> tuple[boo
 
 @compiled
 def _weigh(points: PointSet, profile: Profile, excess: float) -> tuple[float, float, float, float]:
-    """Σw, Σw², Σw(R - r₀) and a rough Σw, given λ - r₀; fills in the profile's ``scatter``.
+    """Σw, Σw², Σw(R - r₀) and a rough Σw, given λ - r₀, all with weights; fills in the profile's ``scatter``.
 
     On a small cap w is of second order in its angle and Σw of fourth. So each w is formed by itself, and Σw from Σw²
     and the difference of J and mean eeᵀ: N b·(J - mean eeᵀ)b = Σ (1 - λ/R)(|b|² - (b·e)²).
     The rough one adds up the w, and has their rounding.
     """
-    rows, zero, square = points
+    rows, zero, square, _, weights, _ = points
     d, r, twice = len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     u, center, e, b = fresh(zero), fresh(zero), fresh(zero), fresh(zero)
     scatter, weighted = fresh(square), fresh(square)
@@ -252,18 +363,19 @@ def _weigh(points: PointSet, profile: Profile, excess: float) -> tuple[float, fl
     total, squares, score, rough = 0.0, 0.0, 0.0, 0.0
     for k in range(rows.shape[1]):
         distance, away = _distance(rows, k, r, twice, u)
-        over, w = 1.0 / distance, 1.0
+        over, w, p = 1.0 / distance, 1.0, _weight(weights, k)
+        away -= _offset(weights, 1, k)
         for i in range(d):
             e = put(e, i, (rows[i, k] - center[i]) * over)
             w -= b[i] * e[i]
         for i in range(d):
             for j in range(i + 1):
-                scatter = put(scatter, i * d + j, scatter[i * d + j] + e[i] * e[j])
-                weighted = put(weighted, i * d + j, weighted[i * d + j] + w * over * e[i] * e[j])
-        total += (away - excess) * over * (length - (1.0 - w) * (1.0 - w))
-        squares += w * w
-        score += w * away
-        rough += w
+                scatter = put(scatter, i * d + j, scatter[i * d + j] + p * e[i] * e[j])
+                weighted = put(weighted, i * d + j, weighted[i * d + j] + p * w * over * e[i] * e[j])
+        total += p * (away - excess) * over * (length - (1.0 - w) * (1.0 - w))
+        squares += p * w * w
+        score += p * w * away
+        rough += p * w
     for i in range(d):
         for j in range(d):
             profile.scatter[0, i, j], profile.scatter[1, i, j] = scatter[i * d + j], weighted[i * d + j]
@@ -273,7 +385,7 @@ def _weigh(points: PointSet, profile: Profile, excess: float) -> tuple[float, fl
 @compiled
 def _multiply(points: PointSet, profile: Profile, means: RadialMeans, g: float) -> tuple[float, float]:
     """Fill in the profile's ``products`` of ψ and p = (R - λ)e - α[(R - ρ)² - V]ē; returns Σψ and Σψ²."""
-    rows, zero, _ = points
+    rows, zero, _, _, weights, _ = points
     n, d, r, twice = rows.shape[1], len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     alpha, products = means.excess01_by_s / means.variance_by_s, profile.products
     u, p, tilt = fresh(zero), fresh(zero), fresh(zero)
@@ -285,9 +397,11 @@ def _multiply(points: PointSet, profile: Profile, means: RadialMeans, g: float) 
     total = squares = 0.0
     for k in range(n):
         distance, excess = _distance(rows, k, r, twice, u)
+        weight = _weight(weights, k)
         rest, away = excess - means.lengthening, excess - means.excess01
-        surplus = rest * rest - means.variance
-        psi = rest - g * surplus
+        rest, away = rest - _offset(weights, 0, k), weight * (away - _offset(weights, 1, k))
+        surplus = weight * rest * rest - means.variance
+        psi = weight * rest - g * surplus
         for i in range(d):
             e = (rows[i, k] - r * profile.toward[i]) / distance
             psi -= profile.bend[i] * e * away
@@ -329,6 +443,22 @@ def _lengthening(scatter: Floats, covariance: Floats) -> float:
 
 
 @compiled
+def _slope(points: PointSet, profile: Profile, means: RadialMeans, plain: float, weights: Weights | None) -> float:
+    """The number g of points with weights, whose sums are without them; that of others is given."""
+    if weights is None:
+        return plain
+    d, n, r, along = profile.toward.size, points.rows.shape[1], profile.sphere[0], 0.0
+    for k in range(n):
+        square = part = 0.0
+        for i in range(d):
+            away = points.rows[i, k] - r * profile.toward[i]
+            square += away * away
+            part += profile.bend[i] * away
+        along += part / math.sqrt(square)
+    return float((means.mean_by_s - means.excess01_by_s * (along / n)) / means.variance_by_s)
+
+
+@compiled
 def score(points: PointSet, profile: Profile, means: RadialMeans) -> tuple[float, float, float]:
     """Score of a radius at its profile, which receives the standard errors of the centre given the radius.
 
@@ -342,6 +472,7 @@ def score(points: PointSet, profile: Profile, means: RadialMeans) -> tuple[float
     """
     model, robust = profile.covariance[0], profile.covariance[1]
     n, d, r, variance = points.rows.shape[1], profile.toward.size, profile.sphere[0], means.variance
+    known = _known(points.weights)
     total, weight, plain, rough = _weigh(points, profile, means.excess01)
     s = plain - means.excess01 * total + n * (means.excess01 - means.lengthening)
     _sandwich(profile.inverse, profile.scatter[0], variance / n / n, model)
@@ -349,19 +480,23 @@ def score(points: PointSet, profile: Profile, means: RadialMeans) -> tuple[float
         profile.errors[i], profile.correlations[i] = math.sqrt(model[i, i]), 0.0
     along = 1.0 - total / n  # b·ē
     g = (means.mean_by_s * (total / n) + (means.mean_by_s - means.excess01_by_s) * along) / means.variance_by_s
+    g = _slope(points, profile, means, g, points.weights)
     # Σw is Σw² but for noise and rounding, which grow without limit towards a plane: the mean part of the sum has Σw²
     bias = 0.5 * _lengthening(profile.scatter[1], model) + g * variance * n / (n - d)
     bias += 0.5 * _lengthening(profile.sums[2:], model) * (weight - rough) / n
     rest = s - bias
     scale = ((n - d) * variance - s * s / max(weight, _TINY)) / (n - d - 1.0)
+    if known == known:
+        scale = variance
     value = abs(rest) / math.sqrt(max(weight * max(scale, 1e-12 * variance, _TINY), _TINY))
     slope = (means.excess01_by_r - means.shortening) * along - (1.0 + means.shortening) * (total / n)
     slope *= n / math.sqrt(max(variance * weight, _TINY))
     larger = 0.0
-    if profile.sphere[2] >= (_NOISY * min(1.0, 2.0 / (d - 1.0)) * r) ** 2:
+    if profile.sphere[2] * _widest(points.weights) >= (_NOISY * min(1.0, 2.0 / (d - 1.0)) * r) ** 2:
         sum_psi, squares = _multiply(points, profile, means, g)
         squares, products, spare = max(squares - s * s / n, _TINY), profile.products, n * (n - d - 1.0)
-        value = min(value, abs(rest) * math.sqrt(spare / squares) / n)
+        if known != known:
+            value = min(value, abs(rest) * math.sqrt(spare / squares) / n)
         _sandwich(profile.inverse, products[2:], 1.0 / spare, robust)
         for i in range(d):
             larger += robust[i, i] - model[i, i]

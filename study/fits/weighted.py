@@ -15,7 +15,7 @@ of second order (theory 9.7): with P = I - eeᵀ and q = eᵀΣPΣe
 
     ρ - r = λ - r = s [tr PΣ / 2r - 2 p q / r],    and p s PΣe/r is taken from the term (R - λ) p e.
 
-The score of a hypothetical radius (theory 10.6) is the one of `study.fits.score` with these weights.
+Intervals, and the score of a radius (theory 10.6), are those of `study.fits.intervals` with these weights.
 """
 
 from typing import NamedTuple
@@ -122,6 +122,12 @@ class Weighted(NamedTuple):
         """Mean of 1/p over the points of each set (b,)."""
         with np.errstate(all="ignore"):
             return np.asarray(self.variances.sum(axis=1) / self.size)
+
+    @property
+    def alike(self) -> Bools:
+        """True for sets whose points all weigh the same, and the scale is not known (b,)."""
+        plain = np.isnan(self.scale) & ((self.weights == 1.0) | ~self.present).all(axis=1)
+        return np.asarray(plain & (self.covariances is None))
 
     def take(self, places: Bools | Ints) -> "Weighted":
         """Some sets of the batch."""
@@ -341,159 +347,20 @@ def covariance(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Floa
     return result
 
 
-_NOISY = 0.2
-"""Noise, in radii, from which on errors of the centre are also taken from the equations' own squares."""
+def along_normals(sets: Weighted, spheres: Spheres) -> tuple[Floats, Floats, Floats]:
+    """Weights of mean 1 (b, n), the means' factors (b, n, 2) and the scale, of points with covariances at spheres.
 
-
-def _by_squares(sets: Weighted, at: _At, sphere: Spheres, inverse: Floats) -> Floats:
-    """Variances of the centre's coordinates given the radius (b, d), by the sum of squares φ (theory 10.3)."""
-    p, e, means, d = at.weights, at.direction, at.means, at.direction.shape[2]
-    residual = at.distance - sphere.radius[:, None]
-    terms = (p * (residual - means.excess01))[..., None] * e
-    if at.aside is not None:
-        terms -= p[..., None] * at.aside
-    by_scale = np.einsum("bn,bni->bi", np.where(sets.present, means.excess01_by_s, 0.0), e)
-    by_scale /= np.where(sets.present, means.variance_by_s, 0.0).sum(axis=1, keepdims=True)
-    surplus = p * ((residual - means.lengthening) ** 2 - means.variance)
-    unknown = ~np.isfinite(sets.scale)[:, None]
-    terms = np.where(
-        sets.present[..., None], terms - np.where(unknown, by_scale, 0.0)[:, None] * surplus[..., None], 0.0
-    )
-    turned = np.einsum("bij,bnj->bni", inverse, terms)
-    return np.asarray((turned**2).sum(axis=1) * (sets.size / (sets.size - d - 1.0))[:, None])
-
-
-class RadiusProfile(NamedTuple):
-    """Centres given the radius, and what their points say of that radius.
-
-    Attributes:
-        sphere: the sphere of each set.
-        score: T of the radius (b,), with the sign of S - β.
-        shift: b, the derivative of the centre by the radius, less one factor of -1 (b, d).
-        errors: standard errors of the centre's coordinates given the radius (b, d).
+    What their noise across the normal adds to the centre's equation (9.7) is written as Σp eeᵀ h: it acts as a λ that
+    varies by h·e from point to point.
     """
-
-    sphere: Spheres
-    score: Floats
-    shift: Floats
-    errors: Floats
-
-
-def profile(sets: Weighted, radius: Floats, start: Spheres) -> RadiusProfile:
-    """Centre and scale for a hypothetical radius (b,), and its studentised score (theory 10.6)."""
-    sphere = solve(sets._replace(radius=radius), start)
-    d, n = start.center.shape[1], sets.size
-    with np.errstate(all="ignore"):
-        at = _about(sets, sphere.center, radius, sphere.scale, True)
-        values, slopes = _system(sets, at, radius, np.zeros(len(n)))
-        p, e, means = at.weights, at.direction, at.means
-        inverse = _inverse(slopes[:, :d, :d])
-        spread = p**2 * means.variance
-        model = inverse @ np.einsum("bn,bni,bnj->bij", spread, e, e, optimize=True) @ inverse.swapaxes(1, 2)
-        shift = np.einsum("bij,bj->bi", inverse, slopes[:, d, :d])
-        along = np.einsum("bi,bni->bn", shift, e)
-        w = np.where(sets.present, 1.0 - along, 0.0)
-        across = np.einsum("bii->b", model)[:, None] - np.einsum("bni,bij,bnj->bn", e, model, e, optimize=True)
-        longer = across / at.distance
-        mean = (p * longer).sum(axis=1, keepdims=True) / p.sum(axis=1, keepdims=True)
-        bias = 0.5 * (p * (w * (longer - mean) + w**2 * mean)).sum(axis=1)
-        by_scale = np.where(sets.present, means.mean_by_s - means.excess01_by_s * along, 0.0).sum(axis=1)
-        unknown = ~np.isfinite(sets.scale)
-        bias += np.where(unknown, by_scale * sphere.scale / (n - d), 0.0)
-        square = (p * (at.distance - radius[:, None] - means.lengthening) ** 2).sum(axis=1)
-        weight = (p * w**2).sum(axis=1)
-        rest = (square - values[:, d] ** 2 / weight) / (n - d - 1.0)
-        variance = np.where(unknown, weight * np.maximum(rest, 1e-12 * sphere.scale), (spread * w**2).sum(axis=1))
-        score = (values[:, d] - bias) / np.sqrt(np.maximum(variance, 1e-280))
-        errors = np.einsum("bii->bi", model)
-        noisy = np.sqrt(sphere.scale * sets.mean_variance) >= _NOISY * radius
-        if noisy.any():
-            errors = np.where(noisy[:, None], np.maximum(errors, _by_squares(sets, at, sphere, inverse)), errors)
-        errors = np.sqrt(errors)
-    return RadiusProfile(sphere, np.where(sphere.found, score, np.nan), shift, errors)
-
-
-_FLAT = 1e-5
-"""Curvature, in units of the points' spread, at which the search for an end takes the sphere for a plane."""
-_SHARPEST = 1e4
-_EVALUATIONS = 60
-_RETRIES = 4
-"""Steps to where there is no profile, after which an end is open."""
-_CLOSE = 1e-4
-"""Difference of T from its quantile, in quantiles, at which the search for an end stops."""
-_IDENTIFIED = 0.2
-"""Largest standard error of the centre given the radius, in radii: beyond, an end is open."""
-_BETWEEN = 24
-"""Radii within an interval at which the ends of the centre are taken."""
-
-
-def radius_ends(sets: Weighted, sphere: Spheres, quantile: Floats) -> Floats:
-    """Ends (b, 2) of the set of radii with |T| ≤ q, found in the curvature 1/r; 0 and infinite where they are open."""
-    with np.errstate(all="ignore"):
-        step = quantile * np.sqrt(covariance(sets, sphere)[:, -1, -1]) / sphere.radius**2
-        ends = [1.0 / _curvature(sets, sphere, wanted, step.copy()) for wanted in (quantile, -quantile)]
-    return np.stack(ends, axis=1)
-
-
-def _curvature(sets: Weighted, sphere: Spheres, wanted: Floats, step: Floats) -> Floats:
-    """Curvatures at which T takes a value (b,): infinite, or 0, where it does not reach it.
-
-    From the estimate steps grow until one passes the value; then a bracket closes. A step to where there is no profile,
-    or no centre, is made shorter, a few times.
-    """
-    sign, start = np.sign(wanted), sphere.take(np.arange(len(wanted)))
-    inner, tries = 1.0 / sphere.radius, np.zeros(len(wanted))
-    inner_t = profile(sets, sphere.radius, sphere).score
-    outer, outer_t = np.full((2, len(wanted)), np.nan)
-    result, active = np.where(sign > 0.0, np.inf, 0.0), np.isfinite(inner_t) & np.isfinite(step)
-    for turn in range(_EVALUATIONS):
-        some = np.flatnonzero(active)
-        if not len(some):
-            break
-        share = (wanted[some] - inner_t[some]) / (outer_t[some] - inner_t[some])
-        share = np.clip(share, 0.05, 0.95) if turn % 4 < 3 else np.full(len(some), 0.5)
-        ahead = np.maximum(inner[some] + sign[some] * step[some], 0.5 * inner[some])
-        bounded = np.isfinite(outer[some])
-        k = np.where(bounded, inner[some] + share * (outer[some] - inner[some]), ahead)
-        at = profile(sets.take(some), 1.0 / k, _moved(start.take(some), 1.0 / k))
-        fine = np.isfinite(at.score) & (np.linalg.norm(at.errors, axis=1) <= _IDENTIFIED / k)
-        beyond = fine & ((at.score - wanted[some]) * sign[some] >= 0.0)
-        within, reached = fine & ~beyond, fine & (np.abs(at.score - wanted[some]) <= _CLOSE * np.abs(wanted[some]))
-        outer[some[beyond]], outer_t[some[beyond]] = k[beyond], at.score[beyond]
-        inner[some[within]], inner_t[some[within]] = k[within], at.score[within]
-        for part, values in zip(start, at.sphere, strict=True):
-            part[some[within]] = values[within]
-        step[some] *= np.where(within, 2.0, np.where(fine, 1.0, 0.25))
-        tries[some] += ~fine
-        result[some[reached]] = k[reached]
-        active[some] = ~(reached | (tries[some] > _RETRIES) | (k < _FLAT) | (k > _SHARPEST))
-    return np.where(active & np.isfinite(outer), outer, result)
-
-
-def _moved(sphere: Spheres, radius: Floats) -> Spheres:
-    """Spheres of other radii through about the same points: the centre moves along the line from the centroid."""
-    distance = np.linalg.norm(sphere.center, axis=1)
-    with np.errstate(all="ignore"):
-        share = np.maximum(distance + radius - sphere.radius, 0.1 * distance) / np.maximum(distance, 1e-300)
-    return Spheres(sphere.center * share[:, None], radius, sphere.scale, sphere.found)
-
-
-def center_ends(sets: Weighted, sphere: Spheres, ends: Floats, quantile: Floats) -> Floats:
-    """Ends of each coordinate of the centre (b, d, 2): the union over radii within their ends (theory 10.3)."""
-    b, d = sphere.center.shape
-    result = np.stack([np.full((b, d), np.inf), np.full((b, d), -np.inf)], axis=2)
-    start = sphere
-    with np.errstate(all="ignore"):
-        high, low = 1.0 / ends[:, 0], 1.0 / ends[:, 1]
-        for share in np.linspace(0.0, 1.0, _BETWEEN + 1):
-            radius = 1.0 / (low + share * (high - low))
-            at = profile(sets, radius, _moved(start, radius))
-            half = at.errors * np.sqrt(np.maximum(quantile**2 - at.score**2, 0.0))[:, None]
-            result[..., 0] = np.fmin(result[..., 0], at.sphere.center - half)
-            result[..., 1] = np.fmax(result[..., 1], at.sphere.center + half)
-    bounded = (ends[:, 0] > 0.0) & (ends[:, 1] < np.inf)
-    result[~bounded] = -np.inf, np.inf
-    return result
+    at = _about(sets, spheres.center, spheres.radius, np.ones(len(sets.unit)), True)
+    assert at.aside is not None
+    mean = at.weights.sum(axis=1, keepdims=True) / sets.size[:, None]
+    spread = np.einsum("bn,bni,bnj->bij", at.weights, at.direction, at.direction)
+    h = np.einsum("bij,bnj,bn->bi", _inverse(spread), at.aside, at.weights)
+    plain, radius = at.means.lengthening, spheres.radius[:, None] * mean
+    tilted = plain + np.einsum("bni,bi->bn", at.direction, h)
+    return at.weights / mean, np.stack([plain, tilted], axis=2) * radius[..., None], sets.scale / mean[:, 0]
 
 
 def free_sphere(samples: Samples) -> Estimates:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 from scipy.signal import lfilter
-from scipy.special import erf, gamma, hyp1f1
+from scipy.special import erf, gamma, hyp1f1, ndtr, ndtri
 from scipy.stats import t as student
 
 import study
@@ -83,6 +83,112 @@ def scores(x, r, start, s):
     first = clean / np.sqrt(weight * (rest @ rest - total**2 / weight) / (n - d - 1))
     second = clean * np.sqrt((n - d - 1) / n / (psi @ psi - total**2 / n))
     return first, second, np.sqrt(s) / r
+
+
+def weighted_score(x, r, start, v, known):
+    """T of points (d, n) with noise variances v at a radius (theory 10.6), centre and scale by SciPy's root finder.
+
+    Args:
+        x: the points.
+        r: the radius.
+        start: a first centre.
+        v: variances; only their ratios count unless they are ``known``.
+        known: the variances are no ratios.
+
+    Returns:
+        T, the centre, and the standard errors of its coordinates.
+    """
+    d, n = x.shape
+    unit = 1.0 / np.mean(1.0 / v)
+    p = unit / v
+
+    def deviations(c, s):
+        away = x - c[:, None]
+        distance = np.linalg.norm(away, axis=0)
+        mean, bend = (np.array([f(r, s / q, d) for q in p]) for f in (mean_radius, curvature))
+        return away / distance, distance - mean, distance - bend, r * r + d * s / p - mean**2
+
+    def equations(unknown):
+        s = unit if known else unknown[d]
+        e, rest, away, variance = deviations(unknown[:d], s)
+        scale = unknown[d] - s if known else p @ rest**2 / (n - d) - np.mean(p * variance)
+        return [*np.mean(p * away * e, axis=1), scale]
+
+    found = root(equations, [*start, unit], tol=1e-13)
+    c, s = found.x[:d], found.x[d]
+    e, rest, away, variance = deviations(c, s)
+    spread, distance = np.mean(p * variance), np.linalg.norm(x - c[:, None], axis=0)
+    ratio = p @ (distance - away) / n / distance  # the mean λ over R
+    inverse = np.linalg.inv(np.mean(p * (1.0 - ratio)) * np.eye(d) + (p * e * ratio) @ e.T / n)
+    error = inverse @ ((p * e) @ e.T / n) @ inverse.T * spread / n
+    along = (inverse @ (e @ p) / n) @ e
+    w = 1.0 - along
+    across = np.array([np.trace((np.eye(d) - np.outer(e[:, k], e[:, k])) @ error) / distance[k] for k in range(n)])
+    mean = p @ across / n
+    bias = 0.5 * p @ (w * (across - mean) + w**2 * mean)
+    total, weight = p @ rest, p @ w**2
+    left = (p @ rest**2 - total**2 / weight) / (n - d - 1)
+    if known:
+        left = spread
+    else:
+        by_s = [
+            [by_difference(lambda q, f=f: f(r, q, d), s / q, 1e-3 * s / q) for q in p] for f in (mean_radius, curvature)
+        ]
+        by_v = by_difference(lambda q: np.mean(p * deviations(c, q)[3]), s, 1e-3 * s)
+        bias += (np.sum(by_s[0]) - np.mean(by_s[1]) * np.sum(along)) / by_v * spread / (n - d)
+    return (total - bias) / np.sqrt(weight * left), c, np.sqrt(np.diag(error))
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_ends_with_a_noise_for_each_point_are_quantiles_of_its_score(dimension, known):
+    """At each end T is the quantile, of the normal law where the scale of the noise is known, else of Student's."""
+    rng, n = np.random.default_rng(12), 60
+    sigma = 0.03 * 10 ** rng.uniform(-0.4, 0.4, n)
+    u = sample_cap(rng, n, np.radians(50.0), dimension)
+    x = (u + sigma[:, None] * rng.standard_normal(u.shape)).T
+    fit = study.fit(x.T, noise=sigma, scale="given" if known else "estimated")
+    quantile = ndtri(0.95) if known else student.ppf(0.95, n - dimension - 1)
+    for r, sign in zip(fit.interval("radius", 0.9), (1.0, -1.0), strict=True):
+        start = np.zeros(dimension)
+        start[0] = 1.0 - r
+        assert weighted_score(x, r, start, sigma**2, known)[0] == pytest.approx(sign * quantile, rel=1e-4)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_known_radius_has_the_same_score(known):
+    """Its test is T at the radius, and the interval of a coordinate the centre there ± q errors."""
+    rng, n = np.random.default_rng(13), 40
+    sigma = 0.02 * 10 ** rng.uniform(-0.4, 0.4, n)
+    u = sample_cap(rng, n, np.radians(60.0), 3)
+    x = u + sigma[:, None] * rng.standard_normal(u.shape)
+    fit = study.fit(x, noise=sigma, scale="given" if known else "estimated", radius=1.01)
+    score, center, errors = weighted_score(x.T, 1.01, np.zeros(3), sigma**2, known)
+    tail = ndtr(-abs(score)) if known else student.sf(abs(score), n - 4)
+    assert fit.radius_test.p == pytest.approx(2 * tail, rel=1e-4)
+    half = (ndtri(0.95) if known else student.ppf(0.95, n - 3)) * errors * fit.allowance[:3]
+    np.testing.assert_allclose(fit.interval("center", 0.9), center[:, None] + half[:, None] * [-1, 1], atol=1e-7)
+
+
+@pytest.mark.parametrize("estimator", ["corrected", "mle", "als", "gdke"])
+@pytest.mark.parametrize("dimension", [2, 3, 5])
+def test_equal_noise_of_unknown_size_says_nothing(estimator, dimension):
+    """With it every number has the bits that it has without, missing points and repeated ones included."""
+    points = caps(14, (3, 40), 50.0, 0.05, dimension).swapaxes(1, 2).copy()
+    points[0, 3] = np.nan
+    points[1, 4] = points[1, 5]
+    plain = study.fit(points, estimator)
+    for noise in (np.ones(40), np.full((40, dimension), 7.0)):
+        fit = study.fit(points, estimator, noise, scale="estimated")
+        for name in ("center", "radius", "noise_variance", "own_covariance", "own_status"):
+            np.testing.assert_array_equal(getattr(fit, name), getattr(plain, name))
+        for of in ("center", "radius"):
+            np.testing.assert_array_equal(fit.interval(of), plain.interval(of))
+    mixed = np.ones((3, 40))
+    mixed[2, :20] = 3.0
+    fit = study.fit(points, estimator, mixed, scale="estimated")
+    np.testing.assert_array_equal(fit.interval("radius")[:2], plain.interval("radius")[:2])
+    assert (fit.interval("radius")[2] != plain.interval("radius")[2]).any()
 
 
 @pytest.mark.parametrize("dimension", [2, 3, 5])
