@@ -37,8 +37,8 @@ USUAL = 150
 """Lines of code that half of the chapters have at least."""
 SHORT = 40
 MOST_SHORT = 15
-MOST_FILES = 137
-MOST_ARROWS = 751
+MOST_FILES = 138
+MOST_ARROWS = 761
 MOST_PARAMETERS = 7
 MOST_ANY = 176
 MOST_UNFORMATTED = 0

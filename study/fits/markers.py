@@ -22,12 +22,13 @@ from scipy.linalg import orth
 from scipy.special import fdtrc, stdtrit
 
 from study.arrays import Floats, Ints, real_array
-from study.fits.answer import Fit, FittedPoints
+from study.fits.answer import Fit
 from study.fits.bounds import noise_covariance
 from study.fits.display import named_axis
 from study.fits.intervals import Intervals, PointSets, intervals_of
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments, Regression
+from study.fits.registry import fit_samples
 from study.fits.samples import FARTHEST, Estimator, Samples, Status, binary_size, blank, is_ordinary, scaled_noise
 from study.fits.score import Markers
 from study.text import number, with_error
@@ -45,8 +46,8 @@ class JointFit:
         radii: r̂ of each marker (M,), in the unit of the points; NaN where no radius is real.
         noise_variance: σ² of one coordinate, unit squared: as given (the mean over coordinates, for a covariance) or
             estimated.
-        status: `Status` of the fit: its own, or *misfit* where markers do not share a centre (`agreement`). There is no
-            interval for several markers yet, and so "ok" does not mean that they bound their radii.
+        status: `Status` of the fit: its own, or *misfit* where markers do not share a centre (`agreement`). That they
+            bound their radii "ok" does not say: `interval` does.
         condition: ρ, the largest share of noise in Σ w_p C_p along any direction; it must be below 1.
         covariance: covariance of ĉ (d, d), unit squared: the Cramér-Rao bound with the estimates plugged in.
         count: number of samples used of each marker (M,); points with a NaN are left out.
@@ -164,7 +165,8 @@ class JointFit:
     def intervals(self, level: float) -> Intervals:
         """Intervals of each radius (M, 2) with the noise's share of it (M,), and of the centre (1, d, 2).
 
-        That of the centre is the union over the radii of the marker whose interval is the narrowest.
+        That of the centre is the union over the radii of the marker whose interval is the narrowest. Where all markers
+        are on circles about parallel axes it is open, and each radius has the interval of its marker alone.
 
         Raises:
             ValueError: if the level is not in (0, 1), or the fit does not hold its points.
@@ -176,10 +178,14 @@ class JointFit:
         places = [p for p, points in enumerate(arrays) if len(points) >= 2]
         x = np.concatenate([arrays[p] for p in places]).T[None] if places else np.empty((1, d, 0))
         spare = x.shape[2] - d - len(places)
-        if len(places) < 2 or spare < 1:
-            if places:
-                own = FittedPoints(Samples(x), self.center[None], False, False, None).intervals(level)
-                result.radius[places], result.center[:], result.noise_share[places] = own
+        own = [fit_samples(Samples(np.ascontiguousarray(arrays[p].T)[None]), "corrected") for p in places]
+        if len(places) == 1:
+            result.center[:] = own[0].interval("center", level)
+            result.noise_share[places] = own[0].sigma / own[0].radius
+        if len(places) == 1 or _on_hinge(own):
+            result.radius[places] = [fit.interval("radius", level)[0] for fit in own]
+            return result
+        if spare < 1:
             return result
         power = int(binary_size(x)[0])
         x, center = np.ldexp(x, -power), np.ldexp(self.center[None], -power)
@@ -221,6 +227,17 @@ class JointFit:
         words = self.status.name.lower().replace("_", " ")
         rest = f"sigma {number(self.sigma)}, {self.count.sum():,} points, {words}"
         return f"JointFit(center ({center}), radii ({radii}{more}), {rest})"
+
+
+def _on_hinge(fits: list[Fit]) -> bool:
+    """True if markers, by the fits of each alone, are on circles about parallel axes, and none determines a sphere."""
+    axes = [fit.circle for fit in fits if fit.status[0] == Status.HINGE]
+    bounded = any(fit.status[0] in (Status.OK, Status.MISFIT, Status.OUTLIERS) for fit in fits)
+    if not axes or bounded:
+        return False
+    errors = np.array([float(circle.axis_error[0]) for circle in axes])
+    across = [np.linalg.norm(np.cross(circle.axis[0], axes[0].axis[0])) for circle in axes]
+    return bool((np.array(across) <= _PARALLEL * np.hypot(errors, errors[0])).all())
 
 
 def _spread(points: Floats, center: Floats) -> float:
@@ -342,6 +359,8 @@ class Incremental:
         return Fit(fit.reshape())
 
 
+_PARALLEL = 4.0
+"""Standard errors of both within which axes are parallel: both components exceed it in 3 of 10,000 (χ²)."""
 REFUSED = 0.01
 """p value of the agreement below which markers do not share a centre."""
 ROUNDS = 5
