@@ -23,7 +23,7 @@ from scipy.special import fdtrc, stdtrit
 
 from study.arrays import Floats, Ints, real_array
 from study.fits.answer import Fit
-from study.fits.bounds import noise_covariance
+from study.fits.bounds import NOISY, noise_covariance
 from study.fits.display import named_axis
 from study.fits.intervals import Intervals, PointSets, intervals_of
 from study.fits.linalg import eigenbasis
@@ -166,7 +166,8 @@ class JointFit:
         """Intervals of each radius (M, 2) with the noise's share of it (M,), and of the centre (1, d, 2).
 
         That of the centre is the union over the radii of the marker whose interval is the narrowest. Where all markers
-        are on circles about parallel axes it is open, and each radius has the interval of its marker alone.
+        are on circles about parallel axes it is open, and each radius has the interval of its marker alone. Markers
+        with a noise of .35 radii or more are left out, and their radii are open.
 
         Raises:
             ValueError: if the level is not in (0, 1), or the fit does not hold its points.
@@ -175,7 +176,9 @@ class JointFit:
         result = Intervals.unbounded(len(self.radii), d, level)
         result = result._replace(center=result.center[:1])
         arrays = [points[np.isfinite(away)] for points, away in zip(self.markers, residuals, strict=True)]
-        places = [p for p, points in enumerate(arrays) if len(points) >= 2]
+        with np.errstate(all="ignore"):
+            quiet = (self.sigma / self.radii < NOISY) | (len(arrays) == 1)
+        places = [p for p, points in enumerate(arrays) if len(points) >= 2 and quiet[p]]
         x = np.concatenate([arrays[p] for p in places]).T[None] if places else np.empty((1, d, 0))
         spare = x.shape[2] - d - len(places)
         own = [fit_samples(Samples(np.ascontiguousarray(arrays[p].T)[None]), "corrected") for p in places]
