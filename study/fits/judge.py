@@ -24,8 +24,10 @@ from study.fits.circle import FEWEST, on_circles
 from study.fits.corrected import corrected
 from study.fits.goodness import (
     BLOCKS,
+    HINGE,
     LEVEL,
-    TESTS,
+    OUTLIERS,
+    SHAPE,
     Answer,
     Goodness,
     Residuals,
@@ -39,7 +41,6 @@ from study.fits.robust import FALSE_ALARMS, outliers
 from study.fits.samples import Estimates, Estimator, Samples, Status, careful_fit, is_ordinary, plug_in_bound
 from study.fits.weighted import free_sphere
 
-_SHAPE, _MEMORY, _HINGE, _OUTLIERS = (TESTS.index(name) for name in ("shape", "memory", "hinge", "outliers"))
 _UPPER = 0.975
 """Probability at whose quantile the widths of several series are compared."""
 _COSINES = 6
@@ -85,7 +86,7 @@ class PointEvidence(NamedTuple):
     @property
     def hinge(self) -> Bools:
         """True for sets in space that lie on a circle (b,)."""
-        return np.asarray(self.goodness.answers[_HINGE] == Answer.FAILED)
+        return np.asarray(self.goodness.answers[HINGE] == Answer.FAILED)
 
     @property
     def spread(self) -> Bools:
@@ -137,17 +138,17 @@ def gather(
             else:
                 mine = Estimates._make([array[sets] for array in spheres])
             plain = mine if present.weights is None else corrected(present)
-            answers[_HINGE, sets] = np.where(on_circles(present, plain), Answer.FAILED, Answer.PASSED)
+            answers[HINGE, sets] = np.where(on_circles(present, plain), Answer.FAILED, Answer.PASSED)
             square = np.einsum("bii->b", present.moments.second)
             result.kurtosis[sets] = n * present.moments.fourth / square**2 - _BY_CHANCE / n
         if n < FEWEST:
-            answers[_HINGE, sets] = int(Answer.TOO_FEW)
+            answers[HINGE, sets] = int(Answer.TOO_FEW)
         tested = evenly_thinned(present)
         size = max(_MOST_NUMBERS // (25 * tested.shape[2]), 1)
         for some in (np.arange(i, min(i + size, len(sets))) for i in range(0, len(sets), size)):
             own = Estimates._make([array[some] for array in mine])
             _look(present.take(some), tested.take(some), own, ordered, level, _Part(result, sets[some]))
-    answers[_HINGE] = answers[_HINGE] if d == 3 else int(Answer.NOT_IN_SPACE)
+    answers[HINGE] = answers[HINGE] if d == 3 else int(Answer.NOT_IN_SPACE)
     return result
 
 
@@ -167,8 +168,8 @@ def _look(samples: Samples, tested: Samples, spheres: Estimates, ordered: bool, 
         for whole, values in zip(result.goodness[:4], answer[:4], strict=True):
             whole[sets] = values
         result.goodness.answers[: len(BLOCKS), sets] = answer.answers[: len(BLOCKS)]
-        shape, fitted = answer.answers[_SHAPE], np.isfinite(seen.largest)
-        result.goodness.answers[_OUTLIERS, sets] = np.where(fitted, Answer.PASSED, shape)
+        shape, fitted = answer.answers[SHAPE], np.isfinite(seen.largest)
+        result.goodness.answers[OUTLIERS, sets] = np.where(fitted, Answer.PASSED, shape)
         result.extreme[sets] = fitted & ((spare < _FEW) | _extreme(seen.largest, tested.shape[2], d))
         speaks, strong = answer.speaks(level), answer.speaks(level * math.exp(-_EFFECT * max(n - _USUAL, 0)))
         matters = strong[0] | strong[1] | (strong[3] & (not ordered)) | (strong[2] & ~seen.harmless)
@@ -312,7 +313,7 @@ def judge(
         _remove_farthest(evidence, samples, ends, result)
     weak = (result == Status.WEAKLY_IDENTIFIED) | (result == Status.INSIGNIFICANT)  # maybe by what is allowed for
     result[weak & evidence.doubted] = Status.MISFIT
-    shape = answers[_SHAPE]
+    shape = answers[SHAPE]
     untested = (shape == Answer.TOO_FEW) | (shape == Answer.TOO_NOISY) | (shape == Answer.NO_SPHERE)
     result[(result == Status.OK) & untested] = Status.UNTESTED
     return result, evidence.goodness._replace(answers=answers)
@@ -337,7 +338,7 @@ def _search(evidence: PointEvidence, samples: Samples, ordered: bool, result: In
     guilty = np.flatnonzero(named.any(axis=1))
     if not len(guilty):
         return
-    answers[_OUTLIERS, searched[guilty]] = int(Answer.FAILED)
+    answers[OUTLIERS, searched[guilty]] = int(Answer.FAILED)
     rest = part.take(guilty).without(named[guilty])
     misfit = result[searched[guilty]] == Status.MISFIT
     matter = influence(part.take(guilty), named[guilty]) > INFLUENCE

@@ -24,10 +24,10 @@ from scipy.special import fdtrc, stdtrit
 
 from study.arrays import Floats, Ints, real_array
 from study.fits.answer import Fit, FittedPoints
-from study.fits.bounds import noise_covariance
-from study.fits.circle import Circle, fit_circles, parallel
+from study.fits.bounds import NOISY, noise_covariance
+from study.fits.circle import fit_circles, parallel
 from study.fits.display import named_axis
-from study.fits.goodness import LEVEL, Answer, Goodness
+from study.fits.goodness import HINGE, LEVEL, Answer, Goodness
 from study.fits.intervals import Intervals, PointSets, intervals_of
 from study.fits.judge import PointEvidence, gather, judge
 from study.fits.linalg import eigenbasis
@@ -109,17 +109,15 @@ class JointFit:
         if self.own_status != Status.OK or not self.markers:
             untested = (Goodness.untested((), Answer.NO_POINTS),) * len(self.radii)
             return (Status.UNTESTED if self.own_status == Status.OK else self.own_status), untested
-        statuses, tests, circles = list[Status](), list[Goodness](), list[Circle]()
+        statuses, tests = list[Status](), list[Goodness]()
         nothing = Intervals.unbounded(1, len(self.center), 0.95)
         nothing.radius[:] = 0.0  # no marker need bound the centre alone
         for samples, evidence in zip(self._samples, self._evidence, strict=True):
             ruled, goodness = judge(evidence, samples, np.zeros(1, dtype=np.int64), nothing, self.ordered, False)
             statuses.append(Status(int(ruled[0])))
             tests.append(goodness.take(0))
-            if statuses[-1] == Status.HINGE:
-                circles.append(fit_circles(samples))
-        told, ends = [status for status in statuses if status != Status.UNTESTED], self.intervals(0.95)
-        if told and len(circles) == len(told) and parallel(circles):
+        ends = self.intervals(0.95)
+        if self._hinge:
             status = Status.HINGE
         elif Status.OUTLIERS in statuses:
             status = Status.OUTLIERS
@@ -128,8 +126,18 @@ class JointFit:
         elif not (np.isfinite(ends.center).all() and ends.identified.any()):
             status = Status.WEAKLY_IDENTIFIED
         else:
-            status = Status.OK if told else Status.UNTESTED
+            status = Status.UNTESTED if set(statuses) == {Status.UNTESTED} else Status.OK
         return status, tuple(tests)
+
+    @cached_property
+    def _hinge(self) -> bool:
+        """True if all markers that can tell are on circles in space, about parallel axes."""
+        answers = [seen.goodness.answers[HINGE, 0] for seen in self._evidence]
+        told = [answer for answer in answers if answer in (Answer.PASSED, Answer.FAILED)]
+        if not told or Answer.PASSED in told:
+            return False
+        named = (answer == Answer.FAILED for answer in answers)
+        return parallel([fit_circles(samples) for samples, on in zip(self._samples, named, strict=True) if on])
 
     @cached_property
     def _samples(self) -> tuple[Samples, ...]:
@@ -245,7 +253,9 @@ class JointFit:
     def intervals(self, level: float) -> Intervals:
         """Intervals of each radius (M, 2) with the noise's share of it (M,), and of the centre (1, d, 2).
 
-        That of the centre is the union over the radii of the marker whose interval is the narrowest.
+        That of the centre is the union over the radii of the marker whose interval is the narrowest. Where all markers
+        are on circles about parallel axes it is open, and each radius has the interval of its marker alone. Markers
+        with a noise of .35 radii or more are left out, and their radii are open.
 
         Raises:
             ValueError: if the level is not in (0, 1), or the fit does not hold its points.
@@ -254,13 +264,19 @@ class JointFit:
         result = Intervals.unbounded(len(self.radii), d, level)
         result = result._replace(center=result.center[:1])
         arrays = [points[np.isfinite(away)] for points, away in zip(self.markers, residuals, strict=True)]
-        places = [p for p, points in enumerate(arrays) if len(points) >= 2]
+        with np.errstate(all="ignore"):
+            quiet = (self.sigma / self.radii < NOISY) | (len(arrays) == 1)
+        places = [p for p, points in enumerate(arrays) if len(points) >= 2 and quiet[p]]
         x = np.concatenate([arrays[p] for p in places]).T[None] if places else np.empty((1, d, 0))
         spare = x.shape[2] - d - len(places)
-        if len(places) < 2 or spare < 1:
-            if places:
-                own = FittedPoints(Samples(x), self.center[None], False, False, None).intervals(level)
-                result.radius[places], result.center[:], result.noise_share[places] = own
+        if len(places) == 1 or self._hinge:
+            for p in places:
+                alone = Samples(np.ascontiguousarray(arrays[p].T)[None])
+                own = FittedPoints(alone, self.center[None], False, self.ordered, None).intervals(level)
+                result.radius[p], result.noise_share[p] = own.radius[0], own.noise_share[0]
+                result.center[:] = own.center if len(places) == 1 else result.center
+            return result
+        if spare < 1:
             return result
         power = int(binary_size(x)[0])
         x, center = np.ldexp(x, -power), np.ldexp(self.center[None], -power)

@@ -400,7 +400,10 @@ def test_sets_without_a_sphere_have_a_status(rng):
     ("arguments", "words"),
     [
         ({"estimator": "robust", "radius": 2.0}, "'robust': takes no known radius; corrected, mle, als, ugdk and gdk"),
-        ({"estimator": "als", "noise": np.ones((9, 3))}, "'als': takes no covariance for each point; corrected, mle"),
+        (
+            {"estimator": "als", "noise": np.ones((9, 3)) * [1, 1, 2]},
+            "'als': takes no covariance for each point; corrected, mle",
+        ),
         ({"estimator": "ugdk", "radius": 2.0}, "'ugdk': subtracts the known noise: pass noise=σ, or use als"),
         ({"estimator": "ugdk", "noise": np.ones(9), "scale": "estimated"}, "'ugdk': .* scale must be given; als finds"),
         ({"radius": -1.0}, "radius = -1: a known radius must be positive and finite"),
