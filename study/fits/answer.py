@@ -17,7 +17,7 @@ from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Goodness, evenly_thinned, goodness
 from study.fits.intervals import Intervals, intervals
-from study.fits.robust import outliers
+from study.fits.robust import Found, find, outliers
 from study.fits.samples import Estimates, Samples, Status, plug_in_bound, repeated, semi_axes, unless_missing
 from study.fits.structure import Structure, structure, widened
 
@@ -54,7 +54,17 @@ class FittedPoints:
     @cached_property
     def outliers(self) -> Bools:
         """True for the points (b, n) that do not belong to the sphere of the majority."""
-        return outliers(self.samples)
+        return self.found.named
+
+    @cached_property
+    def found(self) -> Found:
+        """The outliers, and what leaving them out adds to the errors."""
+        return find(self.samples)
+
+    @property
+    def selection(self) -> Floats:
+        """Factors on the standard errors for the choice of the points (b, d + 1); 1 unless outliers are left out."""
+        return self.found.ratio if self._without_outliers else np.ones((len(self._center), self._center.shape[1] + 1))
 
     @property
     def repeated(self) -> Bools:
@@ -167,7 +177,7 @@ class FittedPoints:
     def intervals(self, level: float) -> Intervals:
         """Intervals of a level, with allowance for structure; open along the axis where the points lie on a circle."""
         different, seen = self.different, self._structure
-        ends = widened(different, level, intervals(different, level), seen.stretch(level, self.spare))
+        ends = widened(different, level, intervals(different, level), seen.stretch(level, self.spare) * self.selection)
         if not seen.hinge.any():
             return ends
         sets = np.flatnonzero(seen.hinge)
@@ -565,7 +575,7 @@ class Fit:
 
         Source: theory §13.6.
         """
-        return self._points.structure.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
+        return (self._points.structure.ratio * self._points.selection).reshape(*self.shape, self.center.shape[-1] + 1)
 
     @cached_property
     def circle(self) -> Circle:
