@@ -36,7 +36,7 @@ from study.fits.closed_forms import smallest_root
 from study.fits.geometric import ON, STATE, Room, Search, advance, begin, mle, sphere_sums, sum_about
 from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, fill, zeros
 from study.fits.linalg import cholesky_solve, diagonalise, eigenbasis
-from study.fits.mixture import gain, mixture, standard_errors, white_errors
+from study.fits.mixture import gain, mixture, standard_errors, white_errors, without_isolated
 from study.fits.moments import Moments, accumulate
 from study.fits.samples import Estimates, Samples, Status, blank, reach_of_copies, repeated
 
@@ -146,7 +146,7 @@ def find(samples: Samples, from_all: bool = False) -> Found:
     data sets, whatever their number of points. Where they do, or where the likelihood of a sphere among clutter leaves
     no doubt, and there are 20 points or more, the outliers are those that are more likely clutter than not.
 
-    Copies of a point count once for the search, and are outliers together.
+    Copies of a point count once, and are outliers together.
 
     Args:
         samples: the batch. Missing samples (NaN) are no outliers. A noise level given with them is not used.
@@ -162,24 +162,25 @@ def find(samples: Samples, from_all: bool = False) -> Found:
     x = samples.x
     b, d, n = x.shape
     named, spheres = np.zeros((b, n), dtype=np.bool_), np.full((b, d + 1), np.nan)
-    again, missing = repeated(x), np.isnan(x).any(axis=1)
-    apart = missing.any(axis=1) | again.any(axis=1)
-    whole = np.flatnonzero(~apart)
+    different = ~repeated(x) & ~np.isnan(x).any(axis=1)
+    whole = np.flatnonzero(different.all(axis=1))
     named[whole], spheres[whole] = _among(np.ascontiguousarray(x[whole]), from_all)
-    for t in np.flatnonzero(apart):
-        different = np.flatnonzero(~missing[t] & ~again[t])
-        reach = reach_of_copies(x[t])
-        some, spheres[t : t + 1] = _among(np.ascontiguousarray(x[t][:, different])[None], from_all)
-        for k in different[some[0]]:
-            named[t] |= (np.abs(x[t] - x[t][:, k : k + 1]) <= reach).all(axis=0)
+    apart = np.flatnonzero(~different.all(axis=1))
+    for t in apart:
+        some = np.ascontiguousarray(x[t][:, different[t]])[None]
+        named[t, different[t]], spheres[t : t + 1] = _among(some, from_all)
     result = Found(named, np.full((b, d), np.nan), np.full(b, np.nan), np.full(b, np.nan), np.ones((b, d + 1)))
-    count = n - missing.sum(axis=1)
+    count = different.sum(axis=1)
     for m in np.unique(count[count >= _ENOUGH]):
         alike = np.flatnonzero((count == m) & (named.any(axis=1) | np.isfinite(spheres[:, d])))
         size = max(_TOGETHER // m, 1)
         for sets in (alike[i : i + size] for i in range(0, len(alike), size)):
-            points = np.nonzero(~missing[sets])[1].reshape(len(sets), m)
+            points = np.nonzero(different[sets])[1].reshape(len(sets), m)
             _weigh(np.take_along_axis(x[sets], points[:, None], axis=2), points, spheres[sets], sets, result)
+    for t in apart[named[apart].any(axis=1)]:
+        reach = reach_of_copies(x[t])
+        for k in np.flatnonzero(named[t]):
+            named[t] |= (np.abs(x[t] - x[t][:, k : k + 1]) <= reach).all(axis=0)
     return result
 
 
@@ -187,7 +188,7 @@ def _weigh(x: Floats, points: Ints, spheres: Floats, sets: Ints, result: Found) 
     """Fit spheres among clutter to sets (k, d, m), and write them where there is some.
 
     Args:
-        x: the points that are not missing.
+        x: the different points.
         points: their places in the batch (k, m).
         spheres: those of least trimmed squares (k, d + 1), NaN if they were not sought.
         sets: places of the sets (k,).
@@ -197,9 +198,9 @@ def _weigh(x: Floats, points: Ints, spheres: Floats, sets: Ints, result: Found) 
     d, named = y.shape[1], result.named[sets[:, None], points]
     rest = _of_the_rest(y, named)
     trimmed = np.column_stack([spheres[:, :d] - middle[:, :, 0], spheres[:, d]]) / size[:, 0]
-    clutter = named.any(axis=1)
+    clutter = np.asarray(named.any(axis=1))
     unsure = np.flatnonzero(~clutter)
-    quick = mixture(y[unsure], trimmed[unsure], floor[unsure], 0, _SOON)
+    quick = mixture(y[unsure], trimmed[unsure], floor[unsure], _SOON)
     extra = extra_parameters(y[unsure], rest.center[unsure], rest.radius[unsure])
     limit = _CERTAIN * (1.0 + extra) + _EACH / y.shape[2]
     clutter[unsure] = gain(y[unsure], quick, _part(rest, unsure)) > limit
@@ -212,6 +213,7 @@ def _weigh(x: Floats, points: Ints, spheres: Floats, sets: Ints, result: Found) 
     better = gain(y, other, rest) > gain(y, found, rest)
     for one, two in zip(found, other, strict=True):
         one[better] = two[better]
+    found = without_isolated(y, found, floor[some])
     kept = found.weights > 0.5
     ratio = standard_errors(y, found) / white_errors(y, found, kept)
     good = np.isfinite(ratio).all(axis=1) & (kept.sum(axis=1) > d + 2)
