@@ -13,7 +13,7 @@ clutter the weights are those of least squares, with much they fall beyond 2.5 t
 Distances alone do not tell clutter from a cap where it comes near to the rest of the sphere, and there one point moves
 the fit most. So points whose direction is far from all others are clutter, too; see `isolated`.
 
-Source: Torr & Zisserman 2000 (MLESAC); Rousseeuw & Leroy 1987 for covariances; theory 11.6.
+Source: Torr & Zisserman 2000 (MLESAC); theory 11.5.
 """
 
 from typing import NamedTuple
@@ -27,7 +27,7 @@ from study.fits.samples import Estimates
 _REACH = 10.0
 """W: scales from the sphere up to which the share of clutter is estimated."""
 _ROUNDS = 60
-_STEADY = 1e-7
+_STEADY = 1e-5
 """A step below this share of the scale ends the rounds."""
 _TURNS = 3
 """Times that the isolated points are sought again."""
@@ -138,7 +138,7 @@ def mixture(y: Floats, spheres: Floats, floor: Floats, rounds: int = _ROUNDS) ->
 def without_isolated(y: Floats, found: Mixture, floor: Floats) -> Mixture:
     """Mixtures of the points (b, d, n) of which isolated ones are clutter; `floor` is that of `mixture`."""
     before = np.zeros((len(y), y.shape[2]), dtype=np.bool_)
-    for _ in range(_TURNS):
+    for _ in range(_TURNS if y.shape[2] <= _THIN else 1):
         alone = isolated(y, found)
         sets = np.flatnonzero((alone != before).any(axis=1))
         part = Mixture(*(array[sets] for array in found))
@@ -162,18 +162,18 @@ def isolated(y: Floats, found: Mixture) -> Bools:
     for t in range(len(y)):
         on = found.weights[t] > 0.5
         directions = _about(y[t : t + 1], found.center[t : t + 1], found.radius[t : t + 1])[0][0, :d].T
-        some = np.unique(directions[on], axis=0)
-        some = some[:: len(some) // _THIN + 1]
+        some = np.unique(directions[on][:: on.sum() // _THIN + 1], axis=0)
         if len(some) < _AROUND + 2 or not np.isfinite(directions).all():
             continue
         tree = scipy.spatial.cKDTree(some)
         own = tree.query(some, k=_NEIGHBOUR + 1)[0][:, -1]
-        far, who = tree.query(directions, k=_AROUND + 1)
+        near = np.flatnonzero(found.weights[t] > 0.0)
+        far, who = tree.query(directions[near], k=_AROUND + 1)
         itself = far[:, 0] == 0.0
         distance = np.where(itself, far[:, _NEIGHBOUR], far[:, _NEIGHBOUR - 1])
         usual = np.median(own[np.where(itself[:, None], who[:, 1:], who[:, :-1])], axis=1)
         most = 2.0 * scipy.special.gammainccinv(_NEIGHBOUR, _LEVEL / len(some)) / _MEDIAN
-        result[t] = distance > most ** (1.0 / (d - 1)) * np.maximum(usual, np.median(own))
+        result[t, near] = distance > most ** (1.0 / (d - 1)) * np.maximum(usual, np.median(own))
     return result
 
 
