@@ -42,6 +42,9 @@ _THIN, _LAST = 4000, 3
 """Points that the rounds begin with, where there are more, and rounds that are left for all."""
 _LEAST_SPARE = 0.1
 """Least 1 - h by which a residual of leverage h is divided: a point of leverage 1 has no residual at all."""
+_LARGEST = 1e8
+"""Largest coordinate in units of a set's size, where its rounding is small; what is further is taken to be there."""
+_ROUNDING = 2.0**-48
 
 
 class Mixture(NamedTuple):
@@ -60,6 +63,19 @@ class Mixture(NamedTuple):
     scale: Floats
     share: Floats
     weights: Floats
+
+
+def in_own_units(x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Points (b, d, n) about their medians and in units of their size, these, and the size of rounding errors (b,)."""
+    with np.errstate(all="ignore"):
+        middle = np.median(x, axis=2)[:, :, None]
+        away = np.abs(x - middle).max(axis=1)
+        size = np.median(away, axis=1)
+        size = np.where(size > 0.0, size, away.max(axis=1))[:, None, None]
+        size = np.where(size > 0.0, size, 1.0)
+        y = np.ascontiguousarray(np.clip((x - middle) / size, -_LARGEST, _LARGEST))
+        floor = _ROUNDING * (1.0 + np.abs(middle / size).max(axis=1)[:, 0])
+    return y, middle, size, floor
 
 
 def _about(y: Floats, center: Floats, radius: Floats) -> tuple[Floats, Floats]:

@@ -25,7 +25,6 @@ The d + 1 points are chosen by a hash of counters: the same ones in each call, a
 
 import math
 from functools import lru_cache
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -36,9 +35,10 @@ from study.fits.closed_forms import smallest_root
 from study.fits.geometric import ON, STATE, Room, Search, advance, begin, mle, sphere_sums, sum_about
 from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, fill, zeros
 from study.fits.linalg import cholesky_solve, diagonalise, eigenbasis
-from study.fits.mixture import gain, mixture, standard_errors, white_errors, without_isolated
+from study.fits.mixture import gain, in_own_units, mixture, standard_errors, white_errors, without_isolated
 from study.fits.moments import Moments, accumulate
 from study.fits.samples import Estimates, Samples, Status, blank, reach_of_copies, repeated
+from study.fits.subsets import SUBSAMPLE, elemental, spread_out
 
 FALSE_ALARMS = 0.01
 """Share α of data sets without outliers in which one is found."""
@@ -67,9 +67,6 @@ _CHOICE = 0.01
 """Share of α for each number of outliers but one."""
 _BATCH = 1 << 16
 """Elemental spheres that are formed together."""
-_LARGEST = 1e8
-"""Largest coordinate in units of a set's size, where its rounding is small; what is further is taken to be there."""
-_ROUNDING = 2.0**-48
 _ENOUGH = 20
 """Points from which clutter is weighed: with fewer, a sphere through few of them may be the most likely one."""
 _TOGETHER = 1 << 15
@@ -194,7 +191,7 @@ def _weigh(x: Floats, points: Ints, spheres: Floats, sets: Ints, result: Found) 
         sets: places of the sets (k,).
         result: the outliers so far; receives the new ones, and the spheres.
     """
-    y, middle, size, floor = _unit(x)
+    y, middle, size, floor = in_own_units(x)
     d, named = y.shape[1], result.named[sets[:, None], points]
     rest = _of_the_rest(y, named)
     trimmed = np.column_stack([spheres[:, :d] - middle[:, :, 0], spheres[:, d]]) / size[:, 0]
@@ -239,19 +236,6 @@ def _among(x: Floats, from_all: bool) -> tuple[Bools, Floats]:
     return result, spheres
 
 
-def _unit(x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Points (b, d, n) about their medians and in units of their size, these, and the size of rounding errors (b,)."""
-    with np.errstate(all="ignore"):
-        middle = np.median(x, axis=2)[:, :, None]
-        away = np.abs(x - middle).max(axis=1)
-        size = np.median(away, axis=1)
-        size = np.where(size > 0.0, size, away.max(axis=1))[:, None, None]
-        size = np.where(size > 0.0, size, 1.0)
-        y = np.ascontiguousarray(np.clip((x - middle) / size, -_LARGEST, _LARGEST))
-        floor = _ROUNDING * (1.0 + np.abs(middle / size).max(axis=1)[:, 0])
-    return y, middle, size, floor
-
-
 def _search(x: Floats, from_all: bool) -> tuple[Bools, Floats]:
     """Outliers of sets (b, d, n) by forward searches, about their medians and in units of their sizes.
 
@@ -264,7 +248,7 @@ def _search(x: Floats, from_all: bool) -> tuple[Bools, Floats]:
     of all points: a few that were chosen for being near one sphere show less noise than there is.
     """
     _, d, n = x.shape
-    y, middle, size, floor = _unit(x)
+    y, middle, size, floor = in_own_units(x)
     whole = mle(Samples(y))
     extra = extra_parameters(y, whole.center, whole.radius)
     with np.errstate(all="ignore"):
@@ -353,12 +337,6 @@ _FALL = 1e-3
 """A step that lowers the sum by a smaller share is the last."""
 _SINGULAR = 64.0 * 2.0**-52
 """An extent below so many roundings of the largest, for each dimension, is none."""
-_FEWEST, _MOST = 200, 3000
-"""Number of elemental subsets: as many as contain a clean one almost surely, between these."""
-_CONTAMINATED, _MISSED = 0.4, 1e-4
-"""With this share of outliers, no subset is clean with this probability, as far as the most suffice."""
-SUBSAMPLE = 500
-"""Points of a set that the search begins with: Rousseeuw & Van Driessen's choice is 1500 in five parts of 300."""
 
 
 class Selection(NamedTuple):
@@ -550,44 +528,6 @@ def _best(y: Floats, steps: int, spheres: Floats, count: int) -> Floats:
     chosen = np.take_along_axis(spheres, order[:, :, None], axis=1)
     chosen[np.isinf(np.take_along_axis(sums, order, axis=1))] = np.nan
     return chosen
-
-
-def uniform(count: int, name: int) -> Floats:
-    """Numbers (count,) spread evenly over [0, 1), a hash of their place and of a number that names the sequence.
-
-    The hash is the finaliser of SplitMix64 (Steele, Lea & Flood 2014).
-    """
-    mixed = np.arange(count, dtype=np.uint64) + np.uint64((name << 40) + 0x9E3779B97F4A7C15)
-    mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    mixed ^= mixed >> np.uint64(31)
-    return np.asarray((mixed >> np.uint64(11)).astype(float) * 2.0**-53)
-
-
-@lru_cache(maxsize=64)
-def elemental(n: int, size: int) -> Ints:
-    """Subsets (subsets, size) of n points, as indices: all of them if they are few, else hashed ones."""
-    wanted = math.log(_MISSED) / math.log1p(-((1.0 - _CONTAMINATED) ** size))
-    count = min(max(math.ceil(wanted), _FEWEST), _MOST)
-    if math.comb(n, size) <= count:
-        return np.array(list(combinations(range(n), size)), dtype=np.int64)
-    chosen = np.empty((count, size), dtype=np.int64)
-    for k in range(size):  # the draw-th of those that the subset does not hold yet
-        draw = (uniform(count, k + 1) * (n - k)).astype(np.int64)
-        held = np.sort(chosen[:, :k], axis=1)
-        for i in range(k):
-            draw += draw >= held[:, i]
-        chosen[:, k] = draw
-    return chosen
-
-
-@lru_cache(maxsize=16)
-def spread_out(n: int) -> Ints:
-    """Places of the subsample among n points: one from each of as many equal parts."""
-    if n <= SUBSAMPLE:
-        return np.arange(n)
-    edges = np.arange(SUBSAMPLE + 1) * n // SUBSAMPLE
-    return np.asarray(edges[:-1] + (uniform(SUBSAMPLE, 0) * np.diff(edges)).astype(np.int64))
 
 
 class Limits(NamedTuple):

@@ -10,8 +10,9 @@ from scipy import integrate, stats
 
 import study
 from study import Samples, Status
-from study.fits.robust import FALSE_ALARMS, as_rare, elemental, extra_parameters, limits_of, outliers, spread_out
+from study.fits.robust import FALSE_ALARMS, as_rare, extra_parameters, limits_of, outliers
 from study.fits.samples import repeated
+from study.fits.subsets import elemental, spread_out
 
 CHANCE = 1e-5
 
