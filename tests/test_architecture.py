@@ -37,7 +37,7 @@ USUAL = 150
 """Lines of code that half of the chapters have at least."""
 SHORT = 40
 MOST_SHORT = 15
-MOST_FILES = 137
+MOST_FILES = 139
 MOST_ARROWS = 756
 MOST_PARAMETERS = 7
 MOST_ANY = 176
