@@ -73,8 +73,9 @@ _TOGETHER = 1 << 15
 """Points that are weighed together."""
 _CERTAIN, _EACH, _SOON = 5.0, 180.0, 10
 """Log-likelihood that tells of clutter, after so many rounds: the first, the second over the number of points, and the
-first times the parameters that curvature adds. Chosen by the .999 quantiles of clean sets of 20 to 500 points on caps and
-circles; of 11,000 others, of 20 to 200 points with noise of .02 to .1 radii, 7 had more, and at most 3 of 1000 in a cell."""
+first times the parameters that curvature adds. Chosen by the .999 quantiles of clean sets of 20 to 500 points on caps
+and circles; of 11,000 others, of 20 to 200 points with noise of .02 to .1 radii, 7 had more, at most 3 of 1000 in one
+cell."""
 
 
 def robust(samples: Samples) -> Estimates:
