@@ -18,7 +18,7 @@ from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Answer, Goodness
 from study.fits.intervals import Intervals, intervals
 from study.fits.judge import PointEvidence, gather, influence, judge, widened
-from study.fits.robust import outliers
+from study.fits.robust import Found, find
 from study.fits.samples import Estimates, Samples, Status, plug_in_bound, repeated, semi_axes, unless_missing
 
 if TYPE_CHECKING:
@@ -54,7 +54,17 @@ class FittedPoints:
     @cached_property
     def outliers(self) -> Bools:
         """True for the points (b, n) that do not belong to the sphere of the majority."""
-        return outliers(self.samples)
+        return self.found.named
+
+    @cached_property
+    def found(self) -> Found:
+        """The outliers, and what leaving them out adds to the errors."""
+        return find(self.samples)
+
+    @property
+    def selection(self) -> Floats:
+        """Factors on the standard errors for the choice of the points (b, d + 1); 1 unless outliers are left out."""
+        return self.found.ratio if self._without_outliers else np.ones((len(self._center), self._center.shape[1] + 1))
 
     @property
     def repeated(self) -> Bools:
@@ -136,7 +146,7 @@ class FittedPoints:
     def intervals(self, level: float) -> Intervals:
         """Intervals of a level, with allowance for structure; open along the axis where the points lie on a circle."""
         different, seen = self.different, self._evidence
-        white, stretch = intervals(different, level), seen.stretch(level, self.spare)
+        white, stretch = intervals(different, level), seen.stretch(level, self.spare) * self.selection
         ends = widened(white, stretch, lambda sets, factors: intervals(different.take(sets), level, factors))
         if not seen.hinge.any():
             return ends
@@ -554,7 +564,7 @@ class Fit:
 
         Source: theory §13.6.
         """
-        return self._points.evidence.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
+        return (self._points.evidence.ratio * self._points.selection).reshape(*self.shape, self.center.shape[-1] + 1)
 
     @cached_property
     def circle(self) -> Circle:

@@ -142,9 +142,9 @@ ESTIMATORS: dict[str, Estimator] = {
     "corrected_12": Estimator(corrected_12, "theory §9, with ν = 1", covariance=partial(sandwich, pair=1.0)),
     "robust": Estimator(
         robust,
-        "Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993: mle without the outliers",
+        "Torr & Zisserman 2000; Hadi & Simonoff 1993: mle, each point by its probability to be no clutter",
         without_outliers=True,
-        version=3,
+        version=4,
     ),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, version=2),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),

@@ -10,8 +10,9 @@ from scipy import integrate, stats
 
 import study
 from study import Samples, Status
-from study.fits.robust import FALSE_ALARMS, as_rare, elemental, extra_parameters, limits_of, outliers, spread_out
+from study.fits.robust import FALSE_ALARMS, as_rare, extra_parameters, limits_of, outliers
 from study.fits.samples import repeated
+from study.fits.subsets import elemental, spread_out
 
 CHANCE = 1e-5
 
@@ -151,7 +152,11 @@ def test_exact_points_and_many_outliers(rng, on_cap, d):
 
 
 def test_without_outliers_it_is_mle(rng, on_cap):
-    """Where no point is named, the answer is `mle`'s to the last bit; where one is, it is that of the other points."""
+    """Where no point is named, the answer is `mle`'s to the last bit; where one is, it is nearly that of the others.
+
+    Least squares of the others weighs all of them by 1. Here points beyond 3 σ weigh less: of 24 points there is one in
+    7 % of the sets, and the answer moves by less than half a standard error.
+    """
     points = on_cap(rng, 25, 90, noise=0.02, sets=40)[0]
     points[7, 3] = [5.0, 5.0, 5.0]
     fit, mle = study.fit(points, "robust"), study.fit(points, "mle")
@@ -161,9 +166,10 @@ def test_without_outliers_it_is_mle(rng, on_cap):
         np.testing.assert_array_equal(one[clean], other[clean])
     rest = study.fit(points[7][~fit.outliers[7]], "mle")
     np.testing.assert_array_equal(fit.outliers[7].nonzero()[0], [3])
-    for one, other in zip(fit.estimates, rest.estimates, strict=True):
-        np.testing.assert_array_equal(one[7], other)
-    np.testing.assert_allclose(fit.covariance[7], rest.covariance, rtol=1e-12)
+    moved = np.r_[fit.center[7] - rest.center, fit.radius[7] - rest.radius] / rest.standard_errors
+    assert np.abs(moved).max() < 0.5
+    assert (fit.standard_errors[7] > 0.8 * rest.standard_errors).all()
+    assert (fit.standard_errors[7] < 1.5 * rest.standard_errors).all()
 
 
 def test_symmetries(rng, on_cap, random_rotation):
@@ -207,13 +213,13 @@ def test_missing_samples_are_no_outliers(rng, on_cap):
 
 @pytest.mark.parametrize("missing", [False, True])
 def test_errors_where_the_first_rows_do_not_count(rng, on_cap, missing):
-    """Standard errors do not depend on whether the first few hundred rows are outliers, missing, or not there."""
+    """Standard errors do not depend on whether the first few hundred rows are missing, and little on outliers there."""
     points = on_cap(rng, 1200, 60, noise=0.01)[0]
     points[:400] = np.nan if missing else points[:400] * rng.uniform(1.5, 3.0, (400, 1))
     fit = study.fit(points, "robust")
     rest = study.fit(points[400:][~fit.outliers[400:]], "mle")
     assert fit.ok
-    np.testing.assert_allclose(fit.standard_errors, rest.standard_errors, rtol=1e-9)
+    np.testing.assert_allclose(fit.standard_errors, rest.standard_errors, rtol=1e-9 if missing else 0.1)
     if missing:
         one, two = study.fit(points, "als"), study.fit(points[400:], "als")
         np.testing.assert_allclose(one.standard_errors, two.standard_errors, rtol=1e-9)
@@ -320,5 +326,7 @@ def test_intervals_leave_out_what_the_fit_does(rng, on_cap):
     other = study.Fit(plain.estimates, plain.samples, "mine", without_outliers=True)
     assert (robust.without_outliers, plain.without_outliers) == (True, False)
     np.testing.assert_array_equal(other.interval("radius"), robust.interval("radius"))
-    np.testing.assert_array_equal(other.interval("radius"), study.fit(np.delete(points, 3, axis=0)).interval("radius"))
+    ends, rest = robust.interval("radius"), study.fit(np.delete(points, 3, axis=0)).interval("radius")
+    assert ends[0] <= rest[0] < rest[1] <= ends[1]  # longer, for the choice of the points
+    assert np.ptp(ends) < 1.5 * np.ptp(rest)
     assert plain.interval("radius")[1] != robust.interval("radius")[1]
