@@ -97,7 +97,7 @@ def test_a_first_answer_loads_nothing_heavy_that_it_does_not_need(tmp_path, code
 
     To judge claims, or to open a run, neither scipy's distributions nor a figure's library is loaded.
     """
-    (tmp_path / "points.csv").write_text("x,y\n0,1\n1,0\n-1,0\n0,-1.01\n0.7,0.72\n")
+    (tmp_path / "points.csv").write_text("x,y\n0,1\n1,0\n-1,0\n0,-1.01\n0.7,0.72\n-0.72,0.7\n")
     code = f"import logging\nlogging.disable()\n{code}\n"  # whether loops are compiled or come from the cache
     code += f"import sys\nprint(*({HEAVY!r} & set(sys.modules)), file=sys.stderr)"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

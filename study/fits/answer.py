@@ -542,9 +542,11 @@ class Fit:
         """
         return np.asarray(self._points.repeated.sum(axis=1).reshape(self.shape))
 
-    @cached_property
+    @property
     def goodness(self) -> Goodness:
         """Test of fit (…): p values of *shape*, *unequal noise*, *tails* and *memory* of the rows, and of all.
+
+        Each test, and those of hinges and outliers, has an answer: passed, failed, or not tested with its reason.
 
         It depends on the points alone, not on the estimator, holds for every law of directions, and takes the noise to
         be isotropic, normal and of unknown size. Copies count once; that of `robust` leaves the outliers out. Of more
@@ -552,7 +554,10 @@ class Fit:
 
         Source: theory §13.
         """
-        return Goodness.untested(self.shape, Answer.NO_POINTS) if self._samples is None else self._judged[1]
+        if self._samples is None:
+            return Goodness.untested(self.shape, Answer.NO_POINTS)
+        self._samples.unchanged()
+        return self._judged[1]
 
     @cached_property
     def allowance(self) -> Floats:

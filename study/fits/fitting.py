@@ -98,7 +98,7 @@ def _misfit_in_words(fit: Fit, block: str) -> str:
     return f"not a {shape} with white noise ({block}, {size}): {_REASONS[block]}; {allowed}"
 
 
-def tests_in_words(fit: Fit) -> str:
+def answers_in_words(fit: Fit) -> str:
     """A line with the answer of each test."""
     by_answer: dict[str, list[str]] = {}
     for name, answer in fit.goodness.in_words().items():
@@ -303,7 +303,7 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
         first = next(iter(only.fits.values()))
         yield from intervals_in_words(first, only.table.names)
         yield from doubts(first)
-        yield tests_in_words(first)
+        yield answers_in_words(first)
         if isinstance(first, GivenFit):
             yield from first.remarks()
     else:

@@ -331,9 +331,11 @@ class GivenFit(Fit):
         if self._given.noise is not None and len(plain) < len(center):
             sets, sphere = self._sets, self._free
             samples = replace(samples, weights=self._along(sphere))
-            numbers = sphere.radius * sets.unit, sphere.scale * sets.unit**2
+            with np.errstate(all="ignore"):
+                middle = sets.origin + sphere.center * sets.unit[:, None]
+                numbers = middle, sphere.radius * sets.unit, sphere.scale * sets.unit**2
             free = blank(*self._samples.shape[:2])
-            for whole, part in zip(free, (sets.origin + sphere.center * sets.unit[:, None], *numbers), strict=False):
+            for whole, part in zip(free, numbers, strict=False):
                 whole[sphere.found] = part[sphere.found]
         return FittedPoints(samples, center, self._without_outliers, self._ordered, free)
 

@@ -16,7 +16,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.special import stdtrit
 
 from study.arrays import Bools, Floats, Ints
@@ -248,6 +247,8 @@ def _remembering(X: Floats, rho: Floats, pull: Floats) -> Floats:
 
     Source: Harville, J. Amer. Statist. Assoc. 72 (1977) 320.
     """
+    from scipy.signal import lfilter  # takes as long to load as the rest of the library
+
     (b, k, n), rows = X.shape, np.concatenate([X, rho[:, None]], axis=1)
     likelihood, variance = np.empty((len(_MEMORIES), b)), np.empty((len(_MEMORIES), b, k))
     for place, phi in enumerate(_MEMORIES):

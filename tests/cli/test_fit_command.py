@@ -22,7 +22,7 @@ from PIL import Image
 
 import study
 from study.fits import registry
-from study.fits.fitting import fit_all, fit_rows, intervals_in_words, printed
+from study.fits.fitting import fit_all, fit_rows, intervals_in_words, printed, answers_in_words
 
 
 @pytest.fixture
@@ -46,6 +46,8 @@ def test_fit(well, rng, on_cap, tmp_path, d):
     np.save(tmp_path / "p.npy", points)
     fits, names = fit_all(points, ["corrected"], None), ["1", "2", "3"][:d]
     table = [*printed(fit_rows(fits, names), names), *intervals_in_words(fits["corrected"], names)]
+    table.append(answers_in_words(fits["corrected"]))
+    assert table[-1].startswith("tests: passed shape, unequal noise, tails, memory, ")
     assert well(tmp_path, "fit", "p.npy").splitlines() == [*table, "± is one standard uncertainty"]
     assert table[1].split()[-2:] == ["90", "ok"]
 
@@ -186,7 +188,8 @@ def test_outliers_and_copies(call_here, rng, on_cap, tmp_path):
     code, said, _ = call_here(tmp_path, "fit", "p.npy")
     assert code == 3
     assert "\n1 of 40 rows lack a coordinate and are left out\n" in said
-    assert "\n3 of 39 points are outliers (rows 5, 17, 22): the fit uses them; -e robust leaves them out\n" in said
+    line = next(line for line in said.splitlines() if line.startswith("3 of 39 points are outliers"))
+    assert "(rows 5, 17, 22): the fit uses them; -e robust leaves them out; without them it moves by " in line
     assert "\n4 of 39 rows repeat earlier ones; if they are no new measurement, every ± is too small\n" in said
     told = json.loads(call_here(tmp_path, "fit", "p.npy", "--json")[1])[0]
     assert (told["outliers"], told["copies"]) == ([4, 16, 21], 4)
@@ -240,7 +243,7 @@ def test_output_to_a_pipe(call, command, cap, tmp_path, encoding):
     environment = {**command[1], "PYTHONIOENCODING": encoding}
     code, said, complained = call(tmp_path, "fit", "cap.csv", env=environment, encoding=encoding)
     assert (code, complained, "\x1b" in said) == (0, "", False)  # no colours
-    assert len(said.splitlines()) == 7
+    assert len(said.splitlines()) == 8
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "own-estimators.md").read_text(encoding="utf-8")
@@ -371,7 +374,7 @@ def test_a_run_survives_an_exit_and_prints(call, folder, backend):
 def test_prints_do_not_mix_with_json(call_here, folder):
     """`study fit --json` prints an object and nothing else."""
     (folder / "my.py").write_text(OWN.format(body="print('a fit')"), encoding="utf-8")
-    (folder / "points.csv").write_text("x,y\n1,0\n0,1\n-1,0\n0,-1.1\n0.7,0.7\n", encoding="utf-8")
+    (folder / "points.csv").write_text("x,y\n1,0\n0,1\n-1,0\n0,-1.1\n0.7,0.7\n-0.7,0.72\n", encoding="utf-8")
     code, said, complained = call_here(folder, "fit", "points.csv", "-e", "my.py:mine", "--json")
     assert (code, len(json.loads(said)), "a fit" in complained) == (0, 1, True)
 

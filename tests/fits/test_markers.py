@@ -109,7 +109,7 @@ def test_markers_that_are_missing(rng):
         np.testing.assert_array_equal(one.radii, [*two.radii, np.nan, np.nan])
     alone = mgdk([markers[0][:4], np.full((9, 3), np.nan)])
     assert alone.own_status == Status.OK
-    assert alone.status == Status.UNTESTED  # four points can tell nothing
+    assert alone.status == Status.WEAKLY_IDENTIFIED  # four points leave no freedom
     np.testing.assert_allclose(alone.center, study.fit(markers[0][:4], "gdke").center, rtol=0, atol=1e-9)
 
 
@@ -356,7 +356,7 @@ def on_caps(rng, radii, degrees, noise, sizes):
 
 def test_ends_of_several_markers_are_quantiles_of_the_score():
     """At both ends of each radius T is Student's quantile with N - d - M degrees of freedom."""
-    markers = on_caps(np.random.default_rng(21), (1.0, 2.0, 3.0), 45.0, 0.08, (40, 60, 50))
+    markers = on_caps(np.random.default_rng(22), (1.0, 2.0, 3.0), 45.0, 0.08, (40, 60, 50))
     fit = study.mgdk(markers)
     quantile = stdtrit(150 - 3 - 3, 0.95)
     for p in range(3):
