@@ -68,6 +68,8 @@ Estimator = Annotated[str, typer.Option("--estimator", "-e", callback=_one_name,
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
 _ORDERED = "the rows are in order of time: errors allow for noise that neighbours share"
 Ordered = Annotated[bool, typer.Option("--ordered", help=_ORDERED)]
+_ASSUME = "sphere, if the points are known to lie on one: their shape is then not tested"
+Assume = Annotated[str | None, typer.Option("--assume", help=_ASSUME)]
 KnownRadius = Annotated[float | None, typer.Option("--radius", help="the radius, if it is known")]
 _SCALE = "given, if the noise in columns sigma, or sx, sy, sz, is as large as that; estimated, if only ratios are known"
 NoiseScale = Annotated[str, typer.Option("--scale", help=_SCALE)]
@@ -196,6 +198,7 @@ def fit(
     scale: NoiseScale = "given",
     spheres: SphereCount = None,
     ordered: Ordered = False,
+    assume: Assume = None,
     columns: Columns = None,
     dimension: Dimension = None,
     plot: Plot = None,
@@ -209,15 +212,19 @@ def fit(
     """
     from study.fits import fitting
     from study.fits.fitting import choose, fit_all
+    from study.fits.judge import Assumptions
     from study.fits.point_files import read_points
     from study.fits.point_formats import PointFileError
 
     if as_json and as_csv:
         raise typer.BadParameter("give --json or --csv, not both")
+    if assume not in (None, "sphere"):
+        raise typer.BadParameter(f"--assume {assume}: only a sphere can be assumed: --assume sphere")
+    assumed = Assumptions(ordered, assume is not None)
     if plot is not None and len(files) > 1:
         raise typer.BadParameter("--plot: give one file")
     if spheres is not None:
-        if noise is not None or radius is not None or plot is not None or as_csv or ordered:
+        if noise is not None or radius is not None or plot is not None or as_csv or any(assumed):
             raise typer.BadParameter("--spheres goes with --estimator, --columns, --dimension and --json alone")
         _fit_spheres(files, spheres, estimator, columns, dimension, as_json)
         return
@@ -227,7 +234,7 @@ def fit(
         try:
             table = read_points(file, columns.split(",") if columns else None, dimension)
             each = noise if table.noise is None else table.noise
-            fits = fit_all(table.points, chosen, each, ordered, radius, scale)
+            fits = fit_all(table.points, chosen, each, assumed, radius, scale)
             results.append(fitting.FileFits(file, table, fits))
         except PointFileError as error:
             complaints.append(str(error))

@@ -17,7 +17,7 @@ from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
 from study.fits.goodness import Answer, Goodness
 from study.fits.intervals import Intervals, intervals
-from study.fits.judge import PointEvidence, gather, influence, judge, widened
+from study.fits.judge import NOTHING, Assumptions, PointEvidence, gather, influence, judge, widened
 from study.fits.robust import Found, find
 from study.fits.samples import Estimates, Samples, Status, plug_in_bound, repeated, semi_axes, unless_missing
 
@@ -33,17 +33,22 @@ class FittedPoints:
         samples: the points (b, d, n), missing ones as NaN.
         center: ĉ (b, d).
         without_outliers: the estimator leaves outliers out.
-        ordered: the rows are in the order in which they were measured.
+        assumed: of the points.
         spheres: the free fits by `corrected`, if these are its.
     """
 
     def __init__(
-        self, samples: Samples, center: Floats, without_outliers: bool, ordered: bool, spheres: Estimates | None
+        self,
+        samples: Samples,
+        center: Floats,
+        without_outliers: bool,
+        assumed: Assumptions,
+        spheres: Estimates | None = None,
     ) -> None:
         self._samples = samples
         self._center = center
         self._without_outliers = without_outliers
-        self._ordered = ordered
+        self._assumed = assumed
         self._spheres = spheres
 
     @property
@@ -127,7 +132,7 @@ class FittedPoints:
     @cached_property
     def _evidence(self) -> PointEvidence:
         different = self._different
-        return gather(different, self._ordered, self._spheres if different is self._samples else None)
+        return gather(different, self._assumed, self._spheres if different is self._samples else None)
 
     def judged(self, status: Ints, ends: Intervals) -> tuple[Ints, Goodness]:
         """The status of each fit (b,) after what its residuals show, and the answers of the tests.
@@ -136,7 +141,7 @@ class FittedPoints:
             status: by the intervals (b,).
             ends: the intervals at 95 %.
         """
-        return judge(self.evidence, self._different, status, ends, self._ordered, self._without_outliers)
+        return judge(self.evidence, self._different, status, ends, self._assumed, self._without_outliers)
 
     @cached_property
     def circles(self) -> Circle:
@@ -210,7 +215,7 @@ class Fit:
         covariance_of: covariance of (ĉ, r̂) by the estimator's own rule, from samples without missing ones; None for
             the Cramér-Rao bound with the estimates plugged in.
         without_outliers: the estimator leaves ``outliers`` out.
-        ordered: the rows are in the order in which they were measured.
+        assumed: what the user knows of the points.
 
     Example:
         Two point sets on a circle about (1, 2), one with noise:
@@ -234,14 +239,14 @@ class Fit:
         estimator: str = "",
         covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
         without_outliers: bool = False,
-        ordered: bool = False,
+        assumed: Assumptions = NOTHING,
     ) -> None:
         self._estimates = estimates
         self._samples = samples
         self._estimator = estimator
         self._covariance_of = covariance_of
         self._without_outliers = without_outliers
-        self._ordered = ordered
+        self._assumed = assumed
 
     @property
     def estimates(self) -> Estimates:
@@ -266,7 +271,7 @@ class Fit:
     @property
     def ordered(self) -> bool:
         """True if the rows are in the order in which they were measured, so that errors may allow for memory."""
-        return self._ordered
+        return self._assumed.ordered
 
     @property
     def center(self) -> Floats:
@@ -320,7 +325,10 @@ class Fit:
         the noise is below 0.35 radii (theory 10.5). It is not ok either where it uses outliers, where the test of fit
         speaks and that matters (theory 13.6), or where the points refuse a known radius or noise (p < .01).
         """
-        return self.own_status if self._samples is None else self._settled
+        if self._samples is not None:
+            return self._settled
+        untested = (self.own_status == Status.OK) & (not self._assumed.sphere)
+        return np.asarray(np.where(untested, Status.UNTESTED, self.own_status))
 
     @property
     def status_text(self) -> str | NDArray[np.str_]:
@@ -431,7 +439,7 @@ class Fit:
         flat = self._estimates.reshape(-1)
         part = Estimates._make([np.asarray(array[places]) for array in flat])
         samples = None if self._samples is None else self._samples.take(np.atleast_1d(places).ravel())
-        return type(self)(part, samples, self._estimator, self._covariance_of, self._without_outliers, self._ordered)
+        return type(self)(part, samples, self._estimator, self._covariance_of, self._without_outliers, self._assumed)
 
     def __iter__(self) -> Iterator[Self]:
         return (self[i] for i in range(len(self)))
@@ -714,4 +722,4 @@ class Fit:
             raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
         flat = self._estimates.reshape(-1)
         known = flat if self._estimator == "corrected" else None
-        return FittedPoints(self._samples, flat.center, self._without_outliers, self._ordered, known)
+        return FittedPoints(self._samples, flat.center, self._without_outliers, self._assumed, known)

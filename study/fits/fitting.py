@@ -17,7 +17,7 @@ from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import meanings, statuses
 from study.fits.given import GivenFit, takes
-from study.fits.judge import INFLUENCE
+from study.fits.judge import INFLUENCE, NOTHING, Assumptions
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
 from study.fits.registry import load
@@ -180,7 +180,7 @@ def fit_all(
     points: Floats,
     estimators: list[str],
     noise: float | Floats | None,
-    ordered: bool = False,
+    assumed: Assumptions = NOTHING,
     radius: float | None = None,
     scale: str = "given",
 ) -> dict[str, Fit]:
@@ -190,14 +190,15 @@ def fit_all(
         points: the points.
         estimators: their names; of several, those that do not take what is known are left out.
         noise: standard deviation of a coordinate, of all points or of each, if it is known; see `study.fit`.
-        ordered: the rows are in the order in which they were measured.
+        assumed: what is known of the points.
         radius: the radius, if it is known.
         scale: see `study.fit`.
 
     Raises:
         PointFileError: if an estimator does not take what is known, with those that do.
     """
-    known: dict[str, Any] = {"radius": radius, "scale": scale, "ordered": ordered}
+    known: dict[str, Any] = {"radius": radius, "scale": scale, "ordered": assumed.ordered}
+    known["assume"] = "sphere" if assumed.sphere else None
     if len(estimators) > 1 and (radius is not None or isinstance(noise, np.ndarray)):
         estimators = [name for name in estimators if takes(name, points.shape, noise, radius, scale)]
     try:

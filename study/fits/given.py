@@ -31,7 +31,7 @@ from study.fits.answer import Fit, FittedPoints
 from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness, number_of
 from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radius, intervals_of
-from study.fits.judge import PointEvidence, weighted_outliers, widened
+from study.fits.judge import NOTHING, Assumptions, PointEvidence, weighted_outliers, widened
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit
 from study.fits.weighted import Spheres, Weighted, along_normals, cost, covariance, solve
 from study.text import number, with_error
@@ -285,7 +285,7 @@ class GivenFit(Fit):
         samples: the points that were fitted, flat (b, d, n).
         estimator: name of the estimator.
         given: what was known, flat.
-        ordered: the rows are in the order in which they were measured.
+        assumed: what the user knows of the points.
         covariance_of: the estimator's own covariance of its numbers, where nothing is known.
 
     Example:
@@ -308,10 +308,10 @@ class GivenFit(Fit):
         samples: Samples,
         estimator: str,
         given: Given,
-        ordered: bool = False,
+        assumed: Assumptions = NOTHING,
         covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
     ) -> None:
-        super().__init__(estimates, samples, estimator, covariance_of, ordered=ordered)
+        super().__init__(estimates, samples, estimator, covariance_of, assumed=assumed)
         self._given = given
 
     def __getitem__(self, index: Any) -> Self:
@@ -321,7 +321,7 @@ class GivenFit(Fit):
         part = Estimates._make([np.asarray(array[places]) for array in self._estimates.reshape(-1)])
         flat = np.atleast_1d(places).ravel()
         samples, given = self._samples.take(flat), self._given.take(flat)
-        return type(self)(part, samples, self._estimator, given, self._ordered, self._covariance_of)
+        return type(self)(part, samples, self._estimator, given, self._assumed, self._covariance_of)
 
     @cached_property
     def _points(self) -> FittedPoints:
@@ -337,7 +337,7 @@ class GivenFit(Fit):
             free = blank(*self._samples.shape[:2])
             for whole, part in zip(free, numbers, strict=False):
                 whole[sphere.found] = part[sphere.found]
-        return FittedPoints(samples, center, self._without_outliers, self._ordered, free)
+        return FittedPoints(samples, center, self._without_outliers, self._assumed, free)
 
     @cached_property
     def _sets(self) -> Weighted:
@@ -605,7 +605,7 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     return result
 
 
-def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ordered: bool = False) -> Fit:
+def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, assumed: Assumptions = NOTHING) -> Fit:
     """`study.fit` with a known radius or a noise for each point; see there."""
     *lead, n, d = points.shape
     check_way(name, given)
@@ -622,4 +622,4 @@ def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ord
     answer.status[infinite] = Status.NOT_FINITE
     fitted = np.isfinite(answer.radius) & np.isfinite(given.radius)
     answer.radius[fitted] = given.radius[fitted]
-    return GivenFit(answer.reshape(*lead), Samples(x), name, given, ordered, estimator.covariance)
+    return GivenFit(answer.reshape(*lead), Samples(x), name, given, assumed, estimator.covariance)

@@ -28,7 +28,7 @@ from study.fits.samples import Estimates, Samples, Worded
 
 BLOCKS = ("shape", "unequal noise", "tails", "memory")
 TESTS = (*BLOCKS, "hinge", "outliers")
-SHAPE, HINGE, OUTLIERS = (TESTS.index(name) for name in ("shape", "hinge", "outliers"))
+SHAPE, MEMORY, HINGE, OUTLIERS = (TESTS.index(name) for name in ("shape", "memory", "hinge", "outliers"))
 SHARES = np.array([3.0, 1.0, 1.0, 1.0]) / 6.0
 """Shares of the level that the blocks have: whether the points are a sphere is the question."""
 LEVEL = 0.01

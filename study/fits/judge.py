@@ -25,6 +25,7 @@ from study.fits.goodness import (
     BLOCKS,
     HINGE,
     LEVEL,
+    MEMORY,
     OUTLIERS,
     SHAPE,
     Answer,
@@ -61,6 +62,30 @@ _USUAL = 200
 """Number of points up to which everything that is seen matters."""
 _MOST_NUMBERS = 500_000
 """Numbers of harmonics held at a time, which stay in a processor's cache."""
+
+
+class Assumptions(NamedTuple):
+    """Knowledge about the points that they cannot show.
+
+    Attributes:
+        ordered: the rows are in the order in which they were measured.
+        sphere: the points lie on a sphere: their shape is not tested.
+    """
+
+    ordered: bool = False
+    sphere: bool = False
+
+    @classmethod
+    def of(cls, ordered: bool, assume: str | None) -> "Assumptions":
+        """Check what a user says; a TypeError or ValueError names what cannot be used."""
+        if isinstance(ordered, str):
+            raise TypeError(f"ordered = {ordered!r}: expected True or False")
+        if assume not in (None, "sphere"):
+            raise ValueError(f"assume = {assume!r}: only 'sphere' can be assumed, or nothing, None")
+        return cls(bool(ordered), assume == "sphere")
+
+
+NOTHING = Assumptions()
 
 
 class PointEvidence(NamedTuple):
@@ -108,13 +133,13 @@ class PointEvidence(NamedTuple):
 
 
 def gather(
-    samples: Samples, ordered: bool = False, spheres: Estimates | None = None, level: float = LEVEL
+    samples: Samples, assumed: Assumptions = NOTHING, spheres: Estimates | None = None, level: float = LEVEL
 ) -> PointEvidence:
     """Gather the evidence of each set of points.
 
     Args:
         samples: the points (b, d, n) with their weights, missing ones as NaN, copies left out.
-        ordered: the rows are in the order in which they were measured.
+        assumed: of the points.
         spheres: whose residuals are looked at; None for free fits of the points by `corrected`.
         level: at which the tests of one set doubt it.
 
@@ -146,7 +171,7 @@ def gather(
         size = max(_MOST_NUMBERS // (25 * tested.shape[2]), 1)
         for some in (np.arange(i, min(i + size, len(sets))) for i in range(0, len(sets), size)):
             own = Estimates._make([array[some] for array in mine])
-            _look(present.take(some), tested.take(some), own, ordered, level, _Part(result, sets[some]))
+            _look(present.take(some), tested.take(some), own, assumed, level, _Part(result, sets[some]))
     answers[HINGE] = answers[HINGE] if d == 3 else int(Answer.NOT_IN_SPACE)
     return result
 
@@ -158,17 +183,22 @@ class _Part(NamedTuple):
     sets: Ints
 
 
-def _look(samples: Samples, tested: Samples, spheres: Estimates, ordered: bool, level: float, part: _Part) -> None:
+def _look(
+    samples: Samples, tested: Samples, spheres: Estimates, assumed: Assumptions, level: float, part: _Part
+) -> None:
     """Test some complete sets, and fill in their places in the evidence."""
     (_, d, n), (result, sets) = samples.shape, part
     with np.errstate(all="ignore"):
         seen = see(Residuals.about(tested.x, spheres, tested.weights, highest_degree(tested.shape[2], d)))
-        answer, spare = seen.goodness, n - d - 1
+        answer, spare, ordered = seen.goodness, n - d - 1, assumed.ordered
+        if assumed.sphere:
+            answer.shape[:] = np.nan
+            answer.answers[SHAPE, answer.answers[SHAPE] != Answer.NO_SPHERE] = int(Answer.ASSUMED)
         for whole, values in zip(result.goodness[:4], answer[:4], strict=True):
             whole[sets] = values
         result.goodness.answers[: len(BLOCKS), sets] = answer.answers[: len(BLOCKS)]
-        shape, fitted = answer.answers[SHAPE], np.isfinite(seen.largest)
-        result.goodness.answers[OUTLIERS, sets] = np.where(fitted, Answer.PASSED, shape)
+        fitted = np.isfinite(seen.largest)
+        result.goodness.answers[OUTLIERS, sets] = np.where(fitted, Answer.PASSED, answer.answers[MEMORY])
         result.extreme[sets] = fitted & ((spare < _FEW) | _extreme(seen.largest, tested.shape[2], d))
         speaks, strong = answer.speaks(level), answer.speaks(level * math.exp(-_EFFECT * max(n - _USUAL, 0)))
         matters = strong[0] | strong[1] | (strong[3] & (not ordered)) | (strong[2] & ~seen.harmless)
@@ -293,7 +323,12 @@ def widened(white: Intervals, stretch: Floats, again: Callable[[Ints, Floats], I
 
 
 def judge(
-    evidence: PointEvidence, samples: Samples, status: Ints, ends: Intervals, ordered: bool, without_outliers: bool
+    evidence: PointEvidence,
+    samples: Samples,
+    status: Ints,
+    ends: Intervals,
+    assumed: Assumptions,
+    without_outliers: bool,
 ) -> tuple[Ints, Goodness]:
     """The status of each fit (b,) after what its points show, and the answers of all tests.
 
@@ -302,7 +337,7 @@ def judge(
         samples: the points that the fits stand on (b, d, n), copies left out.
         status: by the intervals (b,).
         ends: the intervals at 95 %.
-        ordered: the rows are in the order in which they were measured.
+        assumed: of the points.
         without_outliers: the estimator has left outliers out.
     """
     result, answers = status.copy(), evidence.goodness.answers.copy()
@@ -310,7 +345,7 @@ def judge(
     result[evidence.hinge & placed] = Status.HINGE
     result[(result == Status.OK) & evidence.doubted] = Status.MISFIT
     if not without_outliers:
-        _search(evidence, samples, ordered, result, answers)
+        _search(evidence, samples, assumed, result, answers)
         _remove_farthest(evidence, samples, ends, result)
     weak = (result == Status.WEAKLY_IDENTIFIED) | (result == Status.INSIGNIFICANT)  # maybe by what is allowed for
     result[weak & evidence.doubted] = Status.MISFIT
@@ -320,7 +355,7 @@ def judge(
     return result, evidence.goodness._replace(answers=answers)
 
 
-def _search(evidence: PointEvidence, samples: Samples, ordered: bool, result: Ints, answers: Ints) -> None:
+def _search(evidence: PointEvidence, samples: Samples, assumed: Assumptions, result: Ints, answers: Ints) -> None:
     """Search outliers where something hints at them, and write what follows into statuses (b,) and answers (6, b)."""
     fitted = ((result == Status.OK) | (result == Status.MISFIT)) & (evidence.extreme | evidence.spread)
     fitted |= ((result == Status.WEAKLY_IDENTIFIED) | (result == Status.INSIGNIFICANT)) & evidence.spread
@@ -344,7 +379,7 @@ def _search(evidence: PointEvidence, samples: Samples, ordered: bool, result: In
     misfit = result[searched[guilty]] == Status.MISFIT
     matter = influence(part.take(guilty), named[guilty]) > INFLUENCE
     if misfit.any():  # is it the outliers alone that make the model fail?
-        matter[misfit] = ~gather(rest.take(np.flatnonzero(misfit)), ordered).doubted
+        matter[misfit] = ~gather(rest.take(np.flatnonzero(misfit)), assumed).doubted
     result[searched[guilty[matter]]] = Status.OUTLIERS
 
 

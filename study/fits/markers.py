@@ -29,7 +29,7 @@ from study.fits.circle import fit_circles, parallel
 from study.fits.display import named_axis
 from study.fits.goodness import HINGE, LEVEL, Answer, Goodness
 from study.fits.intervals import Intervals, PointSets, intervals_of
-from study.fits.judge import PointEvidence, gather, judge
+from study.fits.judge import NOTHING, Assumptions, PointEvidence, gather, judge
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments, Regression
 from study.fits.samples import (
@@ -64,7 +64,7 @@ class JointFit:
         covariance: covariance of ĉ (d, d), unit squared: the Cramér-Rao bound with the estimates plugged in.
         count: number of samples used of each marker (M,); points with a NaN are left out.
         markers: the points of each marker (n_p, d), missing ones as NaN.
-        ordered: the rows are in the order in which they were measured.
+        assumed: what the user knows of the points.
 
     Example:
         >>> import numpy as np, study
@@ -85,7 +85,7 @@ class JointFit:
     covariance: Floats
     count: Ints
     markers: tuple[Floats, ...] = field(default=())
-    ordered: bool = False
+    assumed: Assumptions = NOTHING
 
     @property
     def status(self) -> Status:
@@ -107,13 +107,14 @@ class JointFit:
     def _judged(self) -> tuple[Status, tuple[Goodness, ...]]:
         """The status and the tests of the markers."""
         if self.own_status != Status.OK or not self.markers:
+            unknown = self.own_status == Status.OK and not self.assumed.sphere
             untested = (Goodness.untested((), Answer.NO_POINTS),) * len(self.radii)
-            return (Status.UNTESTED if self.own_status == Status.OK else self.own_status), untested
+            return (Status.UNTESTED if unknown else self.own_status), untested
         statuses, tests = list[Status](), list[Goodness]()
         nothing = Intervals.unbounded(1, len(self.center), 0.95)
         nothing.radius[:] = 0.0  # no marker need bound the centre alone
         for samples, evidence in zip(self._samples, self._evidence, strict=True):
-            ruled, goodness = judge(evidence, samples, np.zeros(1, dtype=np.int64), nothing, self.ordered, False)
+            ruled, goodness = judge(evidence, samples, np.zeros(1, dtype=np.int64), nothing, self.assumed, False)
             statuses.append(Status(int(ruled[0])))
             tests.append(goodness.take(0))
         ends = self.intervals(0.95)
@@ -152,7 +153,7 @@ class JointFit:
         for samples, radius in zip(self._samples, self.radii, strict=True):
             sphere = blank(1, len(self.center))
             sphere.center[0], sphere.radius[0], sphere.noise_variance[0] = self.center, radius, self.noise_variance
-            seen.append(gather(samples, self.ordered, sphere, LEVEL / len(self.radii)))
+            seen.append(gather(samples, self.assumed, sphere, LEVEL / len(self.radii)))
         return tuple(seen)
 
     @property
@@ -272,7 +273,7 @@ class JointFit:
         if len(places) == 1 or self._hinge:
             for p in places:
                 alone = Samples(np.ascontiguousarray(arrays[p].T)[None])
-                own = FittedPoints(alone, self.center[None], False, self.ordered, None).intervals(level)
+                own = FittedPoints(alone, self.center[None], False, self.assumed).intervals(level)
                 result.radius[p], result.noise_share[p] = own.radius[0], own.noise_share[0]
                 result.center[:] = own.center if len(places) == 1 else result.center
             return result
@@ -406,13 +407,15 @@ class Incremental:
         if other.moments is not None:
             self.moments = other.moments if self.moments is None else self.moments.merge(other.moments)
 
-    def fit(self, estimator: Estimator, noise: float | Floats | None = None) -> Fit:
+    def fit(self, estimator: Estimator, noise: float | Floats | None = None, assume: str | None = None) -> Fit:
         """Fit the points so far by a closed form.
 
         Args:
             estimator: one that needs the moments alone, such as ``study.ESTIMATORS["als"]``.
             noise: standard deviation σ in the unit of the points, a covariance (d, d), or None where the estimator
                 does not need it.
+            assume: "sphere" if the points are known to lie on one, which their moments cannot test: a fit that its
+                estimator calls ok is then ok, and else untested.
 
         Returns:
             A fit of shape ``()``. While there are fewer than d + 1 points its status is `Status.TOO_FEW_POINTS`. Points
@@ -433,7 +436,8 @@ class Incremental:
             status = Status.NOT_FINITE
         else:
             regression = Regression.about_centroids(self.moments)
-            return Fit(estimator(Samples.of_regression(regression, noise)).reshape())
+            estimates = estimator(Samples.of_regression(regression, noise)).reshape()
+            return Fit(estimates, assumed=Assumptions.of(False, assume))
         fit = blank(1, self.dimension)
         fit.status[:] = status
         return Fit(fit.reshape())
@@ -514,7 +518,12 @@ def solved(matrix: Floats, right: Floats) -> Floats:
 
 
 def mgdk(
-    markers: Sequence[ArrayLike], noise: ArrayLike | None = None, weighted: bool = True, ordered: bool = False
+    markers: Sequence[ArrayLike],
+    noise: ArrayLike | None = None,
+    weighted: bool = True,
+    *,
+    ordered: bool = False,
+    assume: str | None = None,
 ) -> JointFit:
     """Fit spheres with one common centre to several markers, each with a radius of its own (MGDK).
 
@@ -526,6 +535,7 @@ def mgdk(
         weighted: weigh each marker by 1/r̂². If False, eq. 22 as derived is used, whose errors exceed the reported
             covariance where the radii differ.
         ordered: the rows of each marker are in the order in which they were measured, so that memory is no misfit.
+        assume: "sphere" if each marker is known to stay on a sphere: the shape is then not tested.
 
     Returns:
         A `JointFit`. Look at its ``status`` before using the numbers: markers that determine no centre have a status,
@@ -543,6 +553,7 @@ def mgdk(
 
     Source: paper eqs 22-23; the correction is in theory §2, weights and the joint root in §5.5.
     """
+    assumed = Assumptions.of(ordered, assume)
     given = tuple(_points(marker, place) for place, marker in enumerate(markers))
     arrays = [array[np.logical_not(np.isnan(array).any(axis=1))] for array in given]
     if not arrays or len({array.shape[1] for array in arrays}) != 1:
@@ -567,7 +578,7 @@ def mgdk(
     return replace(
         result,
         markers=given,
-        ordered=ordered,
+        assumed=assumed,
         center=np.ldexp(result.center, power),
         radii=np.ldexp(result.radii, power),
         noise_variance=float(np.ldexp(result.noise_variance, 2 * power)),

@@ -34,6 +34,7 @@ from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taub
 from study.fits.corrected import corrected, corrected_01, corrected_02, corrected_12, corrected_covariance, sandwich
 from study.fits.geometric import mle, mle_centroid, mle_early, mle_mirror
 from study.fits.given import fit_given, given_of
+from study.fits.judge import NOTHING, Assumptions
 from study.fits.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
 from study.fits.robust import robust
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
@@ -182,6 +183,7 @@ def fit(
     scale: str = "given",
     copy: bool | None = None,
     ordered: bool = False,
+    assume: str | None = None,
     **others: Never,
 ) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
@@ -201,6 +203,7 @@ def fit(
             to a hundred thousand coordinates are copied.
         ordered: True if the rows are in the order in which they were measured: where neighbours share their noise,
             errors and intervals then allow for it.
+        assume: "sphere" if the points are known to lie on one (a circle, if d = 2): their shape is then not tested.
         others: none; a TypeError says what there is in place of weights or sigma.
 
     Returns:
@@ -235,11 +238,10 @@ def fit(
         hint = "; points are rows: swap the last two axes" if n in (2, 3) and d > 4 else ""
         needs = f"a sphere in {d} dimensions needs at least {d + 1} points"
         raise ValueError(f"points have shape {array.shape}: {needs}{hint}")
-    if isinstance(ordered, str):
-        raise TypeError(f"ordered = {ordered!r}: expected True or False")
+    assumed = Assumptions.of(ordered, assume)
     if radius is not None or scale != "given" or (noise is not None and is_per_point(np.shape(noise), n, d)):
         given = given_of(array.shape, noise, radius, scale)
-        return fit_given(array, estimator, ESTIMATORS[estimator], given, ordered)
+        return fit_given(array, estimator, ESTIMATORS[estimator], given, assumed)
     if noise is not None:
         noise_covariance(noise, d)
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
@@ -252,12 +254,12 @@ def fit(
     else:
         samples = Samples(np.array(samples.x, order="C"), noise)  # moments that are not finite show no change
         estimates = careful_fit(entry, samples)
-    return as_fit(estimates.reshape(*lead), samples, estimator, ordered)
+    return as_fit(estimates.reshape(*lead), samples, estimator, assumed)
 
 
 def _instead(argument: str) -> str:
     """The remedy for an argument that `fit` does not have."""
-    known = ["points", "estimator", "noise", "radius", "scale", "copy", "ordered"]
+    known = ["points", "estimator", "noise", "radius", "scale", "copy", "ordered", "assume"]
     return next((text for name, text in _INSTEAD.items() if argument.startswith(name)), did_you_mean(argument, known))
 
 
@@ -266,10 +268,10 @@ def fit_samples(samples: Samples, estimator: str) -> Fit:
     return as_fit(ESTIMATORS[estimator](samples), samples, estimator)
 
 
-def as_fit(estimates: Estimates, samples: Samples, estimator: str, ordered: bool = False) -> Fit:
+def as_fit(estimates: Estimates, samples: Samples, estimator: str, assumed: Assumptions = NOTHING) -> Fit:
     """The answer of a named estimator, from its numbers, with the leading axes, and the flat samples."""
     entry = ESTIMATORS[estimator]
-    return Fit(estimates, samples, estimator, entry.covariance, entry.without_outliers, ordered)
+    return Fit(estimates, samples, estimator, entry.covariance, entry.without_outliers, assumed)
 
 
 IN_PROGRAM = "this program"

@@ -22,7 +22,7 @@ from PIL import Image
 
 import study
 from study.fits import registry
-from study.fits.fitting import fit_all, fit_rows, intervals_in_words, printed, answers_in_words
+from study.fits.fitting import answers_in_words, fit_all, fit_rows, intervals_in_words, printed
 
 
 @pytest.fixture

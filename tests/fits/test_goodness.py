@@ -14,7 +14,7 @@ import study
 from study import Status
 from study.fits import Samples, goodness
 from study.fits.cap import sample_cap
-from study.fits.goodness import Residuals, columns, harmonics, lengths, wave_moments
+from study.fits.goodness import Answer, Residuals, columns, harmonics, lengths, wave_moments
 from study.fits.intervals import intervals
 from study.fits.judge import gather
 from study.fits.robust import FALSE_ALARMS
@@ -522,3 +522,102 @@ def test_other_dimensions_have_no_circle_in_space():
     circle = study.fit(np.random.default_rng(5).normal(size=(40, 2))).circle
     assert np.isnan(circle.radius)
     assert circle.center.shape == (3,)
+
+
+def test_a_sphere_that_is_assumed_is_believed():
+    """The shape of ellipsoids, which is a misfit, is not tested; their memory still is."""
+    rng = np.random.default_rng(31)
+    points = noisy(rng, on_cap(rng, 20, 100) * [1.0, 0.9, 0.8])
+    plain, assumed = study.fit(points), study.fit(points, assume="sphere")
+    assert (plain.status == Status.MISFIT).all()
+    assert (assumed.goodness.answers[0] == Answer.ASSUMED).all()
+    assert np.isnan(assumed.goodness.shape).all()
+    assert np.isfinite(assumed.goodness.memory).all()
+    few = study.fit(noisy(rng, on_cap(rng, 1, 5)[0]), assume="sphere")
+    assert few.status != Status.UNTESTED
+    with pytest.raises(ValueError, match="assume = 'circle': only 'sphere' can be assumed"):
+        study.fit(points, assume="circle")
+
+
+def test_untested_is_said_with_its_reason():
+    """Few points, no points and no noise have answers of their own; that of a plane's shape has another."""
+    rng = np.random.default_rng(32)
+    exact, few = on_cap(rng, 1, 30)[0], noisy(rng, on_cap(rng, 1, 6)[0])
+    assert study.fit(exact).ok  # points without noise lie on the sphere
+    assert study.fit(exact).goodness.in_words()["shape"] == Answer.NO_NOISE.text
+    assert study.fit(few).status == Status.UNTESTED
+    assert study.fit(few).goodness.in_words()["hinge"] == Answer.TOO_FEW.text
+    assert study.fit(exact[:, :2]).goodness.in_words()["hinge"] == Answer.NOT_IN_SPACE.text
+    growing = study.Incremental(3)
+    growing.update(exact)
+    moments = growing.fit(study.ESTIMATORS["als"])
+    assert moments.status == Status.UNTESTED
+    assert set(moments.goodness.in_words().values()) == {Answer.NO_POINTS.text}
+    assert growing.fit(study.ESTIMATORS["als"], assume="sphere").ok
+
+
+def test_patches_of_cylinders_with_few_points_are_a_misfit():
+    """Of 300 patches of ± 57° with noise .01, .95 are a misfit and none is ok; a σ̂ that swells switched tests off."""
+    rng = np.random.default_rng(33)
+    for n in (20, 30, 45, 60):
+        angle, height = rng.uniform(-1.0, 1.0, (300, n)), rng.uniform(-1.0, 1.0, (300, n))
+        fit = study.fit(noisy(rng, np.stack([np.cos(angle), np.sin(angle), height], axis=-1)))
+        assert at_least(fit.status == Status.MISFIT, 0.95)
+        assert at_most(fit.ok, 0.005)
+
+
+def test_noise_per_point_does_not_switch_the_tests_off():
+    """Hinges, cylinders and ellipsoids with a fourfold range of noise are named in .95 of 100 sets, and none is ok."""
+    rng, n = np.random.default_rng(34), 200
+    sigma = 0.01 * 2.0 ** rng.uniform(-1.0, 1.0, (100, n))
+    angle, height = rng.uniform(-1.0, 1.0, (100, n)), rng.uniform(-1.0, 1.0, (100, n))
+    cases = {
+        Status.HINGE: np.stack([np.cos(1.5 * angle), np.sin(1.5 * angle), np.zeros_like(angle)], axis=-1),
+        Status.MISFIT: np.stack([np.cos(angle), np.sin(angle), height], axis=-1),
+    }
+    for status, surface in cases.items():
+        points = surface + sigma[..., None] * rng.normal(size=surface.shape)
+        for scale in ("given", "estimated"):
+            fit = study.fit(points, noise=sigma, scale=scale)
+            assert at_least(fit.status == status, 0.95)
+            assert not fit.ok.any()
+
+
+def test_weighted_shape_is_the_f_of_the_weighted_regression():
+    """For small noise in proportion to 1/√p the shape's tests are those of rows times √p, by NumPy's least squares."""
+    rng, n = np.random.default_rng(35), 60
+    u = on_cap(rng, 1, n, 60.0)[0]
+    sigma = 1e-6 * 2.0 ** rng.uniform(-1.0, 1.0, n)
+    x = u + sigma[:, None] * rng.normal(size=u.shape)
+    rho, root = np.linalg.norm(x, axis=1) - 1.0, 1e-6 / sigma
+    powers = [(i, j, k) for of in range(5) for i in range(5) for j in range(5) for k in (0, 1) if i + j + k == of]
+    columns = np.column_stack([np.prod(u**power, axis=1) for power in powers])
+    squares = (np.linalg.qr(columns * root[:, None])[0].T @ (rho * root)) ** 2
+    sums, free = [part.sum() for part in np.split(squares[4:], [5, 12])], n - 25
+    noise = (np.sum((rho * root) ** 2) - squares.sum()) / free
+    tests = [f.sf(sums[0] / 5.0 / noise, 5, free), f.sf((sums[1] + sums[2]) / 16.0 / noise, 16, free)]
+    answer = study.fit(x, noise=sigma, scale="estimated").goodness
+    assert answer.shape <= 1.0 - (1.0 - min(tests)) ** 3 + 1e-4  # the third test may say less
+    plain = study.fit(x).goodness
+    assert abs(answer.shape - plain.shape) > 1e-3
+
+
+def test_heavy_tails_are_no_outliers():
+    """Noise by Student's t with 4 degrees of freedom, N = 120: at least .6 of 300 are ok, and intervals cover."""
+    rng = np.random.default_rng(36)
+    noise = rng.normal(size=(300, 120, 3)) / np.sqrt(rng.chisquare(4, (300, 120, 1)) / 2.0)
+    fit = study.fit(on_cap(rng, 300, 120, 60.0) + 0.02 * noise)
+    assert at_least(fit.ok, 0.6)
+    low, high = fit.interval("radius")[fit.ok].T
+    assert at_least((low <= 1.0) & (high >= 1.0), 0.92)
+    assert (fit.outlier_influence[fit.ok] <= 3.0).all()
+
+
+@pytest.mark.parametrize(("n", "memory"), [(12, 0.7), (40, 0.7), (100, 0.9)])
+def test_few_rows_in_order_cover(n, memory):
+    """Errors hold for the worst plausible memory: of 300 sets of few rows at least .93 are covered or doubted."""
+    rng = np.random.default_rng(n)
+    points = path(n) + 0.01 * remembering(rng.normal(size=(300, n, 3)), memory)
+    fit = study.fit(points, ordered=True)
+    low, high = fit.interval("radius").T
+    assert at_least(((low <= 1.0) & (high >= 1.0)) | ~fit.ok, 0.93)
