@@ -271,7 +271,7 @@ def test_every_closed_form(rng, on_cap, name):
         one, two = growing.fit(ESTIMATORS[name], noise), study.fit(points, name, noise)
         for field in FIELDS:
             np.testing.assert_allclose(getattr(one, field), getattr(two, field), rtol=1e-9, atol=1e-9)
-        assert one.status == two.status
+        assert one.own_status == two.own_status
         assert one.center.shape == (3,)
 
 
