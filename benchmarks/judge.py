@@ -125,11 +125,11 @@ def clutter(n, degrees, s, part):
     return fitted(draw, 0.0, estimator="robust")
 
 
-def on_arc(rng):
-    """A circle of 100 points with radial noise 0.1, of which a fifth is off by 5 to 20 σ to either side."""
-    a, away = rng.uniform(0.0, 2.0 * math.pi, 100), 0.1 * rng.normal(size=100)
+def on_circle(rng):
+    """A circle of 100 points with noise 0.1, of which a fifth is off by 5 to 20 σ along the radius, to either side."""
+    a, away = rng.uniform(0.0, 2.0 * math.pi, 100), np.zeros(100)
     away[:20] = 0.1 * rng.uniform(5.0, 20.0, 20) * rng.choice([-1.0, 1.0], 20)
-    return (1.0 + away)[:, None] * np.column_stack([np.cos(a), np.sin(a)])
+    return (1.0 + away)[:, None] * np.column_stack([np.cos(a), np.sin(a)]) + 0.1 * rng.normal(size=(100, 2))
 
 
 def half_plane(rng):
@@ -171,7 +171,7 @@ CELLS = {
     **{f"clutter {p:g}, 60 points": clutter(60, 57.0, 0.02, p) for p in (0.1, 0.2, 0.45)},
     "clutter .3, 150 points, 35°": clutter(150, 35.0, 0.01, 0.3),
     "clutter .3, 600 points": clutter(600, 57.0, 0.02, 0.3),
-    "circle, a fifth at 5-20 σ": fitted(on_arc, 0.0, estimator="robust"),
+    "circle, a fifth at 5-20 σ": fitted(on_circle, 0.0, estimator="robust"),
     "35 % on a plane": fitted(half_plane, 0.0, estimator="robust"),
     **{
         f"radial noise, N {n}": fitted(
