@@ -69,7 +69,8 @@ class CloudSpheres:
         fits: a fit of shape () for each sphere, of its own points.
         labels: number of the sphere that each point belongs to (n,), from 0; -1 for a point of none.
         alone: False (k,) for a sphere near which there are so many other points that it may be part of another shape,
-            and for one of fewer than 100 points that are less than a hundredth of the cloud.
+            for one of fewer than 100 points that are less than a hundredth of the cloud, and for one whose radius is
+            larger than the cloud: it is a plane.
 
     Example:
         Two balls of radius 25 on a table, which is no sphere:
@@ -312,7 +313,9 @@ def _settle(x: Floats, places: Ints, guess: tuple[Floats, float], estimator: str
     distance = np.abs(np.linalg.norm(x[places] - sphere[:d], axis=1) - sphere[d])
     inside, further = (distance <= 3.0 * sigma).sum(), (distance <= 9.0 * sigma).sum()
     alone = 0.5 * (further - inside) <= _EMPTY * inside and len(members) >= min(_SMALL, _SMALL_SHARE * len(x))
-    return near, _Candidate(fit(x[members], estimator), members, alone)
+    own = fit(x[members], estimator)
+    cloud = np.linalg.norm(np.ptp(x[np.isfinite(x).all(axis=1)], axis=0))
+    return near, _Candidate(own, members, bool(alone and own.radius <= cloud))
 
 
 def printed(spheres: CloudSpheres, names: list[str], wanted: int) -> Iterator[str]:

@@ -175,3 +175,15 @@ def test_a_scan_and_its_stand(number):
     assert abs(spheres.radius[ball] - 0.05) < 0.0002
     assert spheres.count[ball] > 4000
     assert not np.delete(spheres.ok, ball).any()
+
+
+def test_no_sphere_is_larger_than_the_cloud():
+    """A shallow bowl of radius 40 in a cloud 14 wide is found by its points, and not ok; one of radius 7.5 is."""
+    rng = np.random.default_rng(51)
+    flat = rng.uniform(-5.0, 5.0, (1500, 2))
+    for radius, ok in ((40.0, False), (7.5, True)):
+        bowl = np.column_stack([flat, radius - np.sqrt(radius**2 - (flat**2).sum(axis=1))])
+        bowl = bowl[np.isfinite(bowl).all(axis=1)] + 0.002 * rng.normal(size=(1500, 3))
+        found = study.fit_spheres(bowl, 1)
+        assert found.radius[0] == pytest.approx(radius, rel=0.02)
+        assert found.ok.tolist() == [ok]
