@@ -201,7 +201,7 @@ def test_ends_are_quantiles_of_the_score(dimension, degrees, sigma):
     x = caps(3, (2, 100), degrees, sigma, dimension)
     found = of(x, 0.9)
     quantile = student.ppf(0.95, 100 - dimension - 1)
-    assert found.identified.all()
+    assert np.isfinite(found.radius).all()
     for t in range(2):
         for r, sign in zip(found.radius[t], (1.0, -1.0), strict=True):
             start = np.zeros(dimension)
@@ -470,3 +470,10 @@ def test_intervals_are_longer_by_the_allowance(known):
     small = (factor > 1.02) & (factor.max(axis=1, keepdims=True) < 1.2)
     assert small.sum() > 10
     assert (np.ptp(fit.interval("center"), axis=2) / white / factor).min() > 0.99
+
+
+@pytest.mark.parametrize(("dimension", "limit"), [(2, 0.35), (3, 0.35), (5, 0.21), (10, 0.105)])
+def test_the_noise_that_identifies_a_sphere_falls_with_the_dimension(dimension, limit):
+    """Up to .35 radii of noise in the plane and in space, and 1.05/d beyond."""
+    ends, center = np.array([[0.9, 1.1]] * 2), np.zeros((2, dimension, 2))
+    assert Intervals(ends, center, np.array([limit - 1e-6, limit + 1e-6])).identified.tolist() == [True, False]
