@@ -417,7 +417,8 @@ def weighted_outliers(samples: Samples) -> Bools:
     In about 1 % of clean sets a point is named.
     """
     b, d, n = samples.shape
-    weights = np.ones((b, n)) if samples.weights is None else samples.weights
+    weights = samples.weights
+    assert weights is not None
     named, before = np.zeros((b, n), dtype=np.bool_), None
     for turn in range(_ROUNDS):
         for sets, rest in samples.without(named).by_count():

@@ -596,10 +596,16 @@ def test_weighted_shape_is_the_f_of_the_weighted_regression():
     sums, free = [part.sum() for part in np.split(squares[4:], [5, 12])], n - 25
     noise = (np.sum((rho * root) ** 2) - squares.sum()) / free
     tests = [f.sf(sums[0] / 5.0 / noise, 5, free), f.sf((sums[1] + sums[2]) / 16.0 / noise, 16, free)]
+    forms = [math.sqrt(2.0) * u[:, i] * u[:, j] for i, j in ((0, 1), (0, 2), (1, 2))]  # of matrices of size 1
+    forms += [(u[:, 0] ** 2 - u[:, 1] ** 2) / math.sqrt(2.0), (3.0 * u[:, 2] ** 2 - 1.0) / math.sqrt(6.0)]
+    forms = np.column_stack(forms) * root[:, None]
+    basis = np.linalg.qr(np.column_stack([np.ones(n), u]) * root[:, None])[0]
+    forms -= basis @ (basis.T @ forms)
+    gram, square = forms.T @ forms, np.sum((forms.T @ (rho * root)) ** 2)
+    tests.append(f.sf(square / np.trace(gram) / noise, np.trace(gram) ** 2 / np.sum(gram**2), free))
     answer = study.fit(x, noise=sigma, scale="estimated").goodness
-    assert answer.shape <= 1.0 - (1.0 - min(tests)) ** 3 + 1e-4  # the third test may say less
-    plain = study.fit(x).goodness
-    assert abs(answer.shape - plain.shape) > 1e-3
+    assert answer.shape == pytest.approx(1.0 - (1.0 - min(tests)) ** 3, rel=1e-3)
+    assert answer.shape != pytest.approx(float(study.fit(x).goodness.shape), rel=0.01)
 
 
 def test_heavy_tails_are_no_outliers():
