@@ -8,14 +8,15 @@ unit's, both the fastest of many rounds in the same run. ``extra_info["items"]``
 import platform
 from pathlib import Path
 
-import pandas as pd
-import pytest
-
 from study import instruction_set
-from study.simulation.runs.provenance import machine
 
-# before numba is there: what is timed is the code that the command runs
+# before numba and NumPy are there: what is timed is the code that the command runs, in each of its processes
 instruction_set.fix()
+
+import pandas as pd  # noqa: E402
+import pytest  # noqa: E402
+
+from study.simulation.runs.provenance import machine  # noqa: E402
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "bench.csv"
 
