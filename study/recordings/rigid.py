@@ -7,9 +7,8 @@ first order.
 Poses. Kabsch's fit is the rotation and translation that take a rigid template nearest to its points, in every video
 frame. The rotation is Markley's closed form, which needs one root of a quartic and no eigenvectors. It takes points in
 a plane, as three always are, without a special case, and never takes a mirror image for a rotation. Points that are
-missing in a frame do not enter the fit. A frame of four points takes a quarter of a microsecond.
-
-About a joint, that takes the place of the centroid, and two points fix the rotation.
+missing in a frame do not enter the fit. A frame of four points takes a quarter of a microsecond. Points of unequal
+noise, such as a joint beside markers, have weights.
 
 Source: Kabsch 1976, 1978; Markley 1993, J. Astronaut. Sci. 41(2), 261-280.
 """
@@ -192,7 +191,7 @@ _MOST_STEPS = 60
 
 
 @compiled
-def _best_rotation(h: Floats, cofactors: Floats, square: Floats, rotation: Floats) -> bool:
+def best_rotation(h: Floats, cofactors: Floats, square: Floats, rotation: Floats) -> bool:
     """Find the rotation R (3, 3) that maximises λ = Tr(RᵀH) for H = Σ x aᵀ (Markley 1993).
 
     λ is the largest root of (λ² - ‖H‖²)² - 8 λ det H - 4 ‖adj H‖², found by Newton's method from above.
@@ -228,59 +227,64 @@ def _best_rotation(h: Floats, cofactors: Floats, square: Floats, rotation: Float
 
 
 @compiled
-def _means(places: Floats, x: Floats, used: Bools, t: int, a: Floats, b: Floats) -> None:
-    """Put the means of the places and of x over the points used in frame t into a and b (3,)."""
-    a[:], b[:], count = 0.0, 0.0, 0
+def _means(places: Floats, weights: Floats, x: Floats, used: Bools, t: int, a: Floats, b: Floats) -> None:
+    """Put the weighted means of the places and of x over the points used in frame t into a and b (3,)."""
+    a[:], b[:], total = 0.0, 0.0, 0.0
     for k in range(used.shape[0]):
         if used[k, t]:
-            count += 1
+            total += weights[k]
             for i in range(3):
-                a[i] += places[k, i]
-                b[i] += x[k, i, t]
-    share = 1.0 / max(count, 1)
+                a[i] += weights[k] * places[k, i]
+                b[i] += weights[k] * x[k, i, t]
+    share = 1.0 / total
     for i in range(3):
         a[i], b[i] = share * a[i], share * b[i]
 
 
 @compiled
-def _cross_sums(places: Floats, x: Floats, used: Bools, t: int, a: Floats, b: Floats, cross: Floats) -> None:
-    """Put Σ (x - b)(place - a)ᵀ over the points used in frame t into ``cross`` (3, 3)."""
-    cross[:] = 0.0
+def _stray(places: Floats, x: Floats, used: Bools, t: int, limits: Floats) -> int:
+    """Find which of three points is off: both of its distances to the others are wrong.
+
+    A fit to three points shares the error among them, so that the largest residual may be another's.
+    """
+    worst, which = -1.0, -1
     for k in range(used.shape[0]):
-        if used[k, t]:
-            for i in range(3):
-                for j in range(3):
-                    cross[i, j] += (x[k, i, t] - b[i]) * (places[k, j] - a[j])
+        if used[k, t] and limits[k] < math.inf:
+            off = 0.0
+            for j in range(used.shape[0]):
+                if used[j, t]:
+                    wanted = away = 0.0
+                    for i in range(3):
+                        wanted += (places[k, i] - places[j, i]) ** 2
+                        away += (x[k, i, t] - x[j, i, t]) ** 2
+                    off += abs(math.sqrt(away) - math.sqrt(wanted))
+            if off > worst:
+                worst, which = off, k
+    return which
 
 
 Poses = tuple[Floats, Floats, Bools, Bools, Floats]
-"""Poses over time, as `fit_poses_about` returns them."""
+"""Poses over time, as `fit_poses_to` returns them."""
 
 
 @compiled
-def _fit_frames(places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floats, poses: Poses) -> None:
-    """Compiled part of `fit_poses_about`."""
+def _fit_frames(places: Floats, weights: Floats, limits: Floats, x: Floats, poses: Poses) -> None:
+    """Compiled part of `fit_poses_to`."""
     rotation, origin, fitted, used, square = poses
     m, n = used.shape
     a, b, o = np.empty(3), np.empty(3), np.empty(3)
     cross, cofactors, scratch, r = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for t in range(n):
-        pinned = at[0, t] == at[0, t]
-        for k in range(m):  # the distance from the pin does not depend on the rotation
-            if pinned and used[k, t]:
-                wanted = away = 0.0
-                for i in range(3):
-                    wanted += (places[k, i] - pin[i]) ** 2
-                    away += (x[k, i, t] - at[i, t]) ** 2
-                if abs(math.sqrt(away) - math.sqrt(wanted)) > limits[k]:
-                    used[k, t] = False
         count = used[:, t].sum()
-        while count >= (2 if pinned else 3):
-            a[:], b[:] = pin, at[:, t]
-            if not pinned:
-                _means(places, x, used, t, a, b)
-            _cross_sums(places, x, used, t, a, b, cross)
-            if not _best_rotation(cross, cofactors, scratch, r):
+        while count >= 3:
+            _means(places, weights, x, used, t, a, b)
+            cross[:] = 0.0  # Σ w (x - b)(place - a)ᵀ
+            for k in range(m):
+                if used[k, t]:
+                    for i in range(3):
+                        for j in range(3):
+                            cross[i, j] += weights[k] * (x[k, i, t] - b[i]) * (places[k, j] - a[j])
+            if not best_rotation(cross, cofactors, scratch, r):
                 break
             for i in range(3):
                 o[i] = b[i] - r[i, 0] * a[0] - r[i, 1] * a[1] - r[i, 2] * a[2]
@@ -294,6 +298,8 @@ def _fit_frames(places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floa
                     if far > worst * limits[k] ** 2:
                         worst, which = far / limits[k] ** 2, k
             if worst > 1.0:
+                if count == 3:
+                    which = _stray(places, x, used, t, limits)
                 used[which, t] = False
                 count -= 1
                 continue
@@ -302,20 +308,19 @@ def _fit_frames(places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floa
             break
 
 
-def fit_poses_about(
-    places: Floats, limits: Floats, x: Floats, pin: Floats, at: Floats, used: Bools | None = None
+def fit_poses_to(
+    places: Floats, x: Floats, limits: Floats, weights: Floats | None = None, used: Bools | None = None
 ) -> Poses:
-    """Fit the pose of a rigid body about a fixed point of it in every video frame, by least squares.
+    """Fit the pose of a rigid body to points of it in every video frame, by weighted least squares.
 
-    Two points, or three in frames without the fixed point, fix it. Of points that are too far from their places the
-    farthest is rejected and the rest are fitted again. Time is proportional to the number of points.
+    Three points fix it. Of points that are too far from their places the farthest is rejected and the rest are fitted
+    again. Time is proportional to the number of points.
 
     Args:
         places: of its points in its axes (m, 3), metres.
-        limits: largest distance of each from there (m,), metres.
         x: the points in the world (m, 3, frames), metres; NaN where missing.
-        pin: the fixed point in its axes (3,), metres.
-        at: the fixed point in the world (3, frames), metres; NaN where it is not known.
+        limits: largest distance of each from its place (m,), metres.
+        weights: of the points (m,), as 1/σ² of each; equal if None.
         used: samples to use (m, frames); all that are there, if None.
 
     Returns:
@@ -326,7 +331,7 @@ def fit_poses_about(
     n, present = x.shape[2], np.asarray(~np.isnan(x).any(axis=1))
     chosen = present if used is None else present & used
     poses: Poses = np.full((3, 3, n), np.nan), np.full((3, n), np.nan), np.zeros(n, bool), chosen, np.full(n, np.nan)
-    _fit_frames(np.ascontiguousarray(places), limits, x, pin, np.ascontiguousarray(at), poses)
+    _fit_frames(np.ascontiguousarray(places), np.ones(len(x)) if weights is None else weights, limits, x, poses)
     return poses
 
 
@@ -342,8 +347,7 @@ def fit_rigid_motion(template: Floats, x: Floats, used: Bools | None = None) -> 
         Rotations R (3, 3, frames) and origins o (3, frames) with x ≈ R a + o, NaN where unknown; and the frames in
         which they are known (frames,), which have three points or more that do not lie on a line.
     """
-    nowhere = np.full((3, x.shape[2]), np.nan)
-    return fit_poses_about(template, np.full(len(template), np.inf), x, np.zeros(3), nowhere, used)[:3]
+    return fit_poses_to(template, x, np.full(len(template), np.inf), used=used)[:3]
 
 
 _QUANTILE = 0.95

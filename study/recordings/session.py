@@ -368,7 +368,8 @@ def fit_session(
 def _checked(calibration: Calibration, trials: Sequence[Recording]) -> Calibration:
     """Add the misfits of the shapes, root mean square over the trials, and doubts and warnings of the joints.
 
-    A joint is as far outside the markers' hull as in the trial in which it is least.
+    A joint is as far outside the markers' hull, and its segments put it as far apart, as in the trial in which it is
+    least.
     """
     if not calibration.has_poses:
         return calibration
@@ -379,7 +380,8 @@ def _checked(calibration: Calibration, trials: Sequence[Recording]) -> Calibrati
         total = np.sqrt((weights * np.nan_to_num(misfits) ** 2).sum(axis=0) / weights.sum(axis=0))
     shapes = tuple(replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, total, strict=True))
     outside = [hull_distances(trial.positions, one.centers)[0] for one, trial in zip(drawn, trials, strict=True)]
-    return with_doubts(replace(calibration, shapes=shapes), np.fmin.reduce(outside))
+    gaps = np.fmin.reduce([one.gaps for one in drawn])
+    return with_doubts(replace(calibration, shapes=shapes), np.fmin.reduce(outside), gaps)
 
 
 def refit_shapes(calibration: Calibration, recording: Recording) -> Calibration:

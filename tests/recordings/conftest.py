@@ -168,9 +168,11 @@ def true_skeleton(recording, truth, joints=None, **changes):
         segment_flags=np.zeros((len(rows), frames), dtype=np.uint8),
         misfits=np.full(len(rows), np.nan),
         left_out=np.zeros(len(rows)),
+        turning=np.zeros((len(rows), frames, 3, 3)),
         centers=truth.centers[[truth.joints.index(name) for name in names]].copy(),
         flags=np.zeros((len(names), frames), dtype=np.uint8),
-        bridging=np.zeros((len(names), 3, frames)),
+        posed=np.zeros((len(names), 3, frames)),
+        gaps=np.zeros(len(names)),
     )
 
 

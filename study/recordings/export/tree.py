@@ -22,7 +22,7 @@ Rajagopal et al. 2016, Full-body musculoskeletal model; its coordinates have the
 Hierarchy: a node is a joint, rotated as the segment that moves about it; its offset is the bone to it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -32,14 +32,15 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from study.arrays import Floats
+from study.arrays import Bytes, Floats, Ints
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.markersets import side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import relative_rotation, skew, to_world, zxy_angles
 from study.recordings.skeleton.anatomy import legs
-from study.recordings.skeleton.draw import Skeleton, pivot_joint
+from study.recordings.skeleton.draw import LARGEST_ERROR as FARTHEST
+from study.recordings.skeleton.draw import Flag, Skeleton
 from study.recordings.skeleton.scene import TIP, Scene, upright_rotation
 
 _WORDS = {
@@ -198,6 +199,10 @@ ANATOMICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 _LIMB, _TRUNK = ("flexion", "adduction", "rotation"), ("extension", "bending", "rotation")
 
 
+LARGEST_ERROR = 10.0
+"""Degrees: standard error above which an angle is missing."""
+
+
 def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     """Compute the angles of all joints.
 
@@ -205,7 +210,13 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
         A row per frame. Columns: time, seconds; the root's place, ``<root>_tx``, ``_ty``, ``_tz``, metres, and its
         rotation in the world, ``_tilt`` about z, ``_list`` about x, ``_rotation`` about y, degrees; the angles of each
         joint, ``<joint>_flexion``, …, degrees (`angle_lines` says what they are). The world's axes are the recording's
-        with y up. NaN where a segment is not known.
+        with y up.
+
+        Each angle has its standard error in ``<angle>_error``, degrees: that of both poses in the frame, from the
+        markers' noise and skin, or from interpolation. The error of the axes themselves, which is the same in all
+        frames, is not in it. ``<joint>_flag`` and ``<root>_flag`` are 0 where markers show both segments, 1 where one
+        is bridged, 2 where angles are missing. An angle is NaN where a segment is not known, or the error of one of the
+        joint's angles is above 10° or unknown.
     """
     skeleton = motion.skeleton
     standing = rest_rotations(skeleton.calibration, motion.upright, RestPose.STANDING)
@@ -213,22 +224,64 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     axes = {s.segment: s.anatomy for s in skeleton.calibration.shapes if not np.isnan(s.anatomy).any()}
     clinical = {name: _rotation(motion, name, columns) for name, columns in axes.items()}
     root = skeleton.segments[0]
-    columns: dict[str, Floats] = {"time": np.arange(skeleton.frames) / skeleton.rate}
     world = Y_UP @ motion.upright
-    angles = _zxy(np.einsum("ij,jkt->ikt", world @ motion.upright.T, (turns | clinical)[root]))
-    names = [f"{root}_{name}" for name in ("tilt", "list", "rotation", "tx", "ty", "tz")]
-    columns |= dict(zip(names, [*angles, *(world @ skeleton.origins[0])], strict=True))
+    turn = np.einsum("ij,jkt->ikt", world @ motion.upright.T, (turns | clinical)[root])
+    names = [f"{root}_{name}" for name in ("tilt", "list", "rotation")]
+    errors = _zxy_errors(turn, world @ skeleton.turning[0] @ world.T)
+    places = dict(zip([f"{root}_{axis}" for axis in ("tx", "ty", "tz")], world @ skeleton.origins[0], strict=True))
+    columns: dict[str, Floats | Ints] = {"time": np.arange(skeleton.frames) / skeleton.rate}
+    columns |= _flagged(root, dict(zip(names, _zxy(turn), strict=True)), errors, skeleton.segment_flags[0], places)
     between, segments = clinical_joints(skeleton.calibration), legs(skeleton.calibration.markerset)
     shanks = {segments.get("left shank"), segments.get("right shank")}
     for place in skeleton.calibration.joints:
         joint, anatomical = place.joint, place.joint.name in between
         rotations = clinical if anatomical else turns
         turn = relative_rotation(rotations[joint.parent], rotations[joint.child])
+        parent, child = (skeleton.segments.index(name) for name in (joint.parent, joint.child))
+        back = np.moveaxis(rotations[joint.parent], 2, 0).swapaxes(1, 2) @ motion.upright
+        covariance = back @ (skeleton.turning[parent] + skeleton.turning[child]) @ back.swapaxes(1, 2)
         if joint.kind == "hinge" and place.axis is not None and not anatomical:
-            columns |= _hinge(place, turn, standing)
+            axis = ANATOMICAL @ standing[joint.parent] @ place.axis / np.linalg.norm(place.axis)
+            angles = {f"{joint.name}_flexion": _about(axis, turn)}
+            errors = np.degrees(np.sqrt(np.einsum("i,tij,j->t", axis, covariance, axis)))[None]
         else:
-            columns |= _ball(joint.name, turn, -1.0 if anatomical and joint.child in shanks else 1.0)
+            angles = _ball(joint.name, turn, -1.0 if anatomical and joint.child in shanks else 1.0)
+            errors = _zxy_errors(turn, covariance)
+        flags = np.maximum(*(skeleton.segment_flags[[parent, child]]))
+        columns |= _flagged(joint.name, angles, errors, flags)
     return pd.DataFrame(columns)
+
+
+def _flagged(
+    name: str, angles: dict[str, Floats], errors: Floats, flags: Bytes, places: Mapping[str, Floats] | None = None
+) -> dict[str, Floats | Ints]:
+    """Angles of a joint that are sure enough, their errors (angles, frames), degrees, and the joint's flag."""
+    with np.errstate(invalid="ignore"):
+        sure = (errors <= LARGEST_ERROR).all(axis=0)
+    columns: dict[str, Floats | Ints] = {key: np.where(sure, angle, np.nan) for key, angle in angles.items()}
+    columns |= places or {}
+    columns |= {f"{key}_error": np.where(sure, row, np.nan) for key, row in zip(angles, errors, strict=True)}
+    return columns | {f"{name}_flag": np.where(sure, flags, Flag.UNKNOWN).astype(int)}
+
+
+def _zxy_errors(turn: Floats, covariance: Floats) -> Floats:
+    """Standard errors of the angles about z, x and y (3, frames), degrees, of R = Rz Rx Ry (3, 3, frames).
+
+    A small rotation δ before R, of covariance C (frames, 3, 3), rad², has in the axes after Rz the components δ'. The
+    angle about x changes by δ'_x, that about y by δ'_y / cos x, that about z by δ'_z - δ'_y tan x.
+    """
+    x, z = np.arcsin(np.clip(turn[2, 1], -1.0, 1.0)), np.arctan2(-turn[0, 1], turn[1, 1])
+    cosine, sine = np.cos(z), np.sin(z)
+    a, b, d = np.zeros((3, 3, len(x)))
+    a[:2], b[:2], d[2] = (cosine, sine), (-sine, cosine), 1.0  # axes x, y and z after Rz
+
+    def between(one: Floats, other: Floats) -> Floats:
+        return np.asarray(np.einsum("it,tij,jt->t", one, covariance, other))
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        about_z = d - b * np.tan(x)
+        squares = between(about_z, about_z), between(a, a), between(b, b) / np.cos(x) ** 2
+        return np.degrees(np.sqrt(np.maximum(squares, 0.0)))
 
 
 def clinical_joints(calibration: Calibration) -> list[str]:
@@ -260,10 +313,8 @@ def _ball(name: str, turn: Floats, bends: float = 1.0) -> dict[str, Floats]:
     return {f"{name}_{one}": sign * angle for one, sign, angle in zip(names, signs, _zxy(turn), strict=True)}
 
 
-def _hinge(place: JointPlace, turn: Floats, standing: dict[str, Floats]) -> dict[str, Floats]:
-    """The angle of a hinge about its own axis, degrees."""
-    axis = ANATOMICAL @ standing[place.joint.parent] @ place.axis_in_parent
-    axis = axis / np.linalg.norm(axis)
+def _about(axis: Floats, turn: Floats) -> Floats:
+    """The angle of rotations (3, 3, frames) about an axis (3,), degrees, positive in the median."""
     known = ~np.isnan(turn[0, 0])
     angle = np.full(turn.shape[2], np.nan)
     if known.any():
@@ -271,7 +322,7 @@ def _hinge(place: JointPlace, turn: Floats, standing: dict[str, Floats]) -> dict
         about = 2.0 * np.arctan2(quaternions[:, :3] @ axis, quaternions[:, 3])
         about = (about + np.pi) % (2.0 * np.pi) - np.pi
         angle[known] = np.degrees(about if np.median(about) >= 0.0 else -about)
-    return {f"{place.joint.name}_flexion": angle}
+    return angle
 
 
 def _zxy(turn: Floats) -> Floats:
@@ -310,6 +361,11 @@ class JointNode:
             yield from child.walk()
 
 
+def _hangs_on(place: JointPlace, shape: SegmentShape) -> bool:
+    """True if a segment hangs on its joint: if that is known well enough, or the segment has no pose without it."""
+    return place.known and not (shape.has_own_pose and place.standard_error > FARTHEST)
+
+
 def joint_tree(motion: ExportedMotion) -> JointNode:
     """Build the hierarchy of a skeleton.
 
@@ -333,7 +389,8 @@ def joint_tree(motion: ExportedMotion) -> JointNode:
         known = not np.isnan(skeleton.rotation(segment.name)[0, 0]).all()
         if not known or (parent is not None and parent not in nodes):
             continue
-        place = pivot_joint(above.get(segment.name), shape)
+        place = above.get(segment.name)
+        place = place if place is not None and _hangs_on(place, shape) else None
         rotation, course, pivot = poses[segment.name] = _pose(motion, segment.name, place)
         offset, tip = np.zeros(3), limb_end(shape, pivot)
         if parent is not None:

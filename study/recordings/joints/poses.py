@@ -294,7 +294,9 @@ class PoseNoise:
     cross: Floats
 
     @classmethod
-    def of(cls, template: Floats, noise: Floats, used: Bools, known: Bools) -> "PoseNoise":
+    def of(
+        cls, template: Floats, noise: Floats, used: Bools, known: Bools, weights: Floats | None = None
+    ) -> "PoseNoise":
         """Propagate the noise of a template's points to its fitted pose.
 
         Args:
@@ -302,13 +304,15 @@ class PoseNoise:
             noise: covariance of each point's own noise (m, 3, 3), m², in the segment's axes.
             used: samples that the pose was fitted to (m, frames).
             known: frames in which the pose is known (frames,).
+            weights: of the points in the fit (m,); equal if None.
         """
+        w = np.ones(len(template)) if weights is None else weights
         bits = (np.where(used, 1, 0) << np.arange(len(template))[:, None]).sum(axis=0)
         distinct, where = np.unique(bits[known], return_inverse=True)
         pattern = np.full(used.shape[1], -1)
         pattern[known] = where
         masks = (distinct[:, None] >> np.arange(len(template))) & 1 == 1
-        parts = zip(*(_first_order(template[mask], noise[mask]) for mask in masks), strict=True)
+        parts = zip(*(_first_order(template[mask], noise[mask], w[mask]) for mask in masks), strict=True)
         none = np.empty((0, 3)), *[np.empty((0, 3, 3))] * 3
         return cls(pattern, *(map(np.array, parts) if len(masks) else none))
 
@@ -397,15 +401,19 @@ def _crossed(v: Floats, m: Floats) -> Floats:
     return np.array([v[1] * m[2] - v[2] * m[1], v[2] * m[0] - v[0] * m[2], v[0] * m[1] - v[1] * m[0]])
 
 
-def _first_order(points: Floats, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Centroid, Cov ε̄, Cov δ and Cov(δ, ε̄) of Kabsch's fit to points (k, 3), to first order: δ = I⁻¹ Σ a × ε."""
-    centroid = points.mean(axis=0)
+def _first_order(points: Floats, noise: Floats, weights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Centroid, Cov ε̄, Cov δ and Cov(δ, ε̄) of Kabsch's fit to points (k, 3) of weights w (k,).
+
+    To first order, δ = I⁻¹ Σ w a × ε and ε̄ = Σ w ε / Σ w.
+    """
+    share = weights / weights.sum()
+    centroid = share @ points
     k = skew(points - centroid)
-    inverse = np.linalg.pinv(np.einsum("mij,mkj->ik", k, k))
-    rotated = np.einsum("ij,mjk->mik", inverse, k)
-    shift = noise.sum(axis=0) / len(points) ** 2
+    inverse = np.linalg.pinv(np.einsum("m,mij,mkj->ik", share, k, k))
+    rotated = share[:, None, None] * np.einsum("ij,mjk->mik", inverse, k)
+    shift = np.einsum("m,mij->ij", share**2, noise)
     tilt = np.einsum("mij,mjk,mlk->il", rotated, noise, rotated)
-    cross = np.einsum("mij,mjk->ik", rotated, noise) / len(points)
+    cross = np.einsum("mij,mjk,m->ik", rotated, noise, share)
     return centroid, shift, tilt, cross
 
 

@@ -30,7 +30,7 @@ from study.recordings.markersets import MarkerSet, Match, match, mirrored, place
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
 from study.recordings.skeleton.anatomy import Hips, with_anatomy
-from study.recordings.skeleton.draw import Skeleton, draw_skeleton
+from study.recordings.skeleton.draw import LARGEST_ERROR, Skeleton, draw_skeleton
 
 _THICKNESS = 0.05
 """Metres: thickness of a limb, beyond which a joint is doubted."""
@@ -46,6 +46,11 @@ def hull_doubt(share: float, distance: float) -> str:
     """Reason to doubt a joint, from its share and distance outside the markers' hull; "" if there is none."""
     where = f"outside the markers' hull in {share:.0%} of the frames"
     return f"{where}, by up to {1000 * distance:.0f} mm" if distance > _THICKNESS else ""
+
+
+def gap_doubt(gap: float) -> str:
+    """Reason to doubt a joint whose segments put it so far apart, metres, root mean square; "" if there is none."""
+    return f"its two segments put it {1000 * gap:.0f} mm apart" if gap > LARGEST_ERROR else ""
 
 
 def hull_distances(markers: Floats, joints: Floats) -> tuple[Floats, Floats]:
@@ -92,19 +97,22 @@ _OUTSIDE = 0.9
 """Share of the frames outside the markers' hull that is nearly all."""
 
 
-def with_doubts(calibration: Calibration, outside: Floats) -> Calibration:
+def with_doubts(calibration: Calibration, outside: Floats, gaps: Floats) -> Calibration:
     """Doubt hips that no body has, and warn of other joints that are unlike any body's.
 
     A hip is doubted if it is outside the markers' hull in nearly all frames, or if the hips are too near to or too far
-    from each other for their pelvis. Other joints outside the hull, and bones that differ between left and right, are
-    warnings: signs that a joint is wrong, not measures of how far.
+    from each other for their pelvis. Other joints outside the hull, joints that their segments put apart, and bones
+    that differ between left and right, are warnings: signs that a joint is wrong, not measures of how far.
 
     Args:
         calibration: whose joints they are.
         outside: share of the frames in which each joint is outside the markers' hull (joints,).
+        gaps: root mean square distance between each joint in its child and in its parent (joints,), metres.
     """
     doubts, warnings = hip_doubts(calibration), _uneven_bones(calibration)
-    for place, share in zip(calibration.joints, outside, strict=True):
+    for place, share, gap in zip(calibration.joints, outside, gaps, strict=True):
+        if words := gap_doubt(gap):
+            warnings[place.joint.name].append(words)
         if share > _OUTSIDE:
             words = f"outside the markers' hull in {share:.0%} of the frames"
             (doubts if _is_hip(place) else warnings)[place.joint.name].append(words)
@@ -211,7 +219,7 @@ def _checked(calibration: Calibration, recording: Recording) -> tuple[Calibratio
     drawn = draw_skeleton(calibration, recording)
     shapes = (replace(shape, misfit=float(m)) for shape, m in zip(calibration.shapes, drawn.misfits, strict=True))
     outside, _ = hull_distances(recording.positions, drawn.centers)
-    return with_doubts(replace(calibration, shapes=tuple(shapes)), outside), drawn
+    return with_doubts(replace(calibration, shapes=tuple(shapes)), outside, drawn.gaps), drawn
 
 
 def with_joints(

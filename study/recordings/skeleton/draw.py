@@ -1,25 +1,30 @@
 """Phase 2: draw a skeleton in every frame, from a calibration and the markers that are seen.
 
-From the root outwards each segment is placed at its joint, J(t) = o_P(t) + R_P(t) c_J, and rotated about it onto its
-markers. Time is proportional to the number of segments, and bones keep their lengths. In frames that do not show the
-parent, a segment's own markers place it; a segment that these do not show is placed by the joints that its neighbours
-show.
+A segment with three spread markers has its own pose, by Kabsch's fit. Each marker is judged by this fit: one that is
+far from its place, such as a swapped one, is rejected and the rest are fitted again. The joint does not enter, because
+in a moving body the parent's place of a joint and the child's are up to centimetres apart. This vector is the joint's
+gap, J_Q - J_P. Skin causes it, and a joint that is no exact pivot.
 
-Two markers and the joint, or three markers without it, fix the rotation, by Kabsch's fit about the joint instead of the
-centroid. A marker that is far from its place in the segment, such as a swapped one, is rejected and the rest are fitted
-again. In a frame with too few markers, those that are left show a direction. The segment is rotated from its expected
-pose by the shortest arc that takes the expected direction to the one seen; the rotation about that direction is the
-expected one.
+A segment with fewer markers is fitted to these and to its joint, J(t) = o_P(t) + R_P(t) c_J, weighted by 1/σ² of each.
+In frames that do not show the parent, the joints that its other neighbours show take part. The gap of a joint is added,
+interpolated from the frames that show it, so that nothing leaps where markers come and go.
+
+In a frame with too few points, those that are left show a direction. The segment is rotated from its expected pose by
+the shortest arc that takes the expected direction to the one seen; the rotation about that direction is the expected
+one. A marker that is nearer to the joint than three of the joint's standard errors shows no direction.
 
 Where too few markers are seen, but a joint of the segment or one of its markers is, its rotation is interpolated over
 the gap, for a while, and it is flagged as bridged. The covariance of this rotation is that of the same interpolation
 over gaps as long in frames that are seen. Where nothing shows a segment it is unknown, and so is a joint that neither
-of its segments shows.
+of its segments shows, or whose error is too large.
+
+Time is proportional to the number of segments.
 
 Source: paper §10 (second phase); theory §1.2.
 """
 
-import math
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,21 +33,33 @@ from scipy.spatial.transform import Rotation
 from study.arrays import Bools, Bytes, Floats, Ints
 from study.fits.jit import compiled
 from study.fits.samples import Worded
-from study.recordings.joints.estimate import DOUBTED, USABLE, JointStatus
+from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
-from study.recordings.joints.poses import PoseNoise
+from study.recordings.joints.poses import PoseNoise, times
 from study.recordings.markersets import Segment
 from study.recordings.recording import Recording, RecordingError
-from study.recordings.rigid import fit_poses_about, relative_rotation, skew, to_world
+from study.recordings.rigid import best_rotation, fit_poses_to, relative_rotation, skew, to_world
 
 _FAR = 6.0
 """Scatters from its place beyond which a marker is rejected..."""
 _SLACK = 0.1
 """...if it is also this share of its segment's size away."""
-_PIVOTS = (*USABLE, *DOUBTED, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
-"""A joint that a segment rotates about even if its own markers fix its pose."""
-_ANY = 1e3
-"""Metres: a joint is never rejected as far from its place."""
+_PIVOTS = (*USABLE, JointStatus.REGRESSION, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
+"""A joint that helps to place a segment whose own markers can fix its pose; a doubted one does not."""
+_SOFT = 0.001
+"""Metres: least standard deviation of a marker's place, where it is weighed against a joint's."""
+_LEAST_WEIGHT = 0.01
+"""Least weight of a joint beside markers of weight 1: it decides what these leave open, and hardly moves the rest."""
+_LEAST_SHARE = 0.002
+"""Least weight of the expected rotation beside the points' extent, so that it decides what these leave open."""
+_EXACT = 1e-12
+"""Square radians: least variance of an expected rotation."""
+_SPREAD = 0.3
+"""Radians: standard deviation of an expected rotation whose error is not known."""
+_ARM = 3.0
+"""Distance from a joint, in the joint's standard errors, from which on a marker shows a direction."""
+LARGEST_ERROR = 0.05
+"""Metres: standard error above which a joint is unknown."""
 _SURE = 0.01
 """Metres: standard error of a segment's joints up to which its neighbours place it."""
 _POSE = 0.005
@@ -59,78 +76,64 @@ class Flag(Worded):
     UNKNOWN = 2, "unknown"
 
 
-_HALF_TURN = -0.999999
-"""Cosine of the arc below which its plane is undefined, so that the expected rotation is kept."""
+def complete_poses(
+    places: Floats, x: Floats, weights: Floats, expected: Floats, sure: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Complete a segment's poses in frames that show too few of its points, with rotations that are expected.
 
-
-@compiled
-def _rotate_by_arc(u: Floats, v: Floats, r: Floats) -> None:
-    """Rotate r (3, 3), in place, by the shortest arc that takes the direction u (3,) to v (3,)."""
-    uu = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    vv = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    if not (uu > 0.0 and vv > 0.0):
-        return
-    c = (u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) / (uu * vv)
-    if c < _HALF_TURN:
-        return
-    w0 = (u[1] * v[2] - u[2] * v[1]) / (uu * vv)
-    w1 = (u[2] * v[0] - u[0] * v[2]) / (uu * vv)
-    w2 = (u[0] * v[1] - u[1] * v[0]) / (uu * vv)
-    h = 1.0 / (1.0 + c)
-    for j in range(3):
-        a, b, d = r[0, j], r[1, j], r[2, j]
-        along = h * (w0 * a + w1 * b + w2 * d)
-        r[0, j] = c * a + w1 * d - w2 * b + along * w0
-        r[1, j] = c * b + w2 * a - w0 * d + along * w1
-        r[2, j] = c * d + w0 * b - w1 * a + along * w2
-
-
-def complete_poses(places: Floats, x: Floats, local: Floats, world: Floats, expected: Floats) -> tuple[Floats, Floats]:
-    """Complete a segment's poses in frames that show too few of its markers.
+    Minimises Σ w |x - R p - o|² + s |R - R₀|², which is Kabsch's fit to Σ w (x - x̄)(p - p̄)ᵀ + s R₀.
 
     Args:
-        places: of its markers in its axes (m, 3), metres.
-        x: the markers in the world (m, 3, w), metres; NaN where missing.
-        local: the place of its joint in its axes (3,), metres.
-        world: the place of its joint in the world (3, w), metres; NaN where it is not known. Without a joint, the first
-            marker takes its place.
-        expected: rotations that are expected (3, 3, w).
+        places: p of its points in its axes (m, 3), metres.
+        x: the points in the world (m, 3, n), metres; NaN where missing.
+        weights: w of the points (m,), 1/m².
+        expected: R₀, rotations that are expected (3, 3, n).
+        sure: s of these (n,), ½/σ² for a standard deviation of σ radians about each axis.
 
     Returns:
-        Rotations (3, 3, w) and origins (3, w); NaN where neither a joint nor a marker is seen.
+        Rotations (3, 3, n); origins (3, n), metres, NaN where no point is seen; and p̄, the weighted middle of the
+        places that are seen (3, n).
     """
-    rotation, origin = np.array(expected), np.full(world.shape, np.nan)
-    _complete_poses(places, x, local, world, rotation, origin)
-    return rotation, origin
+    rotation, origin, middle = np.array(expected), np.full((3, len(sure)), np.nan), np.zeros((3, len(sure)))
+    _complete_poses(places, x, weights, sure, rotation, origin, middle)
+    return rotation, origin, middle
 
 
 @compiled
-def _complete_poses(places: Floats, x: Floats, pin: Floats, at: Floats, rotation: Floats, origin: Floats) -> None:
+def _complete_poses(
+    places: Floats, x: Floats, weights: Floats, sure: Floats, rotation: Floats, origin: Floats, middle: Floats
+) -> None:
     """Compiled part of `complete_poses`: rotates the expected rotations in place."""
-    u, v, a, b, r = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
+    b, r = np.empty(3), np.empty((3, 3))
+    cross, cofactors, scratch = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for t in range(x.shape[2]):
-        pinned, count = at[0, t] == at[0, t], 0
-        for i in range(3):
-            a[i], b[i], u[i], v[i] = pin[i], at[i, t], 0.0, 0.0
-            for j in range(3):
-                r[i, j] = rotation[i, j, t]
+        total, extent, a = 0.0, 0.0, middle[:, t]
+        b[:] = 0.0
         for k in range(x.shape[0]):
             if x[k, 0, t] == x[k, 0, t]:
-                count += 1
-                if count == 1 and not pinned:
-                    for i in range(3):
-                        a[i], b[i] = places[k, i], x[k, i, t]
-                p0, p1, p2 = places[k, 0] - a[0], places[k, 1] - a[1], places[k, 2] - a[2]
+                total += weights[k]
                 for i in range(3):
-                    v[i] += x[k, i, t] - b[i]
-                    u[i] += r[i, 0] * p0 + r[i, 1] * p1 + r[i, 2] * p2
-        if count > 0:
-            _rotate_by_arc(u, v, r)
+                    a[i] += weights[k] * places[k, i]
+                    b[i] += weights[k] * x[k, i, t]
+        if not total > 0.0:
+            continue
         for i in range(3):
-            if pinned or count > 0:
-                origin[i, t] = b[i] - r[i, 0] * a[0] - r[i, 1] * a[1] - r[i, 2] * a[2]
+            a[i], b[i] = a[i] / total, b[i] / total
+        cross[:] = 0.0
+        for k in range(x.shape[0]):
+            if x[k, 0, t] == x[k, 0, t]:
+                for i in range(3):
+                    extent += weights[k] * (places[k, i] - a[i]) ** 2
+                    for j in range(3):
+                        cross[i, j] += weights[k] * (x[k, i, t] - b[i]) * (places[k, j] - a[j])
+        share = max(sure[t], _LEAST_SHARE * extent)
+        for i in range(3):
             for j in range(3):
-                rotation[i, j, t] = r[i, j]
+                cross[i, j] += share * rotation[i, j, t]
+        if extent > 0.0 and best_rotation(cross, cofactors, scratch, r):
+            rotation[:, :, t] = r
+        for i in range(3):
+            origin[i, t] = b[i] - rotation[i, 0, t] * a[0] - rotation[i, 1, t] * a[1] - rotation[i, 2, t] * a[2]
 
 
 class InterpolatedRotation:
@@ -243,9 +246,14 @@ class Skeleton:
         misfits: root mean square distance of each segment's markers from their places (segments,); NaN if no frame
             shows it fully.
         left_out: share of each segment's samples that are rejected, as far from their places (segments,).
+        turning: covariance of the error of each segment's rotation in the world (segments, frames, 3, 3), rad²; NaN
+            where the rotation is unknown, or its error is.
         centers: of each joint (joints, 3, frames), NaN where unknown.
         flags: `Flag` of each joint in each frame (joints, frames).
-        bridging: variances along x, y and z of the error of bridged joints (joints, 3, frames), m²; 0 in other frames.
+        posed: variances along x, y and z that a joint's place has in each frame (joints, 3, frames), m², beside those
+            of the calibration: from the markers' noise, from its gap, and from interpolation.
+        gaps: root mean square distance between a joint in its child and in its parent (joints,), metres; NaN if no
+            frame shows both.
     """
 
     name: str
@@ -256,9 +264,11 @@ class Skeleton:
     segment_flags: Bytes
     misfits: Floats
     left_out: Floats
+    turning: Floats
     centers: Floats
     flags: Bytes
-    bridging: Floats
+    posed: Floats
+    gaps: Floats
 
     @property
     def segments(self) -> tuple[str, ...]:
@@ -304,16 +314,57 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
     builder, segments = _SkeletonBuilder(calibration, recording), calibration.markerset.segments
     for segment in segments:
         builder.place_by_markers(segment)
+    builder.measure_gaps()
+    for segment in segments:
+        builder.place_about_joint(segment)
     for segment in (*reversed(segments), *segments):
         builder.place_by_neighbours(segment)
+    builder.measure_gaps()
     for segment in segments:
         builder.bridge(segment, round(bridge * recording.rate))
     segments_in_time = builder.rotations, builder.origins, builder.flags, builder.misfits, builder.left_out
-    return Skeleton(recording.name, recording.rate, calibration, *segments_in_time, *builder.joints())
+    gaps = np.array([builder.gaps[place.joint.name].size for place in calibration.joints])
+    joints_in_time = *builder.joints(), gaps
+    return Skeleton(recording.name, recording.rate, calibration, *segments_in_time, builder.turning, *joints_in_time)
+
+
+class _Gap:
+    """The vector from a joint as its parent shows it to where its child shows it, over time.
+
+    Args:
+        vectors: in the world (3, n), metres, in the frames that show both.
+        frames: these (n,).
+        rotations: of the parent and of the child in these frames, (3, 3, n) each.
+
+    Attributes:
+        size: its root mean square length, metres; NaN if no frame shows both.
+        variance: of a coordinate about the mean, m².
+    """
+
+    def __init__(self, vectors: Floats, frames: Ints, rotations: Sequence[Floats]) -> None:
+        self.frames = frames
+        self._inside = [np.einsum("jit,jt->it", rotation, vectors) for rotation in rotations]
+        self.size, self.variance = float("nan"), 0.0
+        if len(frames):
+            self.size = float(np.sqrt((vectors**2).sum(axis=0).mean()))
+            self.variance = float(self._inside[0].var(axis=1).mean())
+
+    def at(self, frames: Ints, side: int, rotations: Floats) -> Floats:
+        """The vector in the world (3, w), metres: linear between frames that show it, from there on constant.
+
+        Args:
+            frames: wanted (w,).
+            side: 0 to hold it fixed in the parent, 1 in the child.
+            rotations: of that segment in these frames (3, 3, w).
+        """
+        if not len(self.frames):
+            return np.zeros((3, len(frames)))
+        inside = np.array([np.interp(frames, self.frames, row) for row in self._inside[side]])
+        return times(rotations, inside)
 
 
 class _SkeletonBuilder:
-    """Poses of the segments so far, and the covariance of the rotation of those that are bridged."""
+    """Poses of the segments so far, and the covariance of their rotations."""
 
     def __init__(self, calibration: Calibration, recording: Recording) -> None:
         self.calibration, self.recording = calibration, recording
@@ -325,36 +376,43 @@ class _SkeletonBuilder:
         self.left_out = np.zeros(count)
         self.markers: dict[str, Floats] = {}
         """Each segment's markers in the world (m, 3, frames), metres; NaN where missing or rejected."""
-        self.turning = np.zeros((count, n, 3, 3))
-        """Covariance of the rotation of each segment in the frames in which it is bridged, rad²..."""
+        self.turning = np.full((count, n, 3, 3), np.nan)
+        """Covariance of the error of each segment's rotation in the world, rad²..."""
         self.pivots = np.zeros((count, 3, n))
-        """...and the place in its axes that it rotates about there, metres."""
-
-    def _pivot(self, segment: Segment) -> tuple[JointPlace | None, Floats, Floats]:
-        """The joint that a segment rotates about, if any, and its place in the segment's axes and in the world."""
-        place = pivot_joint(self.above.get(segment.name), self.calibration.shape(segment.name))
-        if place is None:
-            return None, np.zeros(3), np.full((3, self.recording.frames), np.nan)
-        return place, place.in_child, self._shown(place.joint.parent, place.in_parent)
+        """...and, where it is bridged, the place in its axes that it rotates about, metres..."""
+        self.anchors = np.zeros((count, n))
+        """...and the variance of a coordinate of that place in the world, m²."""
+        self.gaps: dict[str, _Gap] = {}
+        self.at_joints = np.zeros((2, len(calibration.joints), 3, n))
+        """Variances of each joint along x, y and z from the noise of its parent's pose, and of its child's, m²."""
 
     def place_by_markers(self, segment: Segment) -> None:
-        """Place a segment in the frames that show it by its own markers, at its joint if its parent is seen."""
-        number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
+        """Place a segment in the frames in which its own markers fix its pose."""
+        shape, number = self.calibration.shape(segment.name), self.numbers[segment.name]
         x = np.full((len(shape.markers), 3, self.recording.frames), np.nan)
         for k, marker in enumerate(shape.markers):
             x[k] = self.recording.of(marker) if marker in self.recording.markers else np.nan
-        place, local, world = self._pivot(segment)
-        path = fit_poses_about(shape.places, _limits(shape, place), x, local, world)
-        self.rotations[number], self.origins[number], fitted, used, square = path
-        seen, self.markers[segment.name] = ~np.isnan(x[:, 0]), np.where(used[:, None], x, np.nan)
-        self.left_out[number] = 1.0 - used.sum() / max(seen.sum(), 1) if seen.any() else 0.0
-        if fitted.any():
-            self.misfits[number] = np.sqrt(square[fitted].mean())
-        self.flags[number, fitted] = Flag.SEEN
+        self.markers[segment.name] = x
+        if shape.has_own_pose:
+            self._fit(segment.name, np.arange(self.recording.frames), [])
+            self._count_left_out(number, x, self.markers[segment.name])
+
+    def place_about_joint(self, segment: Segment) -> None:
+        """Place a segment in further frames by its markers and its joint, where its parent is seen."""
+        number, shape, place = self.numbers[segment.name], self.calibration.shape(segment.name), self._pivot(segment)
+        frames = np.flatnonzero(self.flags[number] != Flag.SEEN)
+        if place is None or not len(frames) or not len(shape.markers):
+            return
+        x = self.markers[segment.name]
+        self._fit(segment.name, frames, [place])
+        if not shape.has_own_pose:
+            self._count_left_out(number, x, self.markers[segment.name])
         # one marker and the joint are all that a hand may have: its rotation about the line of the two is not shown
-        whole = used.all(axis=0) & ~np.isnan(world[0]) & ~fitted
-        if place is not None and len(shape.markers) and whole.any():
-            self._complete(segment.name, np.flatnonzero(whole), local, world, self._in_parent(place))
+        at = self._shown(place, 0)
+        whole = ~np.isnan(self.markers[segment.name][:, 0]).any(axis=0) & ~np.isnan(at[0])
+        whole &= (self.flags[number] != Flag.SEEN) & self._shows_direction(segment.name, place)
+        if whole.any():
+            self._complete(segment.name, np.flatnonzero(whole), [place], self._in_parent(place))
             self.flags[number, whole] = Flag.SEEN
 
     def place_by_neighbours(self, segment: Segment) -> None:
@@ -362,61 +420,101 @@ class _SkeletonBuilder:
 
         Frames in which these points would not place each of its joints to 1 cm are left out.
         """
-        number, shape = self.numbers[segment.name], self.calibration.shape(segment.name)
-        frames = np.flatnonzero(self.flags[number] != Flag.SEEN)
-        if not len(frames):
+        joints = self._joints_of(segment)
+        frames = np.flatnonzero(self.flags[self.numbers[segment.name]] != Flag.SEEN)
+        if len(frames) and joints:
+            self._fit(segment.name, frames, joints, _SURE)
+
+    def _fit(self, name: str, frames: Ints, joints: Sequence[JointPlace], sure: float | None = None) -> None:
+        """Fit a segment's poses in some frames to its markers and to joints, weighted by their errors.
+
+        Args:
+            name: of the segment.
+            frames: their numbers (w,).
+            joints: of the segment.
+            sure: largest standard error, metres, with which the points must place each of the joints.
+        """
+        number, shape = self.numbers[name], self.calibration.shape(name)
+        places, errors, x = self._points(name, joints, frames)
+        count = len(shape.markers)
+        if ((~np.isnan(x[:, 0])).sum(axis=0) < 3).all():
             return
-        own, local, world = self._pivot(segment)
-        world, below = world[:, frames], self._below(segment.name)
-        others = (self._shown(p.joint.child, p.in_child)[None, :, frames] for p in below)
-        x = np.concatenate([self.markers[segment.name].take(frames, axis=2), *others])
-        if ((~np.isnan(x[:, 0])).sum(axis=0) + ~np.isnan(world[0]) < 3).all():
-            return
-        places = np.concatenate([shape.places, *(place.in_parent[None] for place in below)])
-        limits = np.concatenate([_limits(shape, None), np.full(len(below), _ANY)])
-        rotation, origin, fitted, used, _ = fit_poses_about(places, limits, x, local, world)
-        joints = [*below, *([] if own is None else [own])]
-        errors = [*np.nan_to_num(shape.scatter) / np.sqrt(3.0), *(np.hypot(p.standard_error, _POSE) for p in joints)]
-        ends = np.concatenate([places, local[None]])[: len(errors)]
-        used = np.concatenate([used, ~np.isnan(world[:1])])[: len(errors)]
-        square = np.nan_to_num(errors, nan=1.0)[:, None, None] ** 2
-        noise = PoseNoise.of(ends, square * np.eye(3), used, fitted)
-        covariances = [noise.covariances_at(at) for at in ends[len(shape.markers) :]]
-        worst = np.linalg.eigvalsh(np.array(covariances))[:, :, -1].max(axis=0)
-        sure = fitted.copy()
-        sure[fitted] = worst[noise.pattern[fitted]] < _SURE**2
-        self.rotations[number][:, :, frames[sure]] = rotation[:, :, sure]
-        self.origins[number][:, frames[sure]] = origin[:, sure]
-        self.flags[number, frames[sure]] = Flag.SEEN
+        limits = np.full(len(places), np.inf)
+        limits[:count] = np.hypot(_limits(shape, joints), 3.0 * errors[count:].max(initial=0.0))
+        weights = np.maximum((errors[0] / errors) ** 2, _LEAST_WEIGHT)
+        rotation, origin, fitted, used, square = fit_poses_to(places, x, limits, weights)
+        if sure is None:
+            markers = self.markers[name].copy()
+            markers[:, :, frames] = np.where(used[:count, None], x[:count], np.nan)
+            self.markers[name] = markers
+            if fitted.any() and np.isnan(self.misfits[number]):
+                self.misfits[number] = np.sqrt(square[fitted].mean())
+        if not joints and fitted.any():  # the markers' errors in this recording
+            left = (3 * used.sum(axis=0) - 6)[fitted].sum() / used.sum(axis=0)[fitted].sum()
+            errors = np.maximum(errors, self.misfits[number] / np.sqrt(left))
+        noise = PoseNoise.of(places, errors[:, None, None] ** 2 * np.eye(3), used, fitted, weights)
+        if sure is not None and fitted.any():
+            covariances = [noise.covariances_at(at) for at in places[count:]]
+            worst = np.linalg.eigvalsh(np.array(covariances))[:, :, -1].max(axis=0)
+            fitted[fitted] = worst[noise.pattern[fitted]] < sure**2
+        seen, turns = frames[fitted], rotation[:, :, fitted]
+        self.rotations[number][:, :, seen], self.origins[number][:, seen] = turns, origin[:, fitted]
+        self.flags[number, seen] = Flag.SEEN
+        for pattern in np.unique(noise.pattern[fitted]):
+            frames, turns = seen[noise.pattern[fitted] == pattern], rotation[:, :, noise.pattern == pattern]
+            turned = np.tensordot(turns, noise.tilt[pattern], (1, 0))  # (3, frames, 3)
+            self.turning[number, frames] = np.einsum("itk,jkt->tij", turned, turns)
+            for i, place in enumerate(self.calibration.joints):
+                for side, (end, at) in enumerate(_ends(place)):
+                    if end == name:
+                        turned = np.tensordot(turns, noise.covariances_at(at)[pattern], (1, 0))
+                        self.at_joints[side, i][:, frames] = np.einsum("itk,ikt->it", turned, turns)
+
+    def measure_gaps(self) -> None:
+        """Measure the gap of each joint in the frames that show both of its segments."""
+        for place in self.calibration.joints:
+            parent, child = self.numbers[place.joint.parent], self.numbers[place.joint.child]
+            known = (self.flags[parent] == Flag.SEEN) & (self.flags[child] == Flag.SEEN) & place.known
+            frames = np.flatnonzero(known)
+            rotations = [self.rotations[k].take(frames, axis=2) for k in (parent, child)]
+            origins = [self.origins[k].take(frames, axis=1) for k in (parent, child)]
+            one, other = (
+                to_world(r, o, at)
+                for r, o, at in zip(rotations, origins, (place.in_parent, place.in_child), strict=True)
+            )
+            self.gaps[place.joint.name] = _Gap(other - one, frames, rotations)
 
     def bridge(self, segment: Segment, reach: int) -> None:
         """Place a segment about a joint that is seen, or about one of its markers, with its expected rotation."""
         number, above = self.numbers[segment.name], self.above.get(segment.name)
-        flags, seen = self.flags[number], ~np.isnan(self.markers[segment.name][:, 0])
-        marker: Bools = np.asarray(seen.any(axis=0))
-        # places in its axes and in the world, of its own joint first, and last of its first marker
-        pivots = [self._pivot(segment)[1:]]
-        pivots += [(p.in_parent, self._shown(p.joint.child, p.in_child)) for p in self._below(segment.name)]
-        about = [(at, world, ~np.isnan(world[0])) for at, world in pivots]
-        about.append((np.zeros(3), np.full((3, self.recording.frames), np.nan), marker))
-        for at, world, shown in about:
-            wanted = np.flatnonzero((flags == Flag.UNKNOWN) & shown)
-            if not len(wanted):
-                continue
-            courses = [(wanted, InterpolatedRotation(self.rotations[number], None, flags == Flag.SEEN))]
-            if above is not None:  # the rotation in its parent for the frames that show that, else in the world
-                within = self.flags[self.numbers[above.joint.parent], wanted] == Flag.SEEN
-                courses = [(wanted[within], self._in_parent(above)), (wanted[~within], courses[0][1])]
-            for frames, course in courses:
-                frames = frames[(course.distance(frames) <= reach) | marker[frames]]
-                self._complete(segment.name, frames, at, world, course)
-                frames = frames[~np.isnan(self.rotations[number][0, 0, frames])]
-                flags[frames] = Flag.BRIDGED
-                self.turning[number, frames] = course.covariance(frames)
-                self.pivots[number][:, frames] = at[:, None]
-                if np.isnan(world).all():
-                    places = self.calibration.shape(segment.name).places
-                    self.pivots[number][:, frames] = places[seen[:, frames].argmax(axis=0)].T
+        flags = self.flags[number]
+        marker = np.asarray((~np.isnan(self.markers[segment.name][:, 0])).any(axis=0))
+        joints = self._joints_of(segment)
+        shown = [~np.isnan(self._shown(place, int(place.joint.parent == segment.name))[0]) for place in joints]
+        wanted = np.flatnonzero((flags == Flag.UNKNOWN) & np.stack([marker, *shown]).any(axis=0))
+        if not len(wanted):
+            return
+        courses = [(wanted, InterpolatedRotation(self.rotations[number], None, flags == Flag.SEEN))]
+        if above is not None:  # the rotation in its parent for the frames that show that, else in the world
+            within = self.flags[self.numbers[above.joint.parent], wanted] == Flag.SEEN
+            courses = [(wanted[within], self._in_parent(above)), (wanted[~within], courses[0][1])]
+        for frames, course in courses:
+            held = not len(course.fitted) and course.rest is not None  # to its parent's mean rotation
+            frames = frames[(course.distance(frames) <= reach) | marker[frames] | held]
+            if len(frames):
+                self._complete(segment.name, frames, joints, course)
+            flags[frames[~np.isnan(self.rotations[number][0, 0, frames])]] = Flag.BRIDGED
+
+    def _pivot(self, segment: Segment) -> JointPlace | None:
+        """The joint that helps to place a segment, if any."""
+        place, own = self.above.get(segment.name), self.calibration.shape(segment.name).has_own_pose
+        return place if place is not None and place.known and (_is_pivot(place) or not own) else None
+
+    def _joints_of(self, segment: Segment) -> list[JointPlace]:
+        """Joints that help to place a segment: its own, and those that are fixed in it."""
+        own, joints = self._pivot(segment), self.calibration.joints
+        below = [p for p in joints if p.joint.parent == segment.name and p.known and _is_pivot(p)]
+        return [*([] if own is None else [own]), *below]
 
     def _in_parent(self, place: JointPlace) -> InterpolatedRotation:
         """Rotation of a joint's child in its parent, from the frames that show both."""
@@ -424,44 +522,112 @@ class _SkeletonBuilder:
         known = (self.flags[child] == Flag.SEEN) & (self.flags[parent] == Flag.SEEN)
         return InterpolatedRotation(self.rotations[child], self.rotations[parent], known, place.mean_rotation)
 
-    def _complete(self, name: str, frames: Ints, local: Floats, world: Floats, course: InterpolatedRotation) -> None:
-        """Complete a segment's poses in some frames from its expected rotation and the markers that are left."""
-        number, x = self.numbers[name], self.markers[name].take(frames, axis=2)
-        places, at = self.calibration.shape(name).places, np.ascontiguousarray(world[:, frames])
-        poses = complete_poses(places, x, local, at, course.at(frames))
-        self.rotations[number][:, :, frames], self.origins[number][:, frames] = poses
+    def _complete(self, name: str, frames: Ints, joints: Sequence[JointPlace], course: InterpolatedRotation) -> None:
+        """Complete a segment's poses in some frames from its expected rotation, its markers and joints of it."""
+        number = self.numbers[name]
+        places, errors, x = self._points(name, joints, frames)
+        prior = course.covariance(frames)
+        prior[np.isnan(prior).any(axis=(1, 2))] = _SPREAD**2 * np.eye(3)
+        prior += _EXACT * np.eye(3)
+        sure = 1.5 / np.trace(prior, axis1=1, axis2=2)
+        rotation, origin, middle = complete_poses(places, x, 1.0 / errors**2, course.at(frames), sure)
+        self.rotations[number][:, :, frames], self.origins[number][:, frames] = rotation, origin
+        self.pivots[number][:, frames] = middle
+        shown = ~np.isnan(x[:, 0])
+        self.anchors[number, frames] = 1.0 / (shown / errors[:, None] ** 2).sum(axis=0).clip(_EXACT)
+        arms = skew(np.einsum("ijt,mjt->mti", rotation, places[:, :, None] - middle))
+        arms *= (shown / errors[:, None])[:, :, None, None]
+        # of δ = (λ + J)⁻¹ (λ δ₀ + Σ w a × ε): the expected rotation's error and the points' noise
+        information, own = np.einsum("mtij,mtkj->tik", arms, arms, optimize=True), 2.0 * sure[:, None, None]
+        gain = np.linalg.inv(own * np.eye(3) + information)
+        self.turning[number, frames] = gain @ (own**2 * prior + information) @ gain
 
-    def _shown(self, segment: str, at: Floats) -> Floats:
-        """A point of a segment in the world (3, frames) where the segment is seen; NaN elsewhere."""
-        number = self.numbers[segment]
-        world = to_world(self.rotations[number], self.origins[number], at)
-        return np.where(self.flags[number] == Flag.SEEN, world, np.nan)
+    def _points(self, name: str, joints: Sequence[JointPlace], frames: Ints) -> tuple[Floats, Floats, Floats]:
+        """Markers of a segment, and joints that its neighbours show: places (m, 3), errors (m,), and points (m, 3, w).
 
-    def _below(self, segment: str) -> list[JointPlace]:
-        """Joints that are fixed in a segment and can place it."""
-        joints = self.calibration.joints
-        return [p for p in joints if p.joint.parent == segment and p.known and p.status in _PIVOTS]
+        All are in metres; the points are those of w frames.
+        """
+        shape, sides = self.calibration.shape(name), [int(place.joint.child == name) for place in joints]
+        shown = [self._shown(place, 1 - side)[None, :, frames] for place, side in zip(joints, sides, strict=True)]
+        ends = [_ends(place)[side][1][None] for place, side in zip(joints, sides, strict=True)]
+        errors = [*[_marker_error(shape)] * len(shape.markers), *map(_joint_error, joints)]
+        x = np.concatenate([self.markers[name].take(frames, axis=2), *shown])
+        return np.concatenate([shape.places, *ends]), np.array(errors), x
+
+    def _shows_direction(self, name: str, place: JointPlace) -> bool:
+        """True if a segment's markers are far enough from a joint to show a direction from there."""
+        places, at = (
+            self.calibration.shape(name).places,
+            place.in_child if place.joint.child == name else place.in_parent,
+        )
+        return len(places) > 0 and bool(np.linalg.norm(places.mean(axis=0) - at) > _ARM * _joint_error(place))
+
+    def _shown(self, place: JointPlace, side: int) -> Floats:
+        """A joint in the world (3, frames) as its parent (0) or child (1) shows it, where the other expects it.
+
+        NaN in frames that do not show the segment.
+        """
+        name, at = ((place.joint.parent, place.in_parent), (place.joint.child, place.in_child))[side]
+        number, world = self.numbers[name], np.full((3, self.recording.frames), np.nan)
+        frames = np.flatnonzero(self.flags[number] == Flag.SEEN)
+        rotations = self.rotations[number].take(frames, axis=2)
+        gap = self.gaps[place.joint.name].at(frames, side, rotations)
+        world[:, frames] = to_world(rotations, self.origins[number].take(frames, axis=1), at) + (gap, -gap)[side]
+        return world
+
+    def _count_left_out(self, number: int, before: Floats, after: Floats) -> None:
+        """Store the share of a segment's samples that its fits have rejected."""
+        seen = ~np.isnan(before[:, 0])
+        self.left_out[number] = 1.0 - (~np.isnan(after[:, 0])).sum() / max(seen.sum(), 1) if seen.any() else 0.0
 
     def joints(self) -> tuple[Floats, Bytes, Floats]:
-        """Centres of the joints (joints, 3, frames), their flags (joints, frames), and variances from bridging.
+        """Centres of the joints (joints, 3, frames), their flags (joints, frames), and variances.
 
-        A joint is placed by its parent if that is seen, else by its child if that is; else by the one that is bridged
-        with the smaller error.
+        A joint is placed by its parent if that is seen, else by its child if that is, with the gap of the joint; else
+        by both as far as they are bridged, weighted by their errors.
         """
         places, n = self.calibration.joints, self.recording.frames
         centers, flags = np.full((len(places), 3, n), np.nan), np.full((len(places), n), Flag.UNKNOWN, dtype=np.uint8)
-        bridging = np.zeros((len(places), 3, n))
+        posed = np.zeros((len(places), 3, n))
         for i, place in enumerate(places):
-            for name, at in ((place.joint.parent, place.in_parent), (place.joint.child, place.in_child)):
+            if place.standard_error > LARGEST_ERROR:
+                continue
+            gap, shared = self.gaps[place.joint.name], 0.0
+            if len(gap.frames):  # what noise does not explain of the gap is as much the parent's as the child's
+                noise = 2.0 * self.at_joints[:, i].take(gap.frames, axis=2).mean()
+                shared = 0.5 * max(gap.size**2 / 3.0 - noise, 0.0)
+            for side, (name, at) in enumerate(_ends(place)):
                 k = self.numbers[name]
                 if np.isnan(at).any():
                     continue
                 world, variance = to_world(self.rotations[k], self.origins[k], at), self._bridging(name, at)
-                same, surer = self.flags[k] == flags[i], variance.sum(axis=0) < bridging[i].sum(axis=0)
-                better = ((self.flags[k] < flags[i]) | (same & surer)) & ~np.isnan(world[0])
-                for old, new in ((centers, world), (bridging, variance), (flags, self.flags[k])):
+                variance += self.at_joints[side, i]
+                if side == 1:
+                    world, variance = world - gap.at(np.arange(n), 1, self.rotations[k]), variance + gap.variance
+                known = ~np.isnan(world[0])
+                both = known & (self.flags[k] == Flag.BRIDGED) & (flags[i] == Flag.BRIDGED)
+                better = known & (self.flags[k] < flags[i])
+                for old, new in ((centers, world), (posed, variance), (flags, self.flags[k])):
                     np.copyto(old[i], new, where=better)
-        return centers, flags, bridging
+                old, new = posed[i][:, both], variance[:, both]
+                share = old.sum(axis=0) / np.maximum((old + new).sum(axis=0), 1e-300)
+                centers[i][:, both] += share * (world[:, both] - centers[i][:, both])
+                posed[i][:, both] = (1.0 - share) * old + share * new  # their errors are not independent
+            if (flags[i] == Flag.BRIDGED).any():
+                _remove_leaps(centers[i], posed[i].mean(axis=0) * (flags[i] == Flag.BRIDGED), self._source(place))
+            posed[i][:, flags[i] != Flag.UNKNOWN] += shared
+            large = place.standard_error**2 + posed[i].max(axis=0) > LARGEST_ERROR**2
+            centers[i][:, large], flags[i][large], posed[i][:, large] = np.nan, Flag.UNKNOWN, 0.0
+        return centers, flags, posed
+
+    def _source(self, place: JointPlace) -> Ints:
+        """A number (frames,) that changes where others of the segments around a joint are seen, or bridged."""
+        ends, joints = (place.joint.parent, place.joint.child), [other.joint for other in self.calibration.joints]
+        around = {
+            name for joint in joints for name in (joint.parent, joint.child) if {joint.parent, joint.child} & {*ends}
+        }
+        flags = self.flags[sorted(self.numbers[name] for name in around)].astype(np.int64)
+        return np.asarray(3 ** np.arange(len(flags)) @ flags)
 
     def _bridging(self, segment: str, at: Floats) -> Floats:
         """Variances (3, frames) of a point of a segment from the rotation of its bridged frames, m²."""
@@ -471,20 +637,70 @@ class _SkeletonBuilder:
             away = at[:, None] - self.pivots[number][:, frames]
             arm = np.einsum("ijt,jt->ti", self.rotations[number][:, :, frames], away)
             variance[:, frames] = np.einsum("tij,tjk,tik->it", skew(arm), self.turning[number, frames], skew(arm))
+            variance[:, frames] += self.anchors[number, frames]
         return variance
 
 
-def pivot_joint(place: JointPlace | None, shape: SegmentShape) -> JointPlace | None:
-    """The joint that a segment rotates about; None if its pose is fitted to its own markers alone."""
-    if place is None or not place.known:
-        return None
-    return None if shape.has_own_pose and place.status not in _PIVOTS else place
+def _remove_leaps(center: Floats, variance: Floats, source: Ints) -> None:
+    """Spread the leaps of a joint (3, n), in place, over the frames around them in which it is uncertain.
+
+    Where other segments begin to show it, its place leaps by the error of what showed it before. Each side of a leap
+    takes a part of it in proportion to its variance, linearly less to the other end of its stretch.
+
+    Args:
+        center: its places, metres; NaN where unknown.
+        variance: of these in each frame (n,), m²; 0 where it is seen.
+        source: number that tells which segments show it (n,).
+    """
+    known = ~np.isnan(center[0])
+    starts = np.flatnonzero(np.diff(source) | (np.diff(known.astype(np.int8)) != 0)) + 1
+    edges = np.concatenate([[0], starts, [len(known)]])
+    shifts = np.zeros((len(edges) - 1, 2, 3))  # of the first and the last frame of each stretch
+    for k, t in enumerate(starts, start=1):
+        total = variance[t - 1] + variance[t]
+        if known[t - 1] and known[t] and total > 0.0:
+            steps = [center[:, j + 1] - center[:, j] for j in (t - 2, t) if 0 <= j < len(known) - 1]
+            usual = [step for step in steps if not np.isnan(step).any()]
+            leap = center[:, t] - center[:, t - 1] - (np.mean(usual, axis=0) if usual else 0.0)
+            shifts[k - 1, 1] += leap * variance[t - 1] / total
+            shifts[k, 0] -= leap * variance[t] / total
+    for (first, last), (start, end) in zip(itertools.pairwise(edges), shifts, strict=True):
+        if start.any() or end.any():
+            share = np.linspace(0.0, 1.0, last - first) if last - first > 1 else np.array([0.5])
+            center[:, first:last] += np.outer(start, 1.0 - share) + np.outer(end, share)
 
 
-def _limits(shape: SegmentShape, place: JointPlace | None) -> Floats:
+def _ends(place: JointPlace) -> tuple[tuple[str, Floats], tuple[str, Floats]]:
+    """The two segments of a joint, parent first, with the joint's place in each (3,), metres."""
+    return (place.joint.parent, place.in_parent), (place.joint.child, place.in_child)
+
+
+def _is_pivot(place: JointPlace) -> bool:
+    """True if a joint is sure enough to place a segment whose own markers can fix its pose."""
+    return place.status in _PIVOTS and not place.standard_error > LARGEST_ERROR
+
+
+def _joint_error(place: JointPlace) -> float:
+    """Standard error of a joint as a segment's pose shows it, metres; a metre if it is not known."""
+    return float(np.nan_to_num(np.hypot(place.standard_error, _POSE), nan=1.0))
+
+
+def _marker_error(shape: SegmentShape) -> float:
+    """Standard deviation of a coordinate of a segment's markers from their places in it, metres.
+
+    The scatter is that of a fit to three points or more, of which six coordinates fix the pose.
+    """
+    points = len(shape.markers) + (not shape.has_own_pose)
+    if points < 3:
+        return _SOFT
+    square = float(np.mean(np.nan_to_num(shape.scatter) ** 2)) * points / (3 * points - 6)
+    return max(float(np.sqrt(square)), _SOFT)
+
+
+def _limits(shape: SegmentShape, joints: Sequence[JointPlace]) -> Floats:
     """Largest accepted distance of each marker from its place (m,), metres."""
     if not len(shape.markers):
         return np.zeros(0)
-    middle = shape.places.mean(axis=0) if place is None else place.in_child
+    middle = shape.places.mean(axis=0) if shape.has_own_pose or not joints else joints[0].in_child
     size = np.sqrt(((shape.places - middle) ** 2).sum(axis=1).mean())
     return np.asarray(np.maximum(_FAR * np.nan_to_num(shape.scatter), _SLACK * size))

@@ -22,7 +22,7 @@ from study.recordings.joints.find import JointPlace
 from study.recordings.markersets import Joint, MarkerSet, mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import quaternions
-from study.recordings.skeleton.calibrate import UNEVEN, hull_distances, hull_doubt
+from study.recordings.skeleton.calibrate import UNEVEN, gap_doubt, hull_distances, hull_doubt
 from study.recordings.skeleton.draw import Flag, Skeleton
 from study.text import columns, number
 
@@ -74,8 +74,9 @@ class Scene:
         doubts: reason to doubt each joint, or "".
         errors: standard errors of the joints along their principal directions (joints, 3), metres; NaN for a direction
             in which a joint is not known, such as the axis of a hinge.
-        bridging: variances along x, y and z of what interpolation adds to the error of bridged joints (joints, 3,
-            frames), m².
+        posed: variances along x, y and z that the frame adds to the error of each joint (joints, 3, frames), m².
+        gaps: root mean square distance between each joint in its child and in its parent (joints,), metres; NaN if no
+            frame shows both.
         orientations: of the principal directions, as quaternions x, y, z, w (joints, frames, 4); NaN where unknown.
         notes: remarks for the viewer.
         roots: for each segment with anatomical axes and no joint above, such as the pelvis, the numbers of the joints
@@ -97,7 +98,8 @@ class Scene:
     flags: Bytes
     doubts: tuple[str, ...]
     errors: Floats
-    bridging: Floats
+    posed: Floats
+    gaps: Floats
     orientations: Floats
     notes: tuple[str, ...]
     roots: tuple[tuple[int, ...], ...]
@@ -126,7 +128,7 @@ class Scene:
 
     def part(self, frames: slice, rate: float | None = None) -> "Scene":
         """The scene in some of the frames; at ``rate`` frames per second, if that changes."""
-        cut = {name: getattr(self, name)[..., frames] for name in ("places", "centers", "ends", "flags", "bridging")}
+        cut = {name: getattr(self, name)[..., frames] for name in ("places", "centers", "ends", "flags", "posed")}
         cut |= {name: getattr(self, name)[:, frames] for name in ("orientations", "anatomy")}
         return replace(self, rate=rate or self.rate, **cut)
 
@@ -181,6 +183,10 @@ def make_scene(
     known = [i for i, center in enumerate(skeleton.centers) if not np.isnan(center).all()]
     lost = [(joints[i].joint.name, doubts[i]) for i in range(len(joints)) if i not in known]
     notes = [*notes, *(f"{name} is not shown: {doubt or 'known in no frame'}" for name, doubt in lost)]
+    rejected = [
+        f"{share:.1%} of {name}" for name, share in zip(skeleton.segments, skeleton.left_out, strict=True) if share
+    ]
+    notes += [f"samples left out, as far from their places: {', '.join(rejected)}"] * bool(rejected)
     notes += ["the recording's y is shown as up"] * bool(upright[2, 1])
     if not known:
         raise RecordingError(f"{recording.name}: none of its joints is known in any frame; there is nothing to show")
@@ -213,7 +219,8 @@ def make_scene(
         flags=np.where(np.isnan(centers[:, 0]), np.uint8(Flag.UNKNOWN), skeleton.flags[known]),
         doubts=tuple(doubts[i] for i in known),
         errors=np.stack(errors),
-        bridging=upright**2 @ skeleton.bridging[known],
+        posed=upright**2 @ skeleton.posed[known],
+        gaps=skeleton.gaps[known],
         orientations=_orientations(upright, skeleton, parents),
         notes=tuple(notes),
         roots=tuple(roots.values()),
@@ -285,7 +292,8 @@ def frame_errors(scene: Scene) -> Floats:
     """Standard errors of the joints along the world's axes in each frame (joints, 3, frames), metres.
 
     They are those of the joint's place in its parent, rotated with the parent; of a hinge, of the part across its axis.
-    A bridged joint also has the error of the interpolation. NaN where the joint is unknown, or its error is.
+    Each frame adds the error of the parent's pose, of the joint's gap, and of interpolation. NaN where the joint is
+    unknown, or its error is.
     """
     errors = np.full(scene.centers.shape, np.nan)
     squares = np.nan_to_num(scene.errors) ** 2
@@ -297,7 +305,7 @@ def frame_errors(scene: Scene) -> Floats:
         if (known & turned).any():
             axes = Rotation.from_quat(turns[known & turned]).as_matrix()
             variance[:, known & turned] = (axes**2 @ squares[joint]).T
-        errors[joint][:, known] = np.sqrt(variance + scene.bridging[joint])[:, known]
+        errors[joint][:, known] = np.sqrt(variance + scene.posed[joint])[:, known]
     return errors
 
 
@@ -328,6 +336,10 @@ def bone_table(scene: Scene) -> pd.DataFrame:
     return table
 
 
+_LEFT_OUT = 0.05
+"""Share of a segment's samples that are left out above which its joints are doubted."""
+
+
 def skeleton_lines(scene: Scene) -> Iterator[str]:
     """Lay out bones, distances of joints from the markers' hull, shares of bridged frames, and reasons to doubt."""
     bones = []
@@ -336,10 +348,14 @@ def skeleton_lines(scene: Scene) -> Iterator[str]:
         sizes = f"{length:.3f} m", _millimetres(error), _millimetres(spread)
         bones.append([f"{start} - {end}", *sizes, difference, "uneven" if abs(uneven) > UNEVEN else ""])
     yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
-    hulls = zip(scene.joints, *hull_distances(scene.places, scene.centers), strict=True)
-    rows = [[name, number(share, ".0%"), _millimetres(by) if by > 0.0 else "-"] for name, share, by in hulls]
-    yield from columns(rows, ["joint", "outside", "by"], "<>")
+    hulls = zip(scene.joints, *hull_distances(scene.places, scene.centers), scene.gaps, strict=True)
+    rows = [
+        [name, number(share, ".0%"), _millimetres(by) if by > 0.0 else "-", _millimetres(gap)]
+        for name, share, by, gap in hulls
+    ]
+    yield from columns(rows, ["joint", "outside", "by", "gap"], "<>>")
     yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
+    yield "gap: distance between the joint in its child and in its parent, root mean square; bones vary by it"
     for name, flags in zip(scene.joints, scene.flags, strict=True):
         shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]
         if lacking := [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]:
@@ -359,15 +375,17 @@ def skeleton_data(scene: Scene) -> dict[str, object]:
     Returns:
         ``recording``, ``rate``, ``frames``, ``source`` of the joints; ``joints``, each with ``joint``, ``doubt`` (a
         reason, or null), ``error`` (its largest standard error, metres), the shares of the frames in which it is
-        ``seen``, ``bridged``, ``unknown`` and ``outside`` of the markers' hull, and ``distance`` outside it, metres;
+        ``seen``, ``bridged``, ``unknown`` and ``outside`` of the markers' hull, ``distance`` outside it, metres, and
+        ``gap``, metres;
         ``bones``, as in `bone_table`; ``notes``.
     """
     worst, joints = np.fmax.reduce(scene.errors, axis=1), []
     hulls = hull_distances(scene.places, scene.centers)
-    for name, doubt, error, flags, *hull in zip(scene.joints, scene.doubts, worst, scene.flags, *hulls, strict=True):
+    parts = scene.joints, scene.doubts, worst, scene.flags, *hulls, scene.gaps
+    for name, doubt, error, flags, *rest in zip(*parts, strict=True):
         row = {"joint": name, "doubt": doubt or None, "error": error}
         row |= {flag.name.lower(): (flags == flag).mean() for flag in Flag}
-        joints.append(row | dict(zip(("outside", "distance"), hull, strict=True)))
+        joints.append(row | dict(zip(("outside", "distance", "gap"), rest, strict=True)))
     head = {"recording": scene.name, "rate": scene.rate, "frames": scene.frames, "source": scene.source}
     return head | {"joints": joints, "bones": bone_table(scene).to_dict("records"), "notes": scene.notes}
 
@@ -387,8 +405,12 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
     """
     calibration = skeleton.calibration
     found = "this recording" if calibration.source == skeleton.name else calibration.source
-    doubts = []
-    for place, *hull in zip(calibration.joints, *hull_distances(recording.positions, skeleton.centers), strict=True):
-        reasons = ("" if place.status in USABLE else place.reason, hull_doubt(*hull))
+    doubts, left_out = [], dict(zip(skeleton.segments, skeleton.left_out, strict=True))
+    hulls = hull_distances(recording.positions, skeleton.centers)
+    for place, gap, *hull in zip(calibration.joints, skeleton.gaps, *hulls, strict=True):
+        reasons = ["" if place.status in USABLE else place.reason, hull_doubt(*hull), gap_doubt(gap)]
+        for segment in (place.joint.parent, place.joint.child):
+            if left_out[segment] > _LEFT_OUT:
+                reasons.append(f"{left_out[segment]:.0%} of the samples of {segment} are far from their places")
         doubts.append("; ".join(filter(None, reasons)))
     return make_scene(skeleton, recording, doubts, f"joints found in {found}", (*recording.notes, *notes))

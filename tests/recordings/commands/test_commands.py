@@ -16,8 +16,10 @@ from study.recordings import commands
 from study.recordings.formats import write
 from study.recordings.formats.read import read_recording
 from study.recordings.formats.write import write_recording
+from study.recordings.joints.find import load_calibration
 from study.recordings.markersets import load_markerset, shipped
 from study.recordings.recording import Recording
+from study.recordings.rigid import across
 from study.recordings.synthetic.make import SKIN, Recipe, synthesize
 
 FIGURES = ["fig1_skeleton.png", "fig1_skeleton.svg", "motion.json", "skeleton.bvh", "skeleton.parquet", "viewer.html"]
@@ -192,15 +194,20 @@ def test_a_skeleton_without_its_root(call, drawn, tmp_path):
 
 
 def test_errors_in_each_frame(drawn):
-    """The joint's errors along the world's axes: as a whole those of the joint, more where it is bridged."""
+    """The errors along the world's axes are at least those of the joint in its parent, and more where it is bridged."""
     table = pd.read_parquet(drawn / "skeleton.parquet")
     errors = table[["error_x", "error_y", "error_z"]]
     assert errors[table["known"] == "unknown"].isna().all().all()
     assert errors[table["known"] == "seen"].notna().all().all()
-    for _, rows in errors.groupby(table["joint"]):
+    joints = {place.joint.name: place for place in load_calibration(drawn / "calibration.json").joints}
+    for name, rows in errors.groupby(table["joint"]):
         total = (rows**2).sum(axis=1)[rows["error_x"].notna()]  # rotations do not change the sum of the squares
-        assert np.isclose(total, total.median(), rtol=1e-9).mean() > 0.7
-        assert (total > total.median() * (1 - 1e-9)).all()
+        directions = across(joints[name].axis)
+        least = np.trace(directions.T @ joints[name].covariance @ directions)
+        assert (total > least * (1 - 1e-9)).all()
+        assert (np.sqrt(total[table.loc[total.index, "known"] == "seen"]) < np.sqrt(least) + 0.015).all()
+    bridged = table["known"] == "bridged"
+    assert errors[bridged].max(axis=1).median() > 2 * errors[table["known"] == "seen"].max(axis=1).median()
     thigh = errors[(table["joint"] == "left_knee") & (table["known"] == "seen")]
     assert thigh.std().min() > 0  # but they change its parts
 

@@ -15,6 +15,41 @@ def export(recording, calibration, **options):
     return ExportedMotion(skeleton, recording, skeleton_scene(skeleton, recording), **options)
 
 
+def chain(motion):
+    """Places of the joints of rigid bones (3, frames), z up: from the root, by each segment's rotation and its bones.
+
+    A hierarchy keeps the lengths of its bones, so that its joints are as far from those of the markers as the gaps of
+    the joints above add up to. NaN where a segment on the way is unknown.
+    """
+    skeleton, calibration = motion.skeleton, motion.skeleton.calibration
+    rotations = dict(
+        zip(skeleton.segments, np.einsum("ij,sjkt->sikt", motion.upright, skeleton.rotations), strict=True)
+    )
+    origins = dict(zip(skeleton.segments, np.einsum("ij,sjt->sit", motion.upright, skeleton.origins), strict=True))
+    above, places = {place.joint.child: place for place in calibration.joints}, {}
+
+    def place_of(segment):
+        """Place of a point of a segment in the world, and that point in its axes."""
+        own = above.get(segment)
+        if own is None or not own.known or (calibration.shape(segment).has_own_pose and own.standard_error > 0.05):
+            return origins[segment], np.zeros(3)
+        return joint_of(own), own.in_child
+
+    def joint_of(place):
+        world, local = place_of(place.joint.parent)
+        return world + np.einsum("ijt,j->it", rotations[place.joint.parent], place.in_parent - local)
+
+    for place in calibration.joints:
+        places[place.joint.name] = joint_of(place)
+    return places
+
+
+@pytest.fixture(scope="session")
+def chained():
+    """The function `chain`."""
+    return chain
+
+
 @pytest.fixture(scope="session")
 def exported():
     """The function `export`."""

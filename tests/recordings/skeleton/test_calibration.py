@@ -91,7 +91,8 @@ def moved(calibration, name, in_parent):
 def judged(calibration, recording):
     """The calibration with doubts and warnings, from the distances in the recording."""
     centers = draw_skeleton(calibration, recording).centers
-    return with_doubts(calibration, hull_distances(recording.positions, centers)[0])
+    gaps = np.full(len(calibration.joints), np.nan)
+    return with_doubts(calibration, hull_distances(recording.positions, centers)[0], gaps)
 
 
 def warned(calibration, recording):
@@ -156,9 +157,23 @@ def test_a_joint_outside_the_hull(figure_calibration, figure):
     hip = judged(moved(figure_calibration, "left_hip", [3.0, 0.0, 0.0]), figure[0])["left_hip"]
     assert hip.status == JointStatus.IMPLAUSIBLE
     assert "outside the markers' hull in" in hip.reason
-    neck = judged(moved(figure_calibration, "neck", [3.0, 0.0, 0.0]), figure[0])["neck"]
+    outside, gaps = np.full((2, len(figure_calibration.joints)), np.nan)
+    outside[[place.joint.name for place in figure_calibration.joints].index("neck")] = 0.95
+    neck = with_doubts(figure_calibration, outside, gaps)["neck"]
     assert neck.status == figure_calibration["neck"].status
-    assert any("outside the markers' hull in" in words for words in neck.warnings)
+    assert neck.warnings == ("outside the markers' hull in 95% of the frames",)
+
+
+def test_a_joint_that_its_segments_put_apart(figure_calibration, figure):
+    """A neck three metres in front of the trunk is three metres from where the head has it: not drawn, and told."""
+    recording, apart = figure[0], moved(figure_calibration, "neck", [3.0, 0.0, 0.0])
+    skeleton = draw_skeleton(apart, recording)
+    assert np.isnan(skeleton.center("neck")).all()
+    (words,) = with_checks(apart, recording)["neck"].warnings
+    away = np.linalg.norm(np.array([3.0, 0.0, 0.0]) - figure_calibration["neck"].in_parent)
+    assert words == f"its two segments put it {1000 * away:.0f} mm apart"
+    note = next(note for note in skeleton_scene(skeleton, recording).notes if note.startswith("neck is not shown"))
+    assert words in note
 
 
 def test_both_phases_say_the_same(figure, tmp_path):

@@ -144,7 +144,7 @@ def test_equal_bytes(scene, tmp_path):
 
 def test_little_is_known(scene):
     """With one joint, no markers and no errors there is still a figure."""
-    parts = {name: getattr(scene, name)[:1] for name in ("joints", "centers", "flags", "bridging")}
+    parts = {name: getattr(scene, name)[:1] for name in ("joints", "centers", "flags", "posed")}
     parts |= {"places": np.empty((0, 3, 90)), "ends": np.empty((0, 3, 90)), "errors": np.full((1, 3), np.nan)}
     parts |= dict.fromkeys(("orientations", "anatomy"), np.full((1, 90, 4), np.nan))
     one = replace(scene, markers=(), tips=(), bones=(), doubts=("",), **parts)
