@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from study.fits.given import GivenFit
     from study.fits.spheres import CloudSpheres, fit_spheres
     from study.recordings.formats.read import read_recording
-    from study.recordings.library import draw_skeleton, find_joint, find_joints
+    from study.recordings.library import draw_skeleton, find_gait, find_joint, find_joints
     from study.recordings.recording import Recording
 
 
@@ -60,6 +60,7 @@ __all__ = [
     "attainable_bound",
     "crlb",
     "draw_skeleton",
+    "find_gait",
     "find_joint",
     "find_joints",
     "fit",
@@ -77,7 +78,7 @@ _PLACES = {
     **dict.fromkeys(["CloudSpheres", "fit_spheres"], "study.fits.spheres"),
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",
-    **dict.fromkeys(["draw_skeleton", "find_joint", "find_joints"], "study.recordings.library"),
+    **dict.fromkeys(["draw_skeleton", "find_gait", "find_joint", "find_joints"], "study.recordings.library"),
 }
 """Modules of the names that `study.fits` does not define."""
 

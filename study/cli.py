@@ -14,7 +14,18 @@ import typer
 
 from study import __version__, instruction_set
 from study.options import ExitCode, GroupedHelp, echo, shown, unchanged
-from study.recordings.commands import case_study, fetch, joint, joints, live, markersets, recording, skeleton, synthetic
+from study.recordings.commands import (
+    case_study,
+    fetch,
+    gait,
+    joint,
+    joints,
+    live,
+    markersets,
+    recording,
+    skeleton,
+    synthetic,
+)
 from study.simulation import commands
 from study.simulation.commands import CONFIG_HELP, RUNS, Folder, Jobs, opened, run_folder, with_plugins
 from study.text import did_you_mean, json_text
@@ -356,7 +367,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
         *(commands.regret, commands.diff, commands.verify, commands.archive),
     ),
     "Points and estimators": (fit, plan_fit, commands.estimators, commands.check, certify, commands.cost),
-    "Recordings": (recording, joint, joints, skeleton, live, case_study, synthetic, fetch, markersets),
+    "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
     *(commands.configs, commands.check, certify, commands.cost, commands.coverage, plan_fit, commands.worker),

@@ -21,8 +21,8 @@ WINGS = {"fits": set(), "simulation": {"fits"}, "recordings": {"fits"}}
 """For each wing the others that it may import."""
 ORDER = {
     "simulation": "experiment statistics runs posterior analysis claims figures coverage report commands compile_loops",
-    "recordings": "recording formats rigid markersets joints skeleton one_joint session live export view synthetic "
-    "case_study library commands",
+    "recordings": "recording formats rigid markersets joints skeleton one_joint session live export gait view "
+    "synthetic case_study library commands",
 }
 ORDER = {name: chapters.split() for name, chapters in ORDER.items()}
 """Chapters and folders of a wing in the order of the data: each imports only those before it."""

@@ -527,6 +527,54 @@ def skeleton(
         typer.echo(json_text(scene.skeleton_data(shown) | further_data))
 
 
+_WALKS = "walks of one subject: .c3d, .trc, .csv, .tsv or .txt"
+
+
+def gait(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=_WALKS)],
+    calibration: Annotated[Path | None, typer.Option(help=_CALIBRATION)] = None,
+    static: Annotated[Path | None, typer.Option(help=_STATIC)] = None,
+    force: Annotated[bool, typer.Option("--force", help=_FORCE)] = False,
+    hips: HipCentres = "motion",
+    markerset: MarkerSetName = None,
+    out: Out = None,
+    as_json: Json = False,
+    unit: Unit = None,
+    rate: Rate = None,
+) -> None:
+    """Report the angles of hips, knees and ankles over the gait cycle.
+
+    Events come from the markers of the feet. Writes the page of the report, its figure, and tables of the cycles, of
+    each cycle's curves, and of their means. Without --calibration the joints are found in the walks themselves.
+
+    With --json: cycles, each with recording, side, start, end, duration, stance, stride, speed and cadence; means, each
+    with side, joint, angle, percent, mean, sd, cycles and error; notes and files.
+    """
+    from study.files import save_frame
+    from study.recordings import gait as gaits
+    from study.recordings.library import find_gait
+    from study.recordings.view import gait as view
+    from study.style import save
+
+    if calibration is not None and (static, hips, markerset) != (None, "motion", None):
+        raise typer.BadParameter(
+            "--static, --hips, --markerset: a calibration has its own; give them to `study joints`"
+        )
+    walks = [_read(file, unit, rate, None, None) for file in files]
+    found = find_gait(walks, calibration, markerset, static=static, hips=hips, force=force)
+    title = ", ".join(dict.fromkeys(walk.name for walk in walks))
+    folder = results_folder("-".join(walk.name for walk in walks)[:100] + "-gait", out)
+    if not as_json:
+        echo(gaits.gait_lines(found))
+    paths = [view.write_page(found, title, folder / "gait.html"), *save(view.draw(found), folder / "fig_gait")]
+    tables = {"cycles": found.cycles, "curves": found.curves, "means": (means := found.means())}
+    for name, table in tables.items():
+        save_frame(table, folder / f"gait_{name}.parquet")
+        paths.append(folder / f"gait_{name}.parquet")
+    records = {"cycles": found.cycles.to_dict("records"), "means": means.to_dict("records")}
+    echo([json_text(records | {"notes": found.notes, "files": paths})] if as_json else paths)
+
+
 _OUT = ".c3d, .trc or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"
 _TISSUE = "largest soft-tissue artefact of a marker, metres"
 _SKIN = "law of the soft-tissue artefact: mixed, random, angle, velocity, cluster, slide"

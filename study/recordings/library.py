@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from study.recordings.export.tree import ExportedMotion
 from study.recordings.formats.read import read_recording
+from study.recordings.gait import Gait, gait_of
 from study.recordings.joints.find import Calibration
 from study.recordings.one_joint import OneJoint, find_clusters, fit_one_joint
 from study.recordings.recording import Recording, RecordingError
@@ -11,6 +13,7 @@ from study.recordings.session import fit_session
 from study.recordings.skeleton import draw
 from study.recordings.skeleton.anatomy import Hips
 from study.recordings.skeleton.calibrate import require_same_subject, with_joints
+from study.recordings.skeleton.scene import skeleton_scene
 
 Source = str | Path | Recording
 """A recording, or its file."""
@@ -146,6 +149,53 @@ def draw_skeleton(
     placed, calibration = with_joints(_read(recording), joints, markerset)
     require_same_subject(calibration, placed.recording, force=force)
     return draw.draw_skeleton(calibration, placed.recording)
+
+
+def find_gait(
+    walks: Source | Sequence[Source],
+    joints: Calibration | str | Path | None = None,
+    markerset: str | None = None,
+    *,
+    static: Source | None = None,
+    hips: Hips = "motion",
+    force: bool = False,
+) -> Gait:
+    """Find the gait cycles of walks, and the angles of hips, knees and ankles over them, as `study gait` does.
+
+    Args:
+        walks: a `Recording` or its file; or several of one subject.
+        joints: of the same subject with the same markers; found in the walks themselves if None.
+        markerset: for joints that are found here; the shipped one that fits best if None.
+        static: as in `find_joints`.
+        hips: as in `find_joints`.
+        force: True to use ``joints`` even if they seem to be another subject's.
+
+    Returns:
+        ``cycles``, a table with a row per cycle; ``curves``, the angles of each cycle at 0 to 100 %, with their errors;
+        and ``means()``, their means and standard deviations over the cycles.
+
+    Raises:
+        RecordingError: if a recording cannot be read, the joints seem to be another subject's, or no walk has a cycle.
+        MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
+
+    Example:
+        >>> import study
+        >>> from study.recordings.synthetic.make import Recipe, synthesize
+        >>> walk, truth = synthesize(Recipe(frames=600, gait=True, markers="rizzoli"))
+        >>> gait = study.find_gait(walk)
+        >>> sorted(gait.means()["joint"].unique())
+        ['ankle', 'hip', 'knee']
+    """
+    every = [_read(walk) for walk in ([walks] if isinstance(walks, str | Path | Recording) else walks)]
+    if joints is None:
+        joints = find_joints(every, markerset, static=static, hips=hips)
+    motions = []
+    for walk in every:
+        placed, calibration = with_joints(walk, joints, None)
+        require_same_subject(calibration, placed.recording, force=force)
+        drawn = draw.draw_skeleton(calibration, placed.recording)
+        motions.append(ExportedMotion(drawn, walk, skeleton_scene(drawn, placed.recording)))
+    return gait_of(motions)
 
 
 def _read(recording: Source) -> Recording:

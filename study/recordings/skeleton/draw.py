@@ -48,6 +48,8 @@ _PIVOTS = (*USABLE, JointStatus.REGRESSION, JointStatus.UNSURE, JointStatus.INSI
 """A joint that helps to place a segment whose own markers can fix its pose; a doubted one does not."""
 _SOFT = 0.001
 """Metres: least standard deviation of a marker's place, where it is weighed against a joint's."""
+_IMPLAUSIBLE = 6.0
+"""Square misfit of a frame over the mean above which the pose's variance grows with it: noise does so in < .1 %."""
 _LEAST_WEIGHT = 0.01
 """Least weight of a joint beside markers of weight 1: it decides what these leave open, and hardly moves the rest."""
 _LEAST_SHARE = 0.002
@@ -460,15 +462,18 @@ class _SkeletonBuilder:
         seen, turns = frames[fitted], rotation[:, :, fitted]
         self.rotations[number][:, :, seen], self.origins[number][:, seen] = turns, origin[:, fitted]
         self.flags[number, seen] = Flag.SEEN
+        ratio = square[fitted] / max(square[fitted].mean(), _EXACT**2) if fitted.any() else square[fitted]
+        excess = np.where(ratio > _IMPLAUSIBLE, ratio, 1.0)
         for pattern in np.unique(noise.pattern[fitted]):
             frames, turns = seen[noise.pattern[fitted] == pattern], rotation[:, :, noise.pattern == pattern]
             turned = np.tensordot(turns, noise.tilt[pattern], (1, 0))  # (3, frames, 3)
-            self.turning[number, frames] = np.einsum("itk,jkt->tij", turned, turns)
+            more = excess[noise.pattern[fitted] == pattern]
+            self.turning[number, frames] = np.einsum("itk,jkt,t->tij", turned, turns, more)
             for i, place in enumerate(self.calibration.joints):
                 for side, (end, at) in enumerate(_ends(place)):
                     if end == name:
                         turned = np.tensordot(turns, noise.covariances_at(at)[pattern], (1, 0))
-                        self.at_joints[side, i][:, frames] = np.einsum("itk,ikt->it", turned, turns)
+                        self.at_joints[side, i][:, frames] = more * np.einsum("itk,ikt->it", turned, turns)
 
     def measure_gaps(self) -> None:
         """Measure the gap of each joint in the frames that show both of its segments."""
