@@ -157,14 +157,16 @@ def run(
 def posterior(folder: Folder, jobs: Jobs = 2) -> None:
     """Sample posteriors of a run's trials.
 
-    The config chooses the trials in [posterior]. The tables are stored, and their calibration is printed.
+    The config chooses the trials in [posterior]. The tables are stored, and their calibration is printed. If a chain
+    has no answer, a line says why, and the exit code is 3.
     """
-    from study.simulation.posterior.run import compute, printed
+    from study.simulation.posterior.run import compute, printed, without_answer
 
     run = opened(folder)
     with _progress("posteriors") as advance:
         compute(run, jobs, advance)
     echo(printed(run))
+    _end([], without_answer(run.table("posterior")).empty, ExitCode.TOO_MANY_FAILURES)
 
 
 def figures(words: Drawn, out: Pictures = None) -> None:
