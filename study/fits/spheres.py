@@ -59,6 +59,8 @@ _SMALL, _SMALL_SHARE = 100, 0.01
 """A sphere with fewer points than both, the latter a share of the cloud, may stand on lines of a scan by chance."""
 _ROUNDING = 64 * 2.0**-52
 """Noise below this share of the largest coordinate is rounding."""
+_TOO_LARGE = 1e150
+"""Coordinates whose squares cannot be computed with; such points are missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +171,7 @@ def fit_spheres(points: ArrayLike, count: int, *, estimator: str = "corrected") 
         raise ValueError(f"count = {count!r}: give the number of spheres to look for, 1 or more")
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator = {estimator!r}: unknown; {did_you_mean(estimator, ESTIMATORS)}")
+    x[~(np.abs(x) < _TOO_LARGE)] = np.nan
     free = np.isfinite(x).all(axis=1)
     rng, candidates = stream(0, "spheres"), list[_Candidate]()
     for _ in range(2 * int(count) + 4):

@@ -86,7 +86,7 @@ class Weighted(NamedTuple):
             share = weights / weights.sum(axis=1, keepdims=True)
             middle = np.einsum("bn,bni->bi", share, y)
             y = np.where(present[..., None], y - middle[:, None], 0.0)
-            unit = np.sqrt(np.einsum("bn,bni,bni->b", share, y, y))
+            unit = np.nan_to_num(np.sqrt(np.einsum("bn,bni,bni->b", share, y, y)), nan=np.inf, posinf=np.inf)
             covariances = None
             if noise.ndim == 4:
                 covariances = np.where(present[..., None, None], noise, np.eye(d)) / size[:, None, None, None]
