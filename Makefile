@@ -95,6 +95,7 @@ tables: paper
 	for name in regret robustness map misfit; do $(DRAW) configs/$$name.toml fig_$$name; done; \
 	$(BIN)/study certify --table results/certify.csv; \
 	$(BIN)/python docs/reference_tables.py; \
+	$(BIN)/python benchmarks/em_vmf.py; \
 	$(BIN)/python benchmarks/stopping.py; \
 	$(BIN)/python benchmarks/limits.py
 
