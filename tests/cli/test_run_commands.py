@@ -308,7 +308,8 @@ def test_posterior(call, well, asked, done):
     assert said.startswith(parse(asked).run_name())
     (why,) = [line for line in said.splitlines() if "no answer" in line]
     assert why.startswith(f"4 of 4 chains have no answer: {ChainStatus.NOT_CONVERGED.text} (")
-    assert why.count(" geometric known") == 3 and why.endswith(" …)")
+    assert why.count(" geometric known") == 3
+    assert why.endswith(" …)")
     well(folder, "run", "tiny.toml", "--out", "out")
     assert state() == before
 
