@@ -317,15 +317,21 @@ def plan_fit(
 ) -> None:
     """Plan a measurement: points, cap or error.
 
-    Of --error, --angle and --points two are given.
+    Of --error, --angle and --points two are given. A simulation of such measurements says how often their fit is ok.
+
+    With --json: points, angle, center_error, across_error, radius_error, ok_share and its Monte-Carlo error ok_error.
     """
-    from study.fits import bounds
+    from study.fits import plan as plans
 
     try:
-        plan = bounds.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
+        plan = plans.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
     except ValueError as fault:
         raise typer.BadParameter(str(fault)) from None
-    echo([json_text(plan._asdict())] if as_json else bounds.plan_in_words(plan, noise, radius, error, of))
+    if as_json:
+        share = dict(zip(("ok_share", "ok_error"), plans.ok_share(plan, noise, radius), strict=True))
+        typer.echo(json_text(plan._asdict() | share))
+    else:
+        echo(plans.plan_in_words(plan, noise, radius, error, of))
 
 
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:

@@ -365,10 +365,12 @@ def without_answer(posterior: pd.DataFrame) -> pd.DataFrame:
 
 def _reasons(posterior: pd.DataFrame) -> Iterator[str]:
     """A line per reason for which chains have no answer, with the first of these chains."""
-    for status, part in without_answer(posterior).groupby("status", sort=True):
+    failed = without_answer(posterior)
+    for status in (status for status in ChainStatus if (failed["status"] == status).any()):
+        part = failed[failed["status"] == status]
         names = [f"{row.cell}/{row.trial} {row.likelihood} {row.noise_is}" for row in part.head(_NAMED).itertuples()]
         which = ", ".join(names) + (" …" if len(part) > len(names) else "")
-        yield f"{len(part)} of {len(posterior)} chains have no answer: {ChainStatus(status).text} ({which})"
+        yield f"{len(part)} of {len(posterior)} chains have no answer: {status.text} ({which})"
 
 
 def printed_calibration(result: pd.DataFrame) -> Iterator[str]:

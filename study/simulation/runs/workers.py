@@ -38,6 +38,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.connection import wait
 from queue import Empty, SimpleQueue
+from types import ModuleType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from joblib.externals.loky import get_reusable_executor
@@ -355,7 +356,7 @@ def _client(address: str, patience: float, option: str = "") -> Any:
     raise RunError(f"{option}{address}: no scheduler answers there: {failure}; start one with `dask scheduler`")
 
 
-def _imported() -> Any:
+def _imported() -> ModuleType:
     try:
         return import_module("distributed")
     except ImportError:
