@@ -118,8 +118,8 @@ def noise_law_in_words(fit: Fit, other: Fit, names: list[str]) -> Iterator[str]:
     name, value = [*names, "radius"][place], with_error(float(values[place]), float(fit.standard_errors[place]))
     mle = _digits(float(others[place]), float(fit.standard_errors[place]))
     yield (
-        f"{name} {value} by corrected, {mle} by mle: corrected is right if the noise is alike in all directions, mle if it "
-        "is along the radius alone, as of a probe or a scanner within; the points cannot tell"
+        f"{name} {value} by corrected, {mle} by mle: corrected is right if the noise is alike in all directions, mle "
+        "if it is along the radius alone, as of a probe or a scanner within; the points cannot tell"
     )
 
 
