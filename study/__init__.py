@@ -34,8 +34,9 @@ if TYPE_CHECKING:
         minimum_zone,
         register,
     )
-    from study.fits.bounds import attainable_bound, crlb, plan_fit
+    from study.fits.bounds import attainable_bound, crlb
     from study.fits.given import GivenFit
+    from study.fits.plan import plan_fit
     from study.fits.spheres import CloudSpheres, fit_spheres
     from study.recordings.formats.read import read_recording
     from study.recordings.library import draw_skeleton, find_gait, find_joint, find_joints
@@ -73,7 +74,8 @@ __all__ = [
 ]
 
 _PLACES = {
-    **dict.fromkeys(["attainable_bound", "crlb", "plan_fit"], "study.fits.bounds"),
+    **dict.fromkeys(["attainable_bound", "crlb"], "study.fits.bounds"),
+    "plan_fit": "study.fits.plan",
     "GivenFit": "study.fits.given",
     **dict.fromkeys(["CloudSpheres", "fit_spheres"], "study.fits.spheres"),
     "Recording": "study.recordings.recording",

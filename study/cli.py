@@ -168,14 +168,16 @@ def run(
 def posterior(folder: Folder, jobs: Jobs = 2) -> None:
     """Sample posteriors of a run's trials.
 
-    The config chooses the trials in [posterior]. The tables are stored, and their calibration is printed.
+    The config chooses the trials in [posterior]. The tables are stored, and their calibration is printed. If a chain
+    has no answer, a line says why, and the exit code is 3.
     """
-    from study.simulation.posterior.run import compute, printed
+    from study.simulation.posterior.run import compute, printed, without_answer
 
     run = opened(folder)
     with _progress("posteriors") as advance:
         compute(run, jobs, advance)
     echo(printed(run))
+    _end([], without_answer(run.table("posterior")).empty, ExitCode.TOO_MANY_FAILURES)
 
 
 def figures(words: Drawn, out: Pictures = None) -> None:
@@ -326,15 +328,21 @@ def plan_fit(
 ) -> None:
     """Plan a measurement: points, cap or error.
 
-    Of --error, --angle and --points two are given.
+    Of --error, --angle and --points two are given. A simulation of such measurements says how often their fit is ok.
+
+    With --json: points, angle, center_error, across_error, radius_error, ok_share and its Monte-Carlo error ok_error.
     """
-    from study.fits import bounds
+    from study.fits import plan as plans
 
     try:
-        plan = bounds.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
+        plan = plans.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
     except ValueError as fault:
         raise typer.BadParameter(str(fault)) from None
-    echo([json_text(plan._asdict())] if as_json else bounds.plan_in_words(plan, noise, radius, error, of))
+    if as_json:
+        share = dict(zip(("ok_share", "ok_error"), plans.ok_share(plan, noise, radius), strict=True))
+        typer.echo(json_text(plan._asdict() | share))
+    else:
+        echo(plans.plan_in_words(plan, noise, radius, error, of))
 
 
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:

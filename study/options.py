@@ -36,7 +36,7 @@ EXIT_CODES: dict[int, str] = {
     ExitCode.COMPLETE: "complete",
     ExitCode.FAILURE: "failed: no such run, a damaged table, runs that differ, a violated property, a failed figure",
     ExitCode.USAGE: "wrong usage, or a fault in a config or another file that was given",
-    ExitCode.TOO_MANY_FAILURES: "complete, but too many fits failed; or a fit is not ok, or uses outliers",
+    ExitCode.TOO_MANY_FAILURES: "complete, but too many fits failed, one is not ok or uses outliers, or a chain failed",
     ExitCode.BUDGET: "stopped by --budget before every cell had enough trials",
     ExitCode.TOO_LONG: "planned, and the run would take more than a week",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C or SIGTERM; `study run` resumes",

@@ -98,6 +98,31 @@ def _misfit_in_words(fit: Fit, block: str) -> str:
     return f"not a {shape} with white noise ({block}, {size}): {_REASONS[block]}; {allowed}"
 
 
+def noise_law_in_words(fit: Fit, other: Fit, names: list[str]) -> Iterator[str]:
+    """A line where the fits of `corrected` and `mle` differ by more than the stated ±, with the number that most does.
+
+    Noise along the radius alone leaves no trace in the points: there `mle` is right, and `corrected` corrects for a
+    bias that is not there.
+
+    Args:
+        fit: by `corrected`.
+        other: by `mle`.
+        names: the coordinates' names.
+    """
+    values, others = (np.append(one.center, one.radius) for one in (fit, other))
+    with np.errstate(all="ignore"):
+        apart = np.nan_to_num(np.abs(values - others) / fit.standard_errors)
+    place = int(apart.argmax())
+    if not (fit.ok and np.isfinite(others).all() and apart[place] > 1.0):
+        return
+    name, value = [*names, "radius"][place], with_error(float(values[place]), float(fit.standard_errors[place]))
+    mle = _digits(float(others[place]), float(fit.standard_errors[place]))
+    yield (
+        f"{name} {value} by corrected, {mle} by mle: corrected is right if the noise is alike in all directions, mle "
+        "if it is along the radius alone, as of a probe or a scanner within; the points cannot tell"
+    )
+
+
 def answers_in_words(fit: Fit) -> str:
     """A line with the answer of each test."""
     by_answer: dict[str, list[str]] = {}
@@ -305,6 +330,8 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
         yield from intervals_in_words(first, only.table.names)
         yield from doubts(first)
         yield answers_in_words(first)
+        if next(iter(only.fits)) == "corrected" and not isinstance(first, GivenFit):
+            yield from noise_law_in_words(first, fit(only.table.points, "mle"), only.table.names)
         if isinstance(first, GivenFit):
             yield from first.remarks()
     else:

@@ -92,8 +92,9 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
 def _of_one(x: Floats) -> tuple[Floats, bool]:
     """Centre, radius and width (d + 2,) of the minimum zone of points (n, d), and True if it is proven."""
     d = x.shape[1]
-    origin = x.mean(axis=0)
-    unit = float(np.abs(x - origin).max())
+    with np.errstate(all="ignore"):
+        origin = x.mean(axis=0)
+        unit = float(np.abs(x - origin).max())
     lost = np.full(d + 2, np.nan)
     if not 0.0 < unit < np.inf:
         return lost, False

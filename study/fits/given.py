@@ -2,18 +2,6 @@
 
 `study.fit` hands points here when a radius is given, or a noise for each point. Which estimators take which is in
 `check_way`. Their answer is a `GivenFit`: a `Fit` whose covariances and intervals use what is known.
-
-Closed forms are unbiased linear equations (theory 9.8). With y = x - x̄ about the weighted centroid, weights p of mean 1
-and a noise covariance T of each point, ĉ = x̄ + a solves
-
-    mean p(yyᵀ - T) 2a = mean p(|y|²y - tr(T) y - 2Ty),    r² = |a|² + mean p(|y|² - tr T),
-
-with T = 0 for `gdke`, and the given one for `ugdk`; `als` finds the scale in the points. For a known radius r and
-isotropic noise s/p the equation is mean p(|x - c|² - r² - (d + 2) s/p)(x - c) = 0, hence, with N points,
-
-    (C + θI) a = ½ mean p|y|²y - ½ (d + 2) s mean y,    θ = ½ (mean p|y|² + |a|² - r² - (d + 2) s),
-
-one equation in θ.
 """
 
 import math
@@ -32,17 +20,21 @@ from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness, number_of
 from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radius, intervals_of
 from study.fits.judge import NOTHING, Assumptions, PointEvidence, weighted_outliers, widened
+from study.fits.prior import Believed, StatedRadius
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit
-from study.fits.weighted import Spheres, Weighted, along_normals, cost, covariance, solve
+from study.fits.weighted import Spheres, Weighted, along_normals, closed, cost, covariance, solve
 from study.text import number, with_error
 
 _FULLER = 2.0
 """Fuller's constant where the radius is fitted: bias is removed in full, and tails are short (theory 9.3)."""
+_EXACT = 1e-9
+"""Uncertainty of a radius, in radii, below which rounding leaves no less of it."""
+_NOWHERE = 1e-5
+"""Level up to which the free radius is taken to lie in its interval, where a stated one is uncertain."""
 _FAR = 1e7
 """Radius in units of the points' spread beyond which a sphere is a plane."""
 _FLAT = 1e-14
 """Least extent of points over the largest, up to which they lie in a plane."""
-_TURNS = 100
 _NOTICED = 0.01
 """p value below which the points do not agree with a known radius, or with the noise that was given for each."""
 _SIDES = 3.0
@@ -62,19 +54,27 @@ class Given(NamedTuple):
         noise: variance of each point (b, n), or its covariance (b, n, d, d); None where all points have the same.
         relative: only ratios of the noise are known.
         sigma: σ of all points, for `ugdk`; None if it is not known.
+        prior: stated radii with their uncertainties, of which ``radius`` is what points and statement give together;
+            None where a radius is exact or not known.
     """
 
     radius: Floats
     noise: Floats | None
     relative: bool
     sigma: float | None
+    prior: StatedRadius | None = None
 
     def take(self, places: Ints) -> "Given":
         """Part of the batch."""
-        return self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])
+        part = self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])
+        return (
+            part if self.prior is None else part._replace(prior=StatedRadius(*(array[places] for array in self.prior)))
+        )
 
 
-def given_of(shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike | None, scale: str) -> Given:
+def given_of(
+    shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike | tuple[ArrayLike, ArrayLike] | None, scale: str
+) -> Given:
     """Check what is given for points of a shape (…, n, d), and bring it to the flat batch.
 
     Raises:
@@ -85,7 +85,8 @@ def given_of(shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike 
     b = math.prod(lead)
     if scale not in ("given", "estimated"):
         raise ValueError(f"scale = {scale!r}: 'given' takes the noise as it is, 'estimated' its ratios alone")
-    known = np.full(b, np.nan)
+    known, stated = np.full(b, np.nan), None
+    radius, uncertain = radius if isinstance(radius, tuple) and len(radius) == 2 else (radius, None)
     if radius is not None:
         value = real_array(radius, "radius").astype(float)
         if value.shape not in ((), tuple(lead)):
@@ -93,6 +94,12 @@ def given_of(shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike 
         if (wrong := value[~((value > 0.0) & (value < 1e150))]).size:
             raise ValueError(f"radius = {wrong[0]:g}: a known radius must be positive and finite")
         known = np.broadcast_to(value, lead).reshape(b).astype(float)
+    if uncertain is not None:
+        value = real_array(uncertain, "radius").astype(float)
+        if value.shape not in ((), tuple(lead)) or not ((value > 0.0) & (value < 1e150)).all():
+            remedy = "must be positive and finite; give an exact radius alone, as one number"
+            raise ValueError(f"radius = (…, {uncertain}): a standard uncertainty {remedy}")
+        stated = StatedRadius(known, np.maximum(np.broadcast_to(value, lead).reshape(b), _EXACT * known))
     array = None if noise is None else real_array(noise, "noise").astype(float)
     if array is None or not is_per_point(array.shape, n, d):
         if scale == "estimated":
@@ -102,11 +109,11 @@ def given_of(shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike 
                 f"noise has shape {array.shape}: with a known radius give one σ, or a noise for each point, "
                 f"({n},), ({n}, {d}) or ({n}, {d}, {d})"
             )
-        return Given(known, None, False, None if array is None else float(array))
+        return Given(known, None, False, None if array is None else float(array), stated)
     variance = point_noise(array, shape)
     if variance.ndim == 4 and np.array_equal(variance, variance[..., :1, :1] * np.eye(d), equal_nan=True):
         variance = variance[..., 0, 0]  # isotropic
-    return Given(known, variance, scale == "estimated", None)
+    return Given(known, variance, scale == "estimated", None, stated)
 
 
 def check_way(estimator: str, given: Given) -> None:
@@ -155,7 +162,7 @@ def estimate(sets: Weighted, estimator: str) -> Estimates:
     part = sets.take(places)
     with np.errstate(all="ignore"):
         extent = np.linalg.eigvalsh(np.einsum("bn,bni,bnj->bij", part.weights, part.points, part.points))
-        sphere = _closed(part, estimator if estimator in _CLOSED else "gdke")
+        sphere = closed(part, estimator if estimator in _CLOSED else "gdke")
         if estimator not in _CLOSED:
             sphere = solve(part, sphere, corrected=False)
         if estimator == "corrected":
@@ -174,97 +181,6 @@ def estimate(sets: Weighted, estimator: str) -> Estimates:
     return result
 
 
-def _closed(sets: Weighted, estimator: str) -> Spheres:
-    """The closed forms: unbiased linear equations, or one equation in θ for a known radius (theory 9.8)."""
-    b, _, d = sets.points.shape
-    y, p, n = sets.points, sets.weights, sets.size
-    scale = np.where(np.isfinite(sets.scale) & (estimator == "ugdk"), sets.scale, 0.0)
-    known = np.isfinite(sets.radius)
-    square = np.einsum("bni,bni->bn", y, y)
-    if estimator == "als":
-        scale[~known] = _least_root(sets.take(np.flatnonzero(~known)))
-    if estimator == "ugdk":  # the centroid takes one degree of freedom
-        scale = np.where(known, scale, scale * (n - 1.0) / n)
-    noise = sets.variances[..., None, None] * np.eye(d) if sets.covariances is None else sets.covariances
-    trace, share = np.einsum("bnii->bn", noise), p / n[:, None]
-    matrix = np.einsum("bn,bni,bnj->bij", share, y, y) - scale[:, None, None] * np.einsum("bn,bnij->bij", share, noise)
-    third = np.einsum("bn,bni->bi", share * (square - scale[:, None] * trace), y)
-    third -= 2.0 * scale[:, None] * np.einsum("bn,bnij,bnj->bi", share, noise, y)
-    center = np.full((b, d), np.nan)
-    regular = ~known & np.isfinite(matrix).all(axis=(1, 2)) & (np.abs(np.linalg.slogdet(matrix)[1]) < np.inf)
-    center[regular] = 0.5 * np.linalg.solve(matrix[regular], third[regular][..., None])[..., 0]
-    level = (share * (square - scale[:, None] * trace)).sum(axis=1)
-    radius = np.sqrt(np.einsum("bi,bi->b", center, center) + level)
-    if known.any():
-        part = sets.take(np.flatnonzero(known))
-        center[known], scale[known] = _on_known_radius(part, scale[known], estimator == "als")
-        radius[known] = sets.radius[known]
-    spare = np.maximum(n - d - ~known, 1.0)
-    deviation = cost(sets, np.nan_to_num(center), np.nan_to_num(radius)) / spare
-    if estimator == "als":  # a fit of d + 1 parameters leaves so much of the variance
-        deviation = np.where(known, scale, scale * n / spare)
-    scale = np.where(np.isfinite(sets.scale), sets.scale, deviation)
-    return Spheres(center, radius, scale, np.isfinite(center).all(axis=1) & np.isfinite(radius))
-
-
-def _least_root(sets: Weighted) -> Floats:
-    """Scale s at which the corrected moment matrix of (|y|², y, 1) is singular (b,): theory (5.1), with weights.
-
-    In weights p the least root of g(s) = M₀₀(s) - |v(s)|²/(Λ - s) - (m₂ - ds)² is between 0 and λ_min, where g falls.
-    """
-    y, n, d = sets.points, sets.size, sets.points.shape[2]
-    share, square = sets.weights / n[:, None], np.einsum("bni,bni->bn", sets.points, sets.points)
-    values, axes = np.linalg.eigh(np.einsum("bn,bni,bnj->bij", share, y, y))
-    cross = np.einsum("bn,bni,bij->bj", share * square, y, axes)
-    mean, plain = np.einsum("bni,bij->bj", y, axes) / n[:, None], square.sum(axis=1) / n
-    second, fourth = (share * square).sum(axis=1), (share * square**2).sum(axis=1)
-    low, high = np.zeros(len(n)), values[:, 0].copy()
-    for _ in range(_TURNS):
-        s = 0.5 * (low + high)
-        excess = fourth - (2 * d + 4) * s * plain + d * (d + 2) * s**2 * sets.mean_variance - (second - d * s) ** 2
-        excess -= ((cross - (d + 2) * s[:, None] * mean) ** 2 / (values - s[:, None])).sum(axis=1)
-        low, high = np.where(excess > 0.0, s, low), np.where(excess > 0.0, high, s)
-    return low
-
-
-def _on_known_radius(sets: Weighted, scale: Floats, find: bool) -> tuple[Floats, Floats]:
-    """Centre (b, d) and scale of the closed form with a known radius; ``find``: the scale is found in the points."""
-    y, p, n, r = sets.points, sets.weights, sets.size, sets.radius
-    d, share = y.shape[2], sets.weights / sets.size[:, None]
-    square = np.einsum("bni,bni->bn", y, y)
-    values, axes = np.linalg.eigh(np.einsum("bn,bni,bnj->bij", share, y, y))
-    third, mean = np.einsum("bn,bni->bi", share * square, y), y.sum(axis=1) / n[:, None]
-    size, wide = (share * square).sum(axis=1), sets.mean_variance
-    center = np.empty((len(n), d))
-    for _ in range(_TURNS if find else 1):
-        right = 0.5 * np.einsum("bji,bj->bi", axes, third - (d + 2) * scale[:, None] * mean)
-        level = 0.5 * (size - r**2 - (d + 2) * scale)
-        theta = _theta(values, right, level)
-        center = np.einsum("bij,bj->bi", axes, right / (values + theta[:, None]))
-        if find:
-            away = y - center[:, None]
-            residual = np.einsum("bni,bni->bn", away, away) - r[:, None] ** 2
-            surplus = (p * residual**2).sum(axis=1) / (n - d)  # E f² = 4 r² τ + d (d + 2) τ², τ = s/p
-            before, half = scale, 2.0 * r**2
-            scale = surplus / (half + np.sqrt(half**2 + d * (d + 2) * wide * surplus))
-            if (np.abs(scale - before) <= 1e-13 * scale).all():
-                break
-    return center, scale
-
-
-def _theta(values: Floats, right: Floats, level: Floats) -> Floats:
-    """The root θ > -λ_min of θ = level + ½ |(Λ + θI)⁻¹ right|², by bisection of its logarithm (b,)."""
-    low, high = np.full(len(level), -80.0), np.full(len(level), 80.0)  # of log (θ + λ_min)
-    least = values[:, 0]
-    for _ in range(120):
-        middle = 0.5 * (low + high)
-        theta = np.exp(middle)
-        offset = right / (values - least[:, None] + theta[:, None])
-        above = level + 0.5 * np.einsum("bi,bi->b", offset, offset) > theta - least
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return np.asarray(np.exp(0.5 * (low + high)) - least)
-
-
 class RadiusTest(NamedTuple):
     """The radius of the free fit beside the given one: r̂, its standard error, and the p value of the given one."""
 
@@ -276,7 +192,8 @@ class RadiusTest(NamedTuple):
 class GivenFit(Fit):
     """Spheres that were fitted with a known radius, or with a noise for each point; see `study.fit`.
 
-    It has all that a `Fit` has. Covariances and intervals use what is known. Where each point has a noise of its own,
+    It has all that a `Fit` has. Covariances and intervals use what is known. A radius that was given with its standard
+    uncertainty is fitted with it, and has an error and an interval of its own. Where each point has a noise of its own,
     residuals are tested in units of it, and outliers are points beyond the largest deviation, in units of their own
     noise, that clean points have once in a hundred data sets.
 
@@ -363,6 +280,11 @@ class GivenFit(Fit):
         """Covariance of (ĉ, r̂) for white noise (…, d+1, d+1), unit squared; a known radius has none (theory 9.6)."""
         result = covariance(self._sets, self._spheres, self._estimator == "corrected")
         result[~self._spheres.found] = np.nan
+        if self._given.prior is not None:
+            deviation, slope = self._believed.spread()
+            line = np.column_stack([slope, np.ones(len(slope))])
+            added = np.nan_to_num(deviation[:, None, None] ** 2 * line[:, :, None] * line[:, None], nan=0.0)
+            result += added
         result *= (self._sets.unit**2)[:, None, None]
         if self._nothing_known.any():
             plain = super().own_covariance.reshape(result.shape)
@@ -373,6 +295,12 @@ class GivenFit(Fit):
     def _nothing_known(self) -> Bools:
         """True for sets (b,) whose points were given equal noise of unknown size: they are fitted as without it."""
         return self._sets.alike & np.isnan(self._given.radius)
+
+    @cached_property
+    def _believed(self) -> Believed:
+        """Radii by points and statement together, in the units of the sets."""
+        assert self._given.prior is not None
+        return believed(self._sets, self._given.prior)
 
     def _along(self, sphere: Spheres) -> Floats:
         """Weights of the points (b, n) by their noise along the directions from the centres of spheres."""
@@ -430,7 +358,7 @@ class GivenFit(Fit):
         """The corrected fit with a free radius, in the units of the sets."""
         free = self._sets._replace(radius=np.full_like(self._sets.radius, np.nan))
         with np.errstate(all="ignore"):
-            sphere = solve(free, _closed(free, "gdke"), corrected=False)
+            sphere = solve(free, closed(free, "gdke"), corrected=False)
             return solve(free, sphere, corrected=True, fuller=_FULLER)
 
     @cached_property
@@ -441,11 +369,15 @@ class GivenFit(Fit):
         the given radius. It is small where the radius is wrong, and where the points are no sphere. NaN where no radius
         was given.
         """
-        known, start, sphere = self._sets, self._spheres, self._free
+        known, start, sphere, prior = self._sets, self._spheres, self._free, self._given.prior
         with np.errstate(all="ignore"):
+            if prior is not None:
+                known = known._replace(radius=prior.radius / known.unit)
             score = _at_radius(known, start).score
             error = np.sqrt(covariance(known._replace(radius=np.full_like(known.radius, np.nan)), sphere)[:, -1, -1])
             score = np.where(np.isnan(score), (known.radius - sphere.radius) / error, score)
+            if prior is not None:  # the statement errs, too
+                score *= error / np.hypot(error, prior.uncertainty / known.unit)
             spare = np.maximum(known.size - start.center.shape[1] - 1, 1.0)
             exact = np.isfinite(known.scale)
             tail = np.where(exact, scipy.special.ndtr(-np.abs(score)), scipy.special.stdtr(spare, -np.abs(score)))
@@ -456,7 +388,9 @@ class GivenFit(Fit):
     def remarks(self) -> Iterator[str]:
         """Lines about what was given, and whether the points agree; for a single fit."""
         if np.isfinite(self._given.radius).all():
-            test, given = self.radius_test, f"radius {float(self.radius):.6g} is given"
+            test, prior, given = self.radius_test, self._given.prior, f"radius {float(self.radius):.6g} is given"
+            if prior is not None:
+                given = f"radius {with_error(float(prior.radius[0]), float(prior.uncertainty[0]))} is given"
             p = "p < 1e-9" if test.p < 1e-9 else f"p = {number(float(test.p), '.2g')}"
             agrees = ": the points do not agree with it" if test.p < _NOTICED else ""
             free = with_error(float(test.radius), float(test.error))
@@ -479,6 +413,9 @@ class GivenFit(Fit):
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
             sets, stretch = self._sets, self._evidence.stretch(level, self._points.spare)
+            if self._given.prior is not None:
+                known[level] = self._uncertain_intervals(level, stretch)
+                return known[level]
             stretch[np.isfinite(self._given.radius), -1] = 1.0
 
             def again(some: Ints, factors: Floats) -> Intervals:
@@ -489,6 +426,27 @@ class GivenFit(Fit):
                 for whole, part in zip(known[level], self._points.intervals(level), strict=True):
                     whole[plain] = part[plain]
         return known[level]
+
+    def _uncertain_intervals(self, level: float, stretch: Floats) -> Intervals:
+        """Intervals for a radius stated with an uncertainty; they hold those of the known radius that is likeliest.
+
+        Args:
+            level: nominal coverage.
+            stretch: factors of `PointEvidence.stretch` (b, d + 1).
+        """
+        sets, some = self._sets, self._believed
+        spare, sides = _spare(sets), (0.5 * (1.0 - level), 0.5 * (1.0 + level))
+        radius = np.stack([some.quantile(side) for side in sides], axis=1)
+        center = np.stack([some.center_quantile(side, spare) for side in sides], axis=2)
+        given = given_intervals(sets, level, np.ones(len(spare)))
+        middle = center.mean(axis=2, keepdims=True)
+        center = middle + (center - middle) * stretch[:, :-1, None]
+        radius = radius.mean(axis=1, keepdims=True) + (radius - radius.mean(axis=1, keepdims=True)) * stretch[:, -1:]
+        center = sets.origin[..., None] + center * sets.unit[:, None, None]
+        center[..., 0] = np.fmin(center[..., 0], given.center[..., 0])
+        center[..., 1] = np.fmax(center[..., 1], given.center[..., 1])
+        radius = np.where(np.isfinite(radius), radius * sets.unit[:, None], given.radius)
+        return Intervals(radius, center, given.noise_share)
 
     @cached_property
     def _judged(self) -> tuple[Ints, Goodness]:
@@ -503,6 +461,34 @@ class GivenFit(Fit):
                 square = (self._along(sphere) * (distance - sphere.radius[:, None]) ** 2).sum(axis=1) / sphere.scale
             refused |= (scipy.special.chdtrc(spare, square) < _NOTICED).reshape(self.shape)
         return np.where((status == Status.OK) & refused, Status.MISFIT, status), goodness
+
+
+def _spare(sets: Weighted) -> Floats:
+    """Degrees of freedom of the noise beside a free radius (b,), infinite where its scale is known."""
+    spare = np.maximum(sets.size - sets.points.shape[2] - 1.0, 1.0)
+    return np.where(np.isfinite(sets.scale), np.inf, spare)
+
+
+def believed(sets: Weighted, prior: StatedRadius) -> Believed:
+    """Join points and statement about radii stated with an uncertainty, in the units of the sets."""
+    d = sets.points.shape[2]
+    places = np.flatnonzero(sets.usable & (sets.size > d + 1))
+    result = Believed.unknown(len(sets.unit), d)
+    if len(places):
+        part = sets.take(places)
+        stated = StatedRadius(prior.radius[places] / part.unit, prior.uncertainty[places] / part.unit)
+        open_ = part._replace(radius=np.full(len(places), np.nan))
+
+        def fit_at(radius: Floats) -> AtRadius:
+            at = part._replace(radius=radius)
+            return _at_radius(at, solve(at, closed(at, "gdke"), corrected=False))
+
+        with np.errstate(all="ignore"):
+            ends = _without_radius(open_, _quantile(open_, _spare(open_), 1.0 - _NOWHERE)).radius
+            found = Believed.of(stated, ends, fit_at, _spare(part))
+        for whole, values in zip(result, found, strict=True):
+            whole[places] = values
+    return result
 
 
 def given_intervals(sets: Weighted, level: float, factors: Floats) -> Intervals:
@@ -574,7 +560,7 @@ def _at_radius(sets: Weighted, start: Spheres) -> AtRadius:
 
 def _with_radius(sets: Weighted, quantile: Floats) -> Intervals:
     """Intervals of the centre for a known radius, in the units of the sets."""
-    least = solve(sets, _closed(sets, "gdke"), corrected=False)
+    least = solve(sets, closed(sets, "gdke"), corrected=False)
     other = solve(sets, least._replace(center=-least.center), corrected=False)
     at, second = (_at_radius(sets, sphere) for sphere in (least, other))
     steps = quantile[:, None, None] * [-1.0, 1.0]
@@ -593,7 +579,7 @@ def _with_radius(sets: Weighted, quantile: Floats) -> Intervals:
 
 def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     """Intervals of radius and centre where the points weigh differently, in the units of the sets."""
-    start = solve(sets, _closed(sets, "gdke"), corrected=False)
+    start = solve(sets, closed(sets, "gdke"), corrected=False)
     sphere = solve(sets, start, corrected=True, fuller=_FULLER)
     fine = sphere.found & (sphere.radius < _FAR)
     for part, better in zip(start, sphere, strict=True):
@@ -615,6 +601,12 @@ def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ass
         x[np.broadcast_to(unknown[:, None], x.shape)] = np.nan
     infinite = np.isinf(x).any(axis=(1, 2))
     sets = weighted(np.where(infinite[:, None, None], np.nan, x), given, name)
+    if given.prior is not None:
+        radius = believed(sets, given.prior).quantile(0.5)
+        sets = sets._replace(radius=np.where(np.isfinite(radius), radius, sets.radius))
+        given = given._replace(
+            radius=sets.radius * np.where(np.isfinite(radius), sets.unit, given.radius / sets.radius)
+        )
     answer, plain = estimate(sets, name), np.flatnonzero(sets.alike & np.isnan(given.radius) & ~infinite)
     if len(plain):
         for whole, part in zip(answer, careful_fit(estimator, Samples(x[plain])), strict=True):

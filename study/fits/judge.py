@@ -428,7 +428,7 @@ def weighted_outliers(samples: Samples) -> Bools:
             with np.errstate(all="ignore"):
                 sphere, x = free_sphere(rest), samples.x[sets]
                 away = np.sqrt(np.square(x - sphere.center[:, :, None]).sum(axis=1)) - sphere.radius[:, None]
-                size = np.abs(away) * np.sqrt(weights[sets])
+                size = np.where(np.isfinite(sphere.radius)[:, None], np.abs(away) * np.sqrt(weights[sets]), 0.0)
                 sigma = np.sqrt(sphere.noise_variance)
                 sigma = np.minimum(sigma, np.nanmedian(size, axis=1) / 0.6745) if turn == 0 else sigma
                 named[sets] = size > sigma[:, None] * stdtrit(spare, 1.0 - 0.5 * FALSE_ALARMS / n)

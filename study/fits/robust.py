@@ -177,8 +177,9 @@ def find(samples: Samples, from_all: bool = False) -> Found:
             _weigh(np.take_along_axis(x[sets], points[:, None], axis=2), points, spheres[sets], sets, result)
     for t in apart[named[apart].any(axis=1)]:
         reach = reach_of_copies(x[t])
-        for k in np.flatnonzero(named[t]):
-            named[t] |= (np.abs(x[t] - x[t][:, k : k + 1]) <= reach).all(axis=0)
+        with np.errstate(all="ignore"):  # points may be further apart than the largest number
+            for k in np.flatnonzero(named[t]):
+                named[t] |= (np.abs(x[t] - x[t][:, k : k + 1]) <= reach).all(axis=0)
     return result
 
 

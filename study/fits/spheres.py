@@ -59,6 +59,8 @@ _SMALL, _SMALL_SHARE = 100, 0.01
 """A sphere with fewer points than both, the latter a share of the cloud, may stand on lines of a scan by chance."""
 _ROUNDING = 64 * 2.0**-52
 """Noise below this share of the largest coordinate is rounding."""
+_TOO_LARGE = 1e150
+"""Coordinates whose squares cannot be computed with; such points are missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,17 +171,19 @@ def fit_spheres(points: ArrayLike, count: int, *, estimator: str = "corrected") 
         raise ValueError(f"count = {count!r}: give the number of spheres to look for, 1 or more")
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator = {estimator!r}: unknown; {did_you_mean(estimator, ESTIMATORS)}")
+    x[~(np.abs(x) < _TOO_LARGE)] = np.nan
     free = np.isfinite(x).all(axis=1)
-    rng, candidates = stream(0, "spheres"), list[_Candidate]()
+    rng, candidates, around = stream(0, "spheres"), list[_Candidate](), free.copy()
     for _ in range(2 * int(count) + 4):
         guess = _guess(x[free], rng) if sum(one.ok for one in candidates) < count else None
         if guess is None:
             break
         places = np.flatnonzero(free)
-        near, candidate = _settle(x, places, guess, estimator)
+        near, candidate = _settle(x, (places, np.flatnonzero(around)), guess, estimator)
         free[near] = False
         if candidate is not None:
             candidates.append(candidate)
+            around[near] &= not candidate.ok
     candidates.sort(key=lambda one: (not one.ok, -len(one.members)))
     del candidates[int(count) :]
     labels = np.full(len(x), -1)
@@ -295,13 +299,23 @@ def _step(cloud: _Cloud, sphere: Floats, width: float) -> Floats:
     return np.asarray(sphere + step)
 
 
-def _settle(x: Floats, places: Ints, guess: tuple[Floats, float], estimator: str) -> tuple[Ints, _Candidate | None]:
-    """Fit a guessed sphere to its points among those at some places; places near it, and the sphere if there is one."""
-    d, (sphere, width) = x.shape[1], guess
-    reach, rounding = 3.0 * width, _ROUNDING * float(np.abs(x[places]).max())
+def _settle(
+    x: Floats, places: tuple[Ints, Ints], guess: tuple[Floats, float], estimator: str
+) -> tuple[Ints, _Candidate | None]:
+    """Fit a guessed sphere to its points; places of points near it, and the sphere if there is one.
+
+    Args:
+        x: the cloud.
+        places: of the points that the sphere may have, and of those around it that may show that it is part of another
+            shape: also points near spheres that were refused before, as the rest of that shape may be.
+        guess: the sphere, and its width.
+        estimator: name of the estimator.
+    """
+    (mine, around), d, (sphere, width) = places, x.shape[1], guess
+    reach, rounding = 3.0 * width, _ROUNDING * float(np.abs(x[mine]).max())
     for _ in range(2):
-        distance = np.abs(np.linalg.norm(x[places] - sphere[:d], axis=1) - sphere[d])
-        near = places[distance <= reach]
+        distance = np.abs(np.linalg.norm(x[mine] - sphere[:d], axis=1) - sphere[d])
+        near = mine[distance <= reach]
         if len(near) < d + 3:
             return near, None
         robust = fit(x[near], "robust")
@@ -310,7 +324,7 @@ def _settle(x: Floats, places: Ints, guess: tuple[Floats, float], estimator: str
         sphere, sigma = np.append(robust.center, robust.radius), max(float(robust.sigma), rounding)
         reach = _NEAR * sigma
     members = near[~robust.outliers]
-    distance = np.abs(np.linalg.norm(x[places] - sphere[:d], axis=1) - sphere[d])
+    distance = np.abs(np.linalg.norm(x[around] - sphere[:d], axis=1) - sphere[d])
     inside, further = (distance <= 3.0 * sigma).sum(), (distance <= 9.0 * sigma).sum()
     alone = 0.5 * (further - inside) <= _EMPTY * inside and len(members) >= min(_SMALL, _SMALL_SHARE * len(x))
     own = fit(x[members], estimator)

@@ -15,6 +15,18 @@ of second order (theory 9.7): with P = I - eeᵀ and q = eᵀΣPΣe
 
     ρ - r = λ - r = s [tr PΣ / 2r - 2 p q / r],    and p s PΣe/r is taken from the term (R - λ) p e.
 
+Closed forms are unbiased linear equations (theory 9.8). With y = x - x̄ about the weighted centroid, weights p of mean 1
+and a noise covariance T of each point, ĉ = x̄ + a solves
+
+    mean p(yyᵀ - T) 2a = mean p(|y|²y - tr(T) y - 2Ty),    r² = |a|² + mean p(|y|² - tr T),
+
+with T = 0 for `gdke`, and the given one for `ugdk`; `als` finds the scale in the points. For a known radius r and
+isotropic noise s/p the equation is mean p(|x - c|² - r² - (d + 2) s/p)(x - c) = 0, hence, with N points,
+
+    (C + θI) a = ½ mean p|y|²y - ½ (d + 2) s mean y,    θ = ½ (mean p|y|² + |a|² - r² - (d + 2) s),
+
+one equation in θ.
+
 Intervals, and the score of a radius (theory 10.6), are those of `study.fits.intervals` with these weights.
 """
 
@@ -37,6 +49,8 @@ _STEADY = 1e-11
 _LONGEST = 0.5
 """Longest step, in radii."""
 _HALVINGS = 30
+_TURNS = 100
+"""Most steps of the closed forms' searches for one number."""
 _LEAST = 1e-32
 """Scale that counts as none, in units of the points' spread squared."""
 
@@ -86,7 +100,7 @@ class Weighted(NamedTuple):
             share = weights / weights.sum(axis=1, keepdims=True)
             middle = np.einsum("bn,bni->bi", share, y)
             y = np.where(present[..., None], y - middle[:, None], 0.0)
-            unit = np.sqrt(np.einsum("bn,bni,bni->b", share, y, y))
+            unit = np.nan_to_num(np.sqrt(np.einsum("bn,bni,bni->b", share, y, y)), nan=np.inf, posinf=np.inf)
             covariances = None
             if noise.ndim == 4:
                 covariances = np.where(present[..., None, None], noise, np.eye(d)) / size[:, None, None, None]
@@ -345,6 +359,97 @@ def covariance(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Floa
         inverse = _inverse((slopes if corrected else information)[some, :m, :m])
         result[some, :m, :m] = inverse @ middle[some, :m, :m] @ inverse.swapaxes(1, 2)
     return result
+
+
+def closed(sets: Weighted, estimator: str) -> Spheres:
+    """The closed forms: unbiased linear equations, or one equation in θ for a known radius (theory 9.8)."""
+    b, _, d = sets.points.shape
+    y, p, n = sets.points, sets.weights, sets.size
+    scale = np.where(np.isfinite(sets.scale) & (estimator == "ugdk"), sets.scale, 0.0)
+    known = np.isfinite(sets.radius)
+    square = np.einsum("bni,bni->bn", y, y)
+    if estimator == "als":
+        scale[~known] = _least_root(sets.take(np.flatnonzero(~known)))
+    if estimator == "ugdk":  # the centroid takes one degree of freedom
+        scale = np.where(known, scale, scale * (n - 1.0) / n)
+    noise = sets.variances[..., None, None] * np.eye(d) if sets.covariances is None else sets.covariances
+    trace, share = np.einsum("bnii->bn", noise), p / n[:, None]
+    matrix = np.einsum("bn,bni,bnj->bij", share, y, y) - scale[:, None, None] * np.einsum("bn,bnij->bij", share, noise)
+    third = np.einsum("bn,bni->bi", share * (square - scale[:, None] * trace), y)
+    third -= 2.0 * scale[:, None] * np.einsum("bn,bnij,bnj->bi", share, noise, y)
+    center = np.full((b, d), np.nan)
+    regular = ~known & np.isfinite(matrix).all(axis=(1, 2)) & (np.abs(np.linalg.slogdet(matrix)[1]) < np.inf)
+    center[regular] = 0.5 * np.linalg.solve(matrix[regular], third[regular][..., None])[..., 0]
+    level = (share * (square - scale[:, None] * trace)).sum(axis=1)
+    radius = np.sqrt(np.einsum("bi,bi->b", center, center) + level)
+    if known.any():
+        part = sets.take(np.flatnonzero(known))
+        center[known], scale[known] = _on_known_radius(part, scale[known], estimator == "als")
+        radius[known] = sets.radius[known]
+    spare = np.maximum(n - d - ~known, 1.0)
+    deviation = cost(sets, np.nan_to_num(center), np.nan_to_num(radius)) / spare
+    if estimator == "als":  # a fit of d + 1 parameters leaves so much of the variance
+        deviation = np.where(known, scale, scale * n / spare)
+    scale = np.where(np.isfinite(sets.scale), sets.scale, deviation)
+    return Spheres(center, radius, scale, np.isfinite(center).all(axis=1) & np.isfinite(radius))
+
+
+def _least_root(sets: Weighted) -> Floats:
+    """Scale s at which the corrected moment matrix of (|y|², y, 1) is singular (b,): theory (5.1), with weights.
+
+    In weights p the least root of g(s) = M₀₀(s) - |v(s)|²/(Λ - s) - (m₂ - ds)² is between 0 and λ_min, where g falls.
+    """
+    y, n, d = sets.points, sets.size, sets.points.shape[2]
+    share, square = sets.weights / n[:, None], np.einsum("bni,bni->bn", sets.points, sets.points)
+    values, axes = np.linalg.eigh(np.einsum("bn,bni,bnj->bij", share, y, y))
+    cross = np.einsum("bn,bni,bij->bj", share * square, y, axes)
+    mean, plain = np.einsum("bni,bij->bj", y, axes) / n[:, None], square.sum(axis=1) / n
+    second, fourth = (share * square).sum(axis=1), (share * square**2).sum(axis=1)
+    low, high = np.zeros(len(n)), values[:, 0].copy()
+    for _ in range(_TURNS):
+        s = 0.5 * (low + high)
+        excess = fourth - (2 * d + 4) * s * plain + d * (d + 2) * s**2 * sets.mean_variance - (second - d * s) ** 2
+        excess -= ((cross - (d + 2) * s[:, None] * mean) ** 2 / (values - s[:, None])).sum(axis=1)
+        low, high = np.where(excess > 0.0, s, low), np.where(excess > 0.0, high, s)
+    return low
+
+
+def _on_known_radius(sets: Weighted, scale: Floats, find: bool) -> tuple[Floats, Floats]:
+    """Centre (b, d) and scale of the closed form with a known radius; ``find``: the scale is found in the points."""
+    y, p, n, r = sets.points, sets.weights, sets.size, sets.radius
+    d, share = y.shape[2], sets.weights / sets.size[:, None]
+    square = np.einsum("bni,bni->bn", y, y)
+    values, axes = np.linalg.eigh(np.einsum("bn,bni,bnj->bij", share, y, y))
+    third, mean = np.einsum("bn,bni->bi", share * square, y), y.sum(axis=1) / n[:, None]
+    size, wide = (share * square).sum(axis=1), sets.mean_variance
+    center = np.empty((len(n), d))
+    for _ in range(_TURNS if find else 1):
+        right = 0.5 * np.einsum("bji,bj->bi", axes, third - (d + 2) * scale[:, None] * mean)
+        level = 0.5 * (size - r**2 - (d + 2) * scale)
+        theta = _theta(values, right, level)
+        center = np.einsum("bij,bj->bi", axes, right / (values + theta[:, None]))
+        if find:
+            away = y - center[:, None]
+            residual = np.einsum("bni,bni->bn", away, away) - r[:, None] ** 2
+            surplus = (p * residual**2).sum(axis=1) / (n - d)  # E f² = 4 r² τ + d (d + 2) τ², τ = s/p
+            before, half = scale, 2.0 * r**2
+            scale = surplus / (half + np.sqrt(half**2 + d * (d + 2) * wide * surplus))
+            if (np.abs(scale - before) <= 1e-13 * scale).all():
+                break
+    return center, scale
+
+
+def _theta(values: Floats, right: Floats, level: Floats) -> Floats:
+    """The root θ > -λ_min of θ = level + ½ |(Λ + θI)⁻¹ right|², by bisection of its logarithm (b,)."""
+    low, high = np.full(len(level), -80.0), np.full(len(level), 80.0)  # of log (θ + λ_min)
+    least = values[:, 0]
+    for _ in range(120):
+        middle = 0.5 * (low + high)
+        theta = np.exp(middle)
+        offset = right / (values - least[:, None] + theta[:, None])
+        above = level + 0.5 * np.einsum("bi,bi->b", offset, offset) > theta - least
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return np.asarray(np.exp(0.5 * (low + high)) - least)
 
 
 def along_normals(sets: Weighted, spheres: Spheres) -> tuple[Floats, Floats, Floats]:

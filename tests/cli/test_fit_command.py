@@ -23,6 +23,7 @@ from PIL import Image
 import study
 from study.fits import registry
 from study.fits.fitting import answers_in_words, fit_all, fit_rows, intervals_in_words, printed
+from study.fits.plan import ok_share
 
 
 @pytest.fixture
@@ -428,4 +429,5 @@ def test_plan_fit(well, tmp_path):
     plan = study.plan_fit(0.1, 50.0, 0.02, angle=60.0)
     assert f"{plan.points:,} points on a cap of 60°" in well(tmp_path, *words, "--error", "0.02")
     told = json.loads(well(tmp_path, *words, "--points", "400", "--json"))
-    assert told == study.plan_fit(0.1, 50.0, points=400, angle=60.0)._asdict()
+    plan = study.plan_fit(0.1, 50.0, points=400, angle=60.0)
+    assert told == plan._asdict() | dict(zip(("ok_share", "ok_error"), ok_share(plan, 0.1, 50.0), strict=True))

@@ -185,6 +185,7 @@ USAGE = {
     "fit cap.csv --csv --json": "give --json or --csv, not both",
     f"fit cap.csv -e {','.join(map(str, range(3000)))}": "13,889 characters; give the name of one estimator, or all",
     "fit cap.csv cap.csv --plot out.png": "--plot: give one file",
+    "worker": "Missing argument 'ADDRESS'",
     "plan-fit --noise 0.1 --radius 50": "a plan needs two of error, angle and points",
 }
 

@@ -18,7 +18,7 @@ import pytest
 
 import study
 from study.simulation.experiment import replay
-from study.simulation.experiment.config import parse
+from study.simulation.experiment.config import ChainStatus, parse
 from study.simulation.posterior.run import chain_tasks, compute, printed
 from study.simulation.runs.parts import Layout, Parts, execute
 from study.simulation.runs.run_folder import Run
@@ -291,42 +291,50 @@ def test_run(done, asked, tmp_path):
     assert stored(folder / "out") == stored(computed(tmp_path, asked).folder)
 
 
-def test_posterior(well, asked, done):
-    """`study posterior` prints the lines of the library; finished chains are not computed again, nor by `run`."""
+def test_posterior(call, well, asked, done):
+    """`study posterior` prints the lines of the library; finished chains are not computed again, nor by `run`.
+
+    A hundred steps are no 50 autocorrelation times: no chain has an answer, and the exit code is 3.
+    """
     folder = done[0]
 
     def state():
         return {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in (folder / "out").iterdir()}
 
     before = state()
-    said = well(folder, "posterior", "out")
+    code, said, complained = call(folder, "posterior", "out")
+    assert (code, complained) == (3, "")
     assert said.splitlines() == list(printed(Run.open(folder / "out")))
     assert said.startswith(parse(asked).run_name())
+    (why,) = [line for line in said.splitlines() if "no answer" in line]
+    assert why.startswith(f"4 of 4 chains have no answer: {ChainStatus.NOT_CONVERGED.text} (")
+    assert why.count(" geometric known") == 3
+    assert why.endswith(" …)")
     well(folder, "run", "tiny.toml", "--out", "out")
     assert state() == before
 
 
-def test_posteriors_of_an_old_run(well, finished, asked, done, tmp_path):
+def test_posteriors_of_an_old_run(call, finished, asked, done, tmp_path):
     """A run from before can be given a [posterior]: its config is edited, and the errors stay as they are."""
     out = shutil.copytree(finished[0] / "out", tmp_path / "out")
     errors = (out / "errors.parquet").read_bytes()
     (out / "config.toml").write_text(asked)
-    said = well(tmp_path, "posterior", "out", "--jobs", "1")
-    assert "geometric" in said
+    code, said, _ = call(tmp_path, "posterior", "out", "--jobs", "1")
+    assert (code, "geometric" in said) == (3, True)
     assert (out / "errors.parquet").read_bytes() == errors
     assert stored(out) == stored(done[0] / "out")
     assert Run.open(out).manifest()["posterior"]["jobs"] == 1
     assert not (out / "parts").exists()
 
 
-def test_a_run_that_did_not_finish(well, asked, done, tmp_path):
+def test_a_run_that_did_not_finish(call, asked, done, tmp_path):
     """Posteriors need the config alone: those of a run that was interrupted, or never begun, are the same."""
     out = tmp_path / "half"
     (out / "parts").mkdir(parents=True)
     (out / "config.toml").write_text(asked)
     part = out / "parts" / "0123456789abcdef0123.parquet"
     part.write_bytes(b"rows of a unit")
-    well(tmp_path, "posterior", "half", "--jobs", "1")
+    assert call(tmp_path, "posterior", "half", "--jobs", "1")[0] == 3
     assert stored(out) == stored(done[0] / "out")
     assert list((out / "parts").iterdir()) == [part]
     assert set(Run.open(out).manifest()["tables"]) == {"posterior", "answers", "draws"}

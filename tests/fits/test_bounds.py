@@ -14,9 +14,10 @@ import pytest
 from scipy import integrate, special, stats
 
 import study
-from study.fits.bounds import Cap, by_quadrature, cramer_rao, plan_in_words, weighted_scatter
+from study.fits.bounds import Cap, by_quadrature, cramer_rao, weighted_scatter
 from study.fits.cap import sample_cap
 from study.fits.jit import CHUNK
+from study.fits.plan import ok_share, plan_in_words
 
 TABLE = {
     3: {
@@ -238,6 +239,28 @@ def test_a_plan_says_that_the_noise_is_too_large():
         plan = study.plan_fit(noise, 50.0, 1.0, angle=90.0)
         lines = list(plan_in_words(plan, noise, 50.0, 1.0))
         assert any("above 0.35 radii: every fit will be weakly identified" in line for line in lines) == told
+
+
+@pytest.mark.parametrize(("angle", "noise"), [(20.0, 0.06), (50.0, 0.4), (180.0, 0.05)])
+def test_a_plan_says_how_often_its_fit_is_ok(rng, on_cap, angle, noise):
+    """The share is that of other sets of the same plan, within 4 of both errors: by chance not in 1 of 16,000."""
+    plan = study.plan_fit(noise, 1.0, angle=angle, points=40)
+    share, error = ok_share(plan, noise, 1.0)
+    others = np.array([on_cap(rng, 40, angle=angle, noise=noise)[0] for _ in range(400)])
+    ok = study.fit(others).ok.mean()
+    assert abs(share - ok) <= 4.0 * np.hypot(error, max(np.sqrt(ok * (1.0 - ok) / 400), 1.0 / 400))
+    assert (share > 0.95) == (angle == 180.0)
+    lines = list(plan_in_words(plan, noise, 1.0, None))
+    assert sum(line.startswith("status ok in ") for line in lines) == 1
+    assert any("more than a third of the radius" in line for line in lines) == (plan.center_error > 1.0 / 3.0)
+    assert (plan.center_error > 1.0 / 3.0) == (angle < 180.0)
+
+
+def test_a_plan_of_many_points_is_not_simulated():
+    """Beyond 100,000 points no share is given, and no line of it is printed."""
+    plan = study.plan_fit(0.1, 1.0, angle=90.0, points=100_001)
+    assert np.isnan(ok_share(plan, 0.1, 1.0)).all()
+    assert not any("status ok" in line for line in plan_in_words(plan, 0.1, 1.0, None))
 
 
 def test_the_three_plans_agree():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import eig
-from scipy.optimize import root
+from scipy.optimize import least_squares, root
 from scipy.special import erf
 from scipy.stats import binom
 
@@ -467,3 +467,76 @@ def test_a_wrong_radius_is_as_uncertain_as_it_is_wrong(rng, miss):
         half = 0.5 * np.ptp(fit.interval("center"), axis=-1)
         assert (half > 0.5 * miss).all()
         assert (half < 5.0 * miss).all()
+
+
+def test_a_radius_with_an_uncertainty_between_its_limits(rng, on_cap):
+    """A tiny uncertainty gives the fit of the known radius, a huge one the radius and the interval of the free fit.
+
+    Student's quantile has a degree of freedom less than where the radius is known: 5·10⁻⁴ of the intervals.
+    """
+    points = on_cap(rng, 60, 57.0, noise=0.04, radius=2.0, sets=5)[0]
+    exact, free = study.fit(points, radius=2.0), study.fit(points)
+    near, far = study.fit(points, radius=(2.0, 1e-12)), study.fit(points, radius=(2.0, 1e4))
+    width = np.diff(free.interval("radius"))[:, 0]
+    np.testing.assert_allclose(near.center, exact.center, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(near.standard_errors[:, :3], exact.standard_errors[:, :3], rtol=1e-6)
+    np.testing.assert_allclose(near.interval("center"), exact.interval("center"), rtol=0, atol=5e-5)
+    np.testing.assert_allclose(far.interval("radius"), free.interval("radius"), rtol=0, atol=0.01 * width.min())
+    assert np.all(np.abs(far.radius - free.radius) < 0.02 * width)
+    np.testing.assert_allclose(far.standard_errors, free.standard_errors, rtol=0.1)
+    axial = np.diff(free.interval("center")[:, 0])[:, 0]
+    np.testing.assert_allclose(
+        far.interval("center")[:, 0], free.interval("center")[:, 0], rtol=0, atol=0.06 * axial.min()
+    )
+    np.testing.assert_array_equal(near.status, exact.status)
+    np.testing.assert_array_equal(far.status, free.status)
+
+
+@pytest.mark.parametrize("uncertainty", [0.001, 0.01, 0.1])
+def test_penalised_least_squares(rng, on_cap, uncertainty):
+    """With little noise of known size it is the minimum of Σ(R - r)²/σ² + (r - r₀)²/τ², by SciPy, with its covariance.
+
+    The tolerance is a twentieth of a standard error: what is left is of the order of σ²/r.
+    """
+    points = on_cap(rng, 80, 80.0, noise=0.004, radius=2.0, sets=1)[0][0]
+    fit = study.fit(points, "mle", np.full(80, 0.004), radius=(2.003, uncertainty))
+
+    def residuals(q):
+        return np.append((polar(points, q[:3])[0] - q[3]) / 0.004, (q[3] - 2.003) / uncertainty)
+
+    best = least_squares(residuals, [0.0, 0.0, 0.0, 2.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    covariance = np.linalg.inv(best.jac.T @ best.jac)
+    errors = np.sqrt(np.diag(covariance))
+    assert np.all(np.abs(np.append(fit.center, fit.radius) - best.x) < 0.05 * errors)
+    np.testing.assert_allclose(fit.standard_errors, errors, rtol=0.02)
+    np.testing.assert_allclose(
+        fit.covariance[0, 3] / errors[0] / errors[3], covariance[0, 3] / errors[0] / errors[3], rtol=0.03
+    )
+
+
+@pytest.mark.parametrize(
+    ("angle", "noise", "uncertainty"), [(57, 0.02, 0.02), (57, 0.02, 0.2), (35, 0.02, 0.05), (90, 0.05, 0.02)]
+)
+def test_intervals_with_an_uncertain_radius_cover(rng, on_cap, angle, noise, uncertainty):
+    """True radii scatter about the stated one: radius and centre are in .92-.98 of 600 sets, as for a known radius."""
+    true = rng.normal(1.0, uncertainty, 600)
+    points = true[:, None, None] * on_cap(rng, 60, angle, noise=0.0, sets=600)[0]
+    points += rng.normal(0.0, noise, points.shape)
+    fit = study.fit(points, radius=(1.0, uncertainty))
+    share = shares(fit, true[:, None, None])
+    assert np.all((share > 0.92) & (share < 0.98))
+    assert fit.ok.mean() > 0.9
+
+
+def test_what_an_uncertain_radius_must_be(on_cap, rng):
+    """The uncertainty is positive and finite; a radius far from the points' own is refused, a remark names it."""
+    points = on_cap(rng, 60, 80.0, noise=0.02, radius=2.0, sets=2)[0]
+    for wrong in (0.0, -0.1, np.inf, np.nan, [0.1, 0.1, 0.1]):
+        with pytest.raises(ValueError, match=r"a standard uncertainty must be positive and finite"):
+            study.fit(points, radius=(2.0, wrong))
+    each = study.fit(points, radius=([2.0, 3.0], [0.1, 0.01]))
+    assert each.status.tolist() == [Status.OK, Status.MISFIT]
+    assert each[0].radius == study.fit(points[0], radius=(2.0, 0.1)).radius
+    assert next(study.fit(points[0], radius=(2.0, 0.1)).remarks()).startswith(
+        "radius 2.00 ± 0.10 is given; with a free"
+    )

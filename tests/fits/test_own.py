@@ -7,12 +7,13 @@ A user's own estimator: with a function and a line in the registry it works like
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import study
 from study import Status
 from study.fits.check import check_estimator, printed
 from study.fits.registry import ORIGINS, PluginError, PluginFile, load, load_text, loaded, origins, remove, unload
-from study.fits.samples import blank
+from study.fits.samples import Samples, blank
 
 MEAN = "def mean(points):\n    c = points.mean(axis=0)\n    return c, np.linalg.norm(points - c, axis=1).mean()\n"
 
@@ -342,3 +343,29 @@ def test_through_the_library(rng, on_cap, d):
     np.testing.assert_allclose(mine.residual_rms, theirs.residual_rms, rtol=1e-8)
     np.testing.assert_array_equal(mine.count, theirs.count)
     assert np.all(mine.own_status == Status.OK)
+
+
+@pytest.mark.parametrize("kappa", [0.0, 2.0])
+def test_em_given_the_law_of_directions(rng, kappa):
+    """It is the maximum of the likelihood of x = c + r u + σz, with ∫ exp(n·u) du = 4π sinh|n|/|n| over the directions.
+
+    n = κμ + r (x - c)/σ²: the integral is that of a von Mises-Fisher law, in three dimensions.
+    """
+    import em_vmf
+
+    mu, n = em_vmf.DIRECTION, 60
+    points, truth = em_vmf.published_points(rng, kappa, 0.1, sets=1)
+    x = points[0, :n]
+
+    def cost(values):
+        center, radius, variance = values[:3], values[3], np.exp(values[4])
+        away = x - center
+        size = np.linalg.norm(kappa * mu + radius * away / variance, axis=1)
+        log_integral = size + np.log1p(-np.exp(-2.0 * size)) - np.log(size)
+        squares = ((away**2).sum(axis=1) + radius**2) / (2.0 * variance)
+        return (squares - log_integral).sum() + 1.5 * n * values[4]
+
+    start = np.append(truth[0], np.log(0.1))
+    best = minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-10, "maxiter": 20_000}).x
+    (found,) = np.column_stack(em_vmf.given(kappa)(Samples(np.ascontiguousarray(x.T[None])))[:3])
+    assert np.append(found[:4], np.log(found[4])) == pytest.approx(best, abs=1e-5)

@@ -187,3 +187,12 @@ def test_no_sphere_is_larger_than_the_cloud():
         found = study.fit_spheres(bowl, 1)
         assert found.radius[0] == pytest.approx(radius, rel=0.02)
         assert found.ok.tolist() == [ok]
+
+
+@pytest.mark.parametrize("seed", [3, 8, 13, 33])
+def test_points_that_a_refused_sphere_took_are_looked_at(seed):
+    """A cylinder of 600 points has no ok sphere; one touched it where a refused sphere had taken the points around."""
+    rng = np.random.default_rng([7, seed])
+    angle = rng.uniform(0, 2 * np.pi, 600)
+    cylinder = np.column_stack([np.cos(angle), np.sin(angle), rng.uniform(-2, 2, 600)])
+    assert not study.fit_spheres(cylinder + rng.normal(0, 0.01, (600, 3)), 1).ok.any()

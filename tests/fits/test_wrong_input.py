@@ -55,6 +55,27 @@ def test_points_as_large_as_numbers_go(d, size):
         assert (study.fit(np.stack([points, points])).status == Status.NOT_FINITE).all()
 
 
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("n", [12, 60])
+def test_some_points_as_large_as_numbers_go(rng, on_cap, d, n):
+    """Beside points of a sphere they make no warning; they are outliers of `robust`, and no other fit is ok."""
+    points, _ = on_cap(rng, n, angle=180.0, d=d, noise=0.01)
+    points[::10] = np.where(rng.random(points[::10].shape) < 0.5, 1.0, -1.0) * np.finfo(float).max
+    spread = np.linspace(0.01, 0.02, n)
+    for name, entry in study.ESTIMATORS.items():
+        known = [{"noise": 0.01 if entry.needs else None}]
+        known += [{"radius": 1.0}, {"noise": spread}, {"noise": np.einsum("n,ij->nij", spread**2, np.eye(d))}]
+        for one in known if name == "corrected" else known[:1]:
+            fit = study.fit(points, name, **one)
+            shown = fit.outliers, fit.goodness, fit.standard_errors, fit.interval("center"), fit.copies, fit.to_dict()
+            assert name == "robust" or not fit.ok, (name, shown)
+    found = study.fit(points, "robust")
+    assert found.outliers.nonzero()[0].tolist() == list(range(0, n, 10))
+    assert found.status == Status.NOT_FINITE or float(found.radius) == pytest.approx(1.0, abs=0.05)
+    assert np.isnan(study.minimum_zone(points).radius)
+    assert (study.fit_spheres(points, 1).labels[::10] == -1).all()
+
+
 @pytest.mark.parametrize("shape", [(), (3,), (5, 1), (4, 5, 1), (3, 3), (0, 3), (2, 2), (7, 4, 4)])
 def test_wrong_shapes(estimator, shape):
     """Points of another shape than (…, n, d) with n > d ≥ 2 raise an error that shows the shape; so do directions."""

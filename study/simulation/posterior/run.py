@@ -52,6 +52,8 @@ KEYS = ["cell", "trial", "likelihood", "noise_is"]
 _KIND = ["cell", "likelihood", "noise_is"]
 _METHOD = ["likelihood", "noise_is", "method"]
 LEVELS = (0.68, 0.95)
+_NAMED = 3
+"""Chains without an answer that are named for each reason."""
 FLAT = 0.02
 """σ²/v above which the posterior is skewed (docs/theory.md §6)."""
 
@@ -336,8 +338,8 @@ def printed(run: Run) -> Iterator[str]:
     """The posterior tables in short.
 
     Yields:
-        A title, a header, a line per cell and kind of chain (see `by_cell`), and then the calibration of all chains if
-        they are independent of each other.
+        A title, a header, a line per cell and kind of chain (see `by_cell`), a line per reason why chains have no
+        answer, and then the calibration of all chains if they are independent of each other.
     """
     result, fits = run.table("posterior"), run.table("answers")
     yield f"{run.study.run_name()}: posteriors; shift of the mean from the MLE in sd, largest over the parameters"
@@ -351,8 +353,24 @@ def printed(run: Run) -> Iterator[str]:
     symbols = [condition.symbol for condition in conditions]
     titles = [*symbols, "likelihood", "noise", "ok", "shift", "sd over bound", "τ", "R̂"]
     yield from columns(rows, titles, ">" * len(symbols) + "<<>")
+    yield from _reasons(result)
     if run.study.independent():
         yield from printed_calibration(trials(result, fits))
+
+
+def without_answer(posterior: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the posterior table whose chain has no answer: its status is not ok."""
+    return posterior[posterior["status"] != ChainStatus.OK]
+
+
+def _reasons(posterior: pd.DataFrame) -> Iterator[str]:
+    """A line per reason for which chains have no answer, with the first of these chains."""
+    failed = without_answer(posterior)
+    for status in (status for status in ChainStatus if (failed["status"] == status).any()):
+        part = failed[failed["status"] == status]
+        names = [f"{row.cell}/{row.trial} {row.likelihood} {row.noise_is}" for row in part.head(_NAMED).itertuples()]
+        which = ", ".join(names) + (" …" if len(part) > len(names) else "")
+        yield f"{len(part)} of {len(posterior)} chains have no answer: {status.text} ({which})"
 
 
 def printed_calibration(result: pd.DataFrame) -> Iterator[str]:

@@ -38,6 +38,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.connection import wait
 from queue import Empty, SimpleQueue
+from types import ModuleType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from joblib.externals.loky import get_reusable_executor
@@ -278,6 +279,8 @@ def interrupts_later() -> Iterator[None]:
 
 _PATIENCE = 10.0
 """Seconds to wait for a scheduler to answer, and between two counts of its workers."""
+_STARTING = 30.0
+"""Seconds that a worker waits for a scheduler that may be starting, as Dask's own workers do."""
 
 
 class DaskCluster(Threads):
@@ -298,17 +301,8 @@ class DaskCluster(Threads):
     def __init__(self, address: str, task: float | None = None) -> None:
         if task is not None:
             self.enough = task * PER_SECOND
-        distributed, failure = _imported(), ""
-        try:
-            self._client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
-        except (OSError, ValueError, TypeError, ImportError) as error:
-            failure = str(error).split("\n")[0] or type(error).__name__
-        if failure:
-            # a client that did not connect closes itself when it is collected; left to chance, that may happen in a
-            # thread whose start another client waits for, which then waits for ever
-            gc.collect()
-            raise RunError(f"--scheduler {address}: no scheduler answers there: {failure}")
-        self.fatal = (MemoryError, distributed.KilledWorker)
+        self._client = _client(address, _PATIENCE, "--scheduler ")
+        self.fatal = (MemoryError, _imported().KilledWorker)
         self._parent, self._counted = introduction(), -_PATIENCE
         super().__init__(1)
 
@@ -338,13 +332,31 @@ def serve(address: str, options: list[str]) -> None:
         options: further words of the command ``dask worker``.
 
     Raises:
-        RunError: if Dask is not installed.
+        RunError: if Dask is not installed, or nothing answers there.
     """
-    _imported()
+    if not any(word.startswith("--tls") for word in options):  # with certificates that only Dask's worker is given
+        _client(address, _STARTING).close()
     os.execv(sys.executable, [sys.executable, "-m", "distributed.cli.dask_worker", address, *options])
 
 
-def _imported() -> Any:
+def _client(address: str, patience: float, option: str = "") -> Any:
+    """A client of the scheduler at an address, which has some seconds to answer.
+
+    Raises:
+        RunError: if Dask is not installed, or nothing answers there; the message names the option and the address.
+    """
+    distributed, failure = _imported(), ""
+    try:
+        return distributed.Client(address, timeout=patience, set_as_default=False)
+    except (OSError, ValueError, TypeError, ImportError) as error:
+        failure = str(error).split("\n")[0] or type(error).__name__
+    # a client that did not connect closes itself when it is collected; left to chance, that may happen in a thread
+    # whose start another client waits for, which then waits for ever
+    gc.collect()
+    raise RunError(f"{option}{address}: no scheduler answers there: {failure}; start one with `dask scheduler`")
+
+
+def _imported() -> ModuleType:
     try:
         return import_module("distributed")
     except ImportError:

@@ -10,6 +10,7 @@ import functools
 import gc
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -26,7 +27,17 @@ from study.simulation.experiment.config import parse
 from study.simulation.runs import provenance, workers
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.plan import plan
-from study.simulation.runs.workers import DisagreementError, Dispatch, Threads, Workers, cut, enter, introduction, seal
+from study.simulation.runs.workers import (
+    DisagreementError,
+    Dispatch,
+    Threads,
+    Workers,
+    cut,
+    enter,
+    introduction,
+    seal,
+    serve,
+)
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
@@ -177,10 +188,25 @@ def test_dask_with_a_task_that_kills_its_workers(start, no_second_worker, cluste
     assert all(message.startswith("the worker died, twice: ") for message in run.table("failures")["message"])
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:notaport"])
-def test_no_scheduler(start, tmp_path, monkeypatch, address):
-    """An address where none answers: one line that names it, and nothing is written."""
+@pytest.fixture(params=["tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:notaport"])
+def address(request, monkeypatch):
+    """An address where no scheduler answers, for which nobody waits long."""
     monkeypatch.setattr("study.simulation.runs.workers._PATIENCE", 0.5)
+    monkeypatch.setattr("study.simulation.runs.workers._STARTING", 0.5)
+    return request.param
+
+
+def test_a_worker_without_a_scheduler(address, monkeypatch):
+    """`study worker` says in one line that none answers; Dask's worker, which ends with a traceback, is not begun."""
+    begun = []
+    monkeypatch.setattr(os, "execv", lambda *words: begun.append(words))
+    with pytest.raises(RunError, match=f"^{re.escape(address)}: no scheduler answers there: [^\n]+$"):
+        serve(address, [])
+    assert begun == []
+
+
+def test_no_scheduler(start, tmp_path, address):
+    """An address where none answers: one line that names it, and nothing is written."""
     with pytest.raises(RunError, match="no scheduler answers there") as told:
         start(jobs=Workers("dask", 2, address), folder=tmp_path / "run")
     assert address in str(told.value)
