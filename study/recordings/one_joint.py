@@ -16,7 +16,7 @@ from scipy.linalg import null_space
 
 from study.arrays import Floats
 from study.recordings.joints.estimate import CENTIMETRE, SHORT_TEXTS, JointStatus
-from study.recordings.joints.find import Calibration, JointPlace, find_joints
+from study.recordings.joints.find import Calibration, JointPlace, find_joints, with_allowance
 from study.recordings.joints.poses import SegmentPoses
 from study.recordings.joints.report import accuracy_columns
 from study.recordings.markersets import Joint, MarkerSet, Segment
@@ -242,7 +242,8 @@ def fit_one_joint(recording: Recording, markerset: MarkerSet) -> OneJoint:
         The joint; one that cannot be found has a status, a reason and NaN for its place.
     """
     joints = find_joints(markerset, recording.select((*markerset.markers(), *markerset.landmarks())))
-    found, n = joints[JOINT], accuracy_columns(joints[JOINT])
+    found = with_allowance(joints[JOINT])
+    n = accuracy_columns(found)
     parent, child = joints.poses.get(PARENT), joints.poses.get(CHILD)
     world, axis, turn, frame = np.full((3, recording.frames), np.nan), None, np.nan, 0
     places = np.full((len(markerset.segment(PARENT).markers), 3), np.nan)

@@ -29,7 +29,7 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.recordings.joints.estimate import SHORT_TEXTS, USABLE, JointStatus, PlaceDifference, largest_error
-from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints
+from study.recordings.joints.find import SLIDES, Calibration, JointPlace, SegmentShape, allowance, find_joints
 from study.recordings.joints.report import joint_table, millimetres
 from study.recordings.markersets import MarkerSet, Match, match, place_markerset
 from study.recordings.recording import Recording, RecordingError, one_after_another
@@ -60,10 +60,6 @@ UNKNOWN = AxesChange(np.full((3, 3), np.nan), np.full(3, np.nan))
 SAME = AxesChange(np.eye(3), np.zeros(3))
 Trial = tuple[Calibration, Mapping[str, AxesChange]]
 """The calibration of a trial, and the changes of its segments' axes to those that all trials have in common."""
-_SLIDES = 0.001
-"""Metres: how far skin slides along with a joint, beyond what the stated error covers."""
-_NO_MOTION = 0.001
-"""Radians: rotation that is none; skin of a millimetre would hide a joint to a metre."""
 _NOWHERE = 0.05
 """Metres: error from which a joint that no trial moved has no place."""
 
@@ -124,29 +120,6 @@ def moved(place: JointPlace, changes: Mapping[str, AxesChange]) -> JointPlace:
     )
 
 
-def allowance(place: JointPlace) -> Floats:
-    """Covariance (3, 3), m², of what skin may hide in a trial that hardly moved a joint, in the axes of its own one.
-
-    The rotation is that of both segments' poses, or else that of the markers of one about the joint.
-    """
-    pair = next((e.pair for e in place.estimates if e.pair is not None), None)
-    estimate = place.estimate
-    if estimate is None:
-        return np.zeros((3, 3))
-    normal = np.zeros((3, 3)) if pair is None else pair.normal
-    # two estimates would have a pair, if the joint moved at all
-    if pair is None and estimate.sphere is not None and len(place.estimates) == 1:
-        normal = estimate.sphere.normal / estimate.used[estimate.sphere.weights > 0.0].sum()
-        if estimate.side == "child" and not np.isnan(place.in_parent).any():
-            normal = place.mean_rotation @ normal @ place.mean_rotation.T
-    basis = across(place.axis)
-    values, vectors = np.linalg.eigh(basis.T @ normal @ basis)
-    if pair is None:  # along the arm of markers that move on a sphere only its curvature shows, not rotation
-        values[0] = values[1]
-    along = basis @ vectors
-    return np.asarray((along * (_SLIDES**2 / np.maximum(values, _NO_MOTION**2))) @ along.T)
-
-
 def pool_places(parts: Sequence[JointPlace]) -> JointPlace:
     """Pool the places of one joint from several trials.
 
@@ -198,7 +171,7 @@ def _unmoved(best: JointPlace) -> JointPlace:
         return replace(without, trials=best.trials, allowance=best.allowance, estimates=best.estimates, **kept)
     if not best.usable:
         return best
-    reason = f"no trial moved it enough to show it: ± {1000 * error:.0f} mm, if skin slides by {1000 * _SLIDES:.0f} mm"
+    reason = f"no trial moved it enough to show it: ± {1000 * error:.0f} mm, if skin slides by {1000 * SLIDES:.0f} mm"
     return replace(best, status=JointStatus.UNSURE, reason=reason, covariance=total)
 
 

@@ -33,7 +33,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bytes, Floats, Ints
-from study.recordings.joints.estimate import JointStatus
+from study.recordings.joints.estimate import ANATOMICAL as UNMOVED
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.markersets import side
 from study.recordings.recording import Recording, RecordingError
@@ -183,12 +183,13 @@ class ExportedMotion:
     def with_joints(self) -> Recording:
         """The recording with the joint centres as points behind its markers, in its own axes; NaN where unknown.
 
-        ``_regression`` is added to the name of a joint that is not by motion, ``_joint`` where a marker has the name.
+        ``_regression`` or ``_landmark`` is added to the name of a joint that is not by motion, ``_joint`` where a
+        marker has the name.
         """
         taken = {marker.lower() for marker in self.recording.markers}
         known = np.flatnonzero(~np.isnan(self.skeleton.centers[:, 0]).all(axis=1))
         places = [self.skeleton.calibration.joints[number] for number in known]
-        names = [p.joint.name + "_regression" * (p.status == JointStatus.REGRESSION) for p in places]
+        names = [p.joint.name + (f"_{p.status.name.lower()}" if p.status in UNMOVED else "") for p in places]
         labels = [name + "_joint" * (name.lower() in taken) for name in names]
         points = np.concatenate([self.recording.positions, self.skeleton.centers[known]])
         return Recording(self.recording.name, (*self.recording.markers, *labels), points, self.recording.rate)

@@ -75,14 +75,19 @@ class JointStatus(Worded):
     NO_FRAME = 10, "neither of its segments has a pose"
     UNSEEN = 11, "its markers were not seen, or never together with a pose"
     REGRESSION = 12, "not by motion, but by regression or as the file has it"
+    LANDMARK = 13, "not by motion, but midway between the points of the body on both of its sides"
 
 
 _SHORT = "ok, hinge, sides disagree, ways disagree, implausible, one axis, unsure, insignificant, hidden by noise"
-SHORT_TEXTS = dict(zip(JointStatus, f"{_SHORT}, still, no frame, unseen, regression".split(", "), strict=True))
+SHORT_TEXTS = dict(
+    zip(JointStatus, f"{_SHORT}, still, no frame, unseen, regression, landmark".split(", "), strict=True)
+)
 """A status in a table, which has no room for its whole text."""
 USABLE = (JointStatus.OK, JointStatus.HINGE)
 """A joint that a skeleton can be built on without reservation."""
-DOUBTED = (*(status for status in JointStatus if USABLE[-1] < status < JointStatus.UNSURE), JointStatus.REGRESSION)
+ANATOMICAL = (JointStatus.REGRESSION, JointStatus.LANDMARK)
+"""A joint that points of the body place, and not its motion."""
+DOUBTED = (*(status for status in JointStatus if USABLE[-1] < status < JointStatus.UNSURE), *ANATOMICAL)
 """A joint that is drawn, and doubted: its estimates, or a body, contradict it, it moved about one axis only, or not."""
 
 

@@ -49,7 +49,7 @@ from study.recordings.joints.poses import SegmentPoses, exchanged_labels, fit_po
 from study.recordings.joints.skin import SkinErrors
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording, RecordingError, written
-from study.recordings.rigid import mean_rotated_covariance, nearest_rotation, relative_rotation
+from study.recordings.rigid import across, mean_rotated_covariance, nearest_rotation, relative_rotation
 from study.text import columns, number
 
 
@@ -140,8 +140,10 @@ class JointPlace:
         mean_rotation: of the child in the parent's axes (3, 3).
         trials: names of the recordings that the place comes from, where there are several.
         floor: standard error from skin that no marker shows, metres (see `Estimate`); part of no covariance.
-        allowance: covariance of what skin hides in a trial of a session that hardly moved it (3, 3), m², in the same
-            axes (see `study.recordings.session`); part of no covariance.
+        allowance: covariance of what skin hides in a trial that hardly moved it (3, 3), m², in the same axes (see
+            `study.recordings.session`); part of the covariance only if no trial moved the joint.
+        beside: of a knee, its distance from the middle of its epicondyles, across its axis, metres; NaN if the file has
+            none, or the joint is there.
         warnings: reasons why it is unlike any body's joint (see `plausibility`).
         estimates: from its sides, the chosen one first; none in a calibration that was read or merged.
     """
@@ -158,6 +160,7 @@ class JointPlace:
     trials: tuple[str, ...] = ()
     floor: Number = float("nan")
     allowance: Floats = pydantic.Field(default_factory=lambda: np.zeros((3, 3)), exclude=True, repr=False)
+    beside: Number = float("nan")
     warnings: tuple[str, ...] = ()
     estimates: tuple[pydantic.InstanceOf[Estimate], ...] = pydantic.Field(default=(), exclude=True, repr=False)
 
@@ -249,6 +252,12 @@ class Calibration:
         doubted = (place for place in self.joints if place.status not in USABLE)
         return _by_words((place.joint.name, words) for place in doubted for words in place.reason.split("; "))
 
+    def beside(self) -> Iterator[str]:
+        """Lay out the distances of knees from the middle of their epicondyles, if the file has these."""
+        far = [f"{p.joint.name} {1000 * p.beside:.0f} mm" for p in self.joints if not np.isnan(p.beside)]
+        if far:
+            yield f"across their axes from the middle of the epicondyles: {', '.join(far)}"
+
     def warnings(self) -> Iterator[str]:
         """Lay out what is unlike any body's, a line for each warning with the joints that it holds for."""
         return _by_words((place.joint.name, f"warning: {words}") for place in self.joints for words in place.warnings)
@@ -258,6 +267,7 @@ class Calibration:
         errors = [[number(1000 * x, ".1f") for x in (p.standard_error, p.floor)] for p in self.joints]
         rows = [[p.joint.name, SHORT_TEXTS[p.status], *own] for p, own in zip(self.joints, errors, strict=True)]
         yield from columns(rows, [f"joint in {self.source}", "status", "error / mm", "floor / mm"], "<<>")
+        yield from self.beside()
         yield from self.warnings()
 
 
@@ -314,6 +324,46 @@ def load_calibration(path: str | Path) -> Calibration:
     except (KeyError, TypeError, ValueError) as error:
         words = str(error).splitlines()[0] if str(error) else type(error).__name__
     raise RecordingError(f"{path}: a damaged calibration ({words}); make it again with `study joints`")
+
+
+SLIDES = 0.001
+"""Metres: how far skin slides along with a joint, beyond what the stated error covers."""
+_NO_MOTION = 0.001
+"""Radians: rotation that is none; skin of a millimetre would hide a joint to a metre."""
+
+
+def allowance(place: JointPlace) -> Floats:
+    """Covariance (3, 3), m², of what skin may hide in a trial that hardly moved a joint, in the axes of its own one.
+
+    The rotation is that of both segments' poses, or else that of the markers of one about the joint.
+    """
+    pair = next((e.pair for e in place.estimates if e.pair is not None), None)
+    estimate = place.estimate
+    if estimate is None:
+        return np.zeros((3, 3))
+    normal = np.zeros((3, 3)) if pair is None else pair.normal
+    # two estimates would have a pair, if the joint moved at all
+    if pair is None and estimate.sphere is not None and len(place.estimates) == 1:
+        normal = estimate.sphere.normal / estimate.used[estimate.sphere.weights > 0.0].sum()
+        if estimate.side == "child" and not np.isnan(place.in_parent).any():
+            normal = place.mean_rotation @ normal @ place.mean_rotation.T
+    basis = across(place.axis)
+    values, vectors = np.linalg.eigh(basis.T @ normal @ basis)
+    if pair is None:  # along the arm of markers that move on a sphere only its curvature shows, not rotation
+        values[0] = values[1]
+    along = basis @ vectors
+    return np.asarray((along * (SLIDES**2 / np.maximum(values, _NO_MOTION**2))) @ along.T)
+
+
+def with_allowance(place: JointPlace) -> JointPlace:
+    """A joint of a single trial; unsure, with what skin may hide in its error, if the trial hardly moved it."""
+    place = replace(place, allowance=allowance(place))
+    if not place.usable or place.has_vote:
+        return place
+    total = place.covariance + place.allowance
+    error = 1000 * largest_error(total, place.axis)
+    reason = f"it moved too little to show it: ± {error:.0f} mm, if skin slides by {1000 * SLIDES:.0f} mm"
+    return replace(place, status=JointStatus.UNSURE, reason=reason, covariance=total)
 
 
 _FRAMES = 300

@@ -32,17 +32,23 @@ from study.recordings.joints.estimate import SHORT_TEXTS, JointStatus
 from study.recordings.joints.find import Calibration, JointPlace
 from study.recordings.markersets import MarkerSet, landmarks, side, side_of
 from study.recordings.recording import Recording
-from study.recordings.rigid import to_local, to_world
+from study.recordings.rigid import across, to_local, to_world
 from study.recordings.skeleton.draw import Flag, Skeleton
 
 Hips = Literal["motion", "regression"]
 """Centres of hips: by motion alone, or for those that motion leaves in doubt by regression."""
+LANDMARK = 0.01
+"""Standard error of the middle of two points of the body along each axis, metres: markers on skin over bone."""
+_FARTHEST = 2.5
+"""Standard errors of their distance beyond which a hinge is not where its points of the body are."""
 SIGMA = 0.0079
 """Standard error of a hip by regression along each axis, metres."""
 _AGREE = 0.99
 """Probability of the difference between motion and regression up to which both count, weighted by their errors."""
 _SHORT = 0.005
 """Metres between points below which they show no direction."""
+_STEEP = float(np.tan(np.radians(10.0)))
+"""Error of the joint above, over the segment's length, from which its long axis is not known."""
 _PARTS = ("thigh", "shank", "foot")
 _POINTS = {
     "pelvis": ("asis", "psis", "sacrum", "hip centre"),
@@ -150,7 +156,8 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
         if part == "foot" and heel is not None:
             result[segment] = _frame(0, middle - heel, 2, outwards)
         elif part != "foot" and not np.isnan(top).any():
-            result[segment] = _frame(1, top - middle, 2, outwards)
+            tilted = above[segment].standard_error > _STEEP * np.linalg.norm(top - middle)
+            result[segment] = None if tilted else _frame(1, top - middle, 2, outwards)
     return {name: axes for name, axes in result.items() if axes is not None}
 
 
@@ -174,12 +181,42 @@ def with_anatomy(calibration: Calibration, skeleton: Skeleton, source: Recording
         hips: "regression" to place hips that motion leaves in doubt, or does not show, by regression.
     """
     points = points_of_the_body(skeleton, source)
+    joints = [_with_landmarks(place, skeleton, points) for place in calibration.joints]
     if hips == "regression":
-        joints = (_with_regression(place, skeleton, points) for place in calibration.joints)
-        calibration = replace(calibration, joints=tuple(joints))
+        joints = [_with_regression(place, skeleton, points) for place in joints]
+    calibration = replace(calibration, joints=tuple(joints))
     axes = anatomical_axes(calibration, points)
     shapes = (replace(s, anatomy=axes.get(s.segment, s.anatomy)) for s in calibration.shapes)
     return replace(calibration, shapes=tuple(shapes))
+
+
+_ENDS = {"shank": "epicondyle", "foot": "malleolus"}
+"""The points on both sides of the joint above a part of a leg."""
+
+
+def _with_landmarks(place: JointPlace, skeleton: Skeleton, points: Mapping[str, Floats]) -> JointPlace:
+    """A knee or an ankle, compared with the middle of epicondyles or malleoli, and there if motion leaves it in doubt.
+
+    A hinge is doubted that is farther from there, across its axis, than 2.5 √(error² + (1 cm)²).
+    """
+    segments = legs(skeleton.calibration.markerset)
+    names = [name for name, segment in segments.items() if segment == place.joint.child]
+    one, _, part = names[0].partition(" ") if names else ("", "", "")
+    both = [points.get(f"{one} {end} {_ENDS.get(part, '')}") for end in ("lateral", "medial")]
+    if both[0] is None or both[1] is None:
+        return place
+    middle, kind = 0.5 * (both[0] + both[1]), {"shank": "epicondyles", "foot": "malleoli"}[part]
+    if place.axis is not None and place.known:
+        basis = across(place.axis)
+        far = float(np.linalg.norm(basis.T @ (middle - place.in_parent)))
+        place = replace(place, beside=far)
+        if place.usable and far > _FARTHEST * np.hypot(place.standard_error, LANDMARK):
+            place = replace(place, status=JointStatus.IMPLAUSIBLE)
+    if place.usable:
+        return place
+    away = "" if np.isnan(place.beside) else f", {1000 * place.beside:.0f} mm from there across its axis"
+    words = f"midway between the {kind}; by motion: {SHORT_TEXTS[place.status]}{away}"
+    return _placed(place, middle, LANDMARK**2 * np.eye(3), JointStatus.LANDMARK, words, skeleton)
 
 
 def _with_regression(place: JointPlace, skeleton: Skeleton, points: Mapping[str, Floats]) -> JointPlace:
@@ -195,13 +232,21 @@ def _with_regression(place: JointPlace, skeleton: Skeleton, points: Mapping[str,
         return place
     center, covariance, both = weighted(center, place.in_parent, place.covariance)
     words += ", weighted with motion by their errors" * both
+    reason = f"{words}; by motion: {SHORT_TEXTS[place.status]}"
+    return _placed(place, center, covariance, JointStatus.REGRESSION, reason, skeleton)
+
+
+def _placed(
+    place: JointPlace, center: Floats, covariance: Floats, status: JointStatus, reason: str, skeleton: Skeleton
+) -> JointPlace:
+    """A joint at a place in its parent (3,), metres, that its motion does not give; in its child, at the median."""
     i, j = (skeleton.segments.index(name) for name in (place.joint.parent, place.joint.child))
     world = to_world(skeleton.rotations[i], skeleton.origins[i], center)
     local = to_local(skeleton.rotations[j], skeleton.origins[j], world)
-    known, reason = local[:, ~np.isnan(local[0])], f"{words}; by motion: {SHORT_TEXTS[place.status]}"
-    in_child = np.median(known, axis=1) if known.size else center
-    place = replace(place, status=JointStatus.REGRESSION, reason=reason, floor=float("nan"))
-    return replace(place, in_parent=center, in_child=in_child, covariance=covariance)
+    both = (skeleton.segment_flags[[i, j]] == Flag.SEEN).all(axis=0) & ~np.isnan(local[0])
+    in_child = np.median(local[:, both], axis=1) if both.any() else center
+    place = replace(place, status=status, reason=reason, floor=float("nan"), covariance=covariance)
+    return replace(place, in_parent=center, in_child=in_child)
 
 
 def weighted(center: Floats, motion: Floats, covariance: Floats) -> tuple[Floats, Floats, bool]:

@@ -24,7 +24,14 @@ from scipy.spatial import ConvexHull, QhullError
 
 from study.arrays import Floats
 from study.recordings.joints.estimate import USABLE, JointStatus
-from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, find_joints, load_calibration
+from study.recordings.joints.find import (
+    Calibration,
+    JointPlace,
+    SegmentShape,
+    find_joints,
+    load_calibration,
+    with_allowance,
+)
 from study.recordings.joints.poses import fit_template
 from study.recordings.markersets import MarkerSet, Match, match, mirrored, place_markerset, side
 from study.recordings.recording import Recording, RecordingError
@@ -191,7 +198,9 @@ def calibrate(
     Returns:
         The calibration. Every joint has a status and a reason; one that was not found has no place.
     """
-    return with_checks(find_joints(markerset, recording), recording, source, hips)
+    found = find_joints(markerset, recording)
+    found = replace(found, joints=tuple(map(with_allowance, found.joints)))
+    return with_checks(found, recording, source, hips)
 
 
 def with_checks(
@@ -207,10 +216,10 @@ def with_checks(
     if source is None:
         return checked
     placed = with_anatomy(checked, drawn, source, hips)
-    if not any(place.status == JointStatus.REGRESSION for place in placed.joints):
+    if all(new.status == was.status for new, was in zip(placed.joints, checked.joints, strict=True)):
         return placed
-    pairs = zip(placed.joints, calibration.joints, strict=True)
-    joints = tuple(new if new.status == JointStatus.REGRESSION else old for new, old in pairs)
+    threes = zip(placed.joints, checked.joints, calibration.joints, strict=True)
+    joints = tuple(new if new.status != was.status else replace(old, beside=new.beside) for new, was, old in threes)
     return _checked(replace(placed, joints=joints), recording)[0]
 
 

@@ -33,7 +33,7 @@ from scipy.spatial.transform import Rotation
 from study.arrays import Bools, Bytes, Floats, Ints
 from study.fits.jit import compiled
 from study.fits.samples import Worded
-from study.recordings.joints.estimate import USABLE, JointStatus
+from study.recordings.joints.estimate import ANATOMICAL, USABLE, JointStatus
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.poses import PoseNoise, times
 from study.recordings.markersets import Segment
@@ -44,7 +44,7 @@ _FAR = 6.0
 """Scatters from its place beyond which a marker is rejected..."""
 _SLACK = 0.1
 """...if it is also this share of its segment's size away."""
-_PIVOTS = (*USABLE, JointStatus.REGRESSION, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
+_PIVOTS = (*USABLE, *ANATOMICAL, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
 """A joint that helps to place a segment whose own markers can fix its pose; a doubted one does not."""
 _SOFT = 0.001
 """Metres: least standard deviation of a marker's place, where it is weighed against a joint's."""

@@ -428,7 +428,8 @@ def test_hips_by_regression(works, refused, made, tmp_path):
     assert table.status[["left_hip", "right_hip"]].tolist() == ["regression"] * 2
     said = works("skeleton", walk, "--calibration", "out", "--write", "walk.trc", "--out", "drawn")
     assert "left_hip: not reliable: by regression" in said
-    assert {"left_hip_regression", "left_knee"} <= set(read_recording(tmp_path / "walk.trc").markers)
+    labels = set(read_recording(tmp_path / "walk.trc").markers)
+    assert {"left_hip_regression", "left_knee_landmark"} <= labels  # skin of 2 cm leaves both in doubt
     refused("skeleton", walk, "--calibration", "out", "--hips", "regression", says="a calibration has its hips")
 
 

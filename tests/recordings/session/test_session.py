@@ -12,18 +12,17 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings.joints.center import CenterFit
 from study.recordings.joints.estimate import USABLE, Estimate, JointStatus, SymmetricFit
-from study.recordings.joints.find import JointPlace, exchange, find_joints
+from study.recordings.joints.find import JointPlace, allowance, exchange, find_joints
 from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset, match
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.session import (
-    allowance,
     calibrate_session,
     pool_places,
     refit_shapes,
     session_lines,
     session_table,
 )
-from study.recordings.skeleton.calibrate import other_subject
+from study.recordings.skeleton.calibrate import calibrate, other_subject
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.synthetic.make import PARTS, Recipe, body, draw_motion, marker_noise, skin_motion
 from tests.recordings.hips import in_axes_of
@@ -89,6 +88,19 @@ def trials():
 def session(trials):
     """Their calibration."""
     return calibrate_session(MARKERSET, *trials)
+
+
+def test_a_single_trial_has_the_allowance_of_a_session():
+    """Hips that sway by 2-3° are ok by the error of their fit, and unsure by skin of 1 mm, as a session has them."""
+    trial = match(HIPS_ALONE, body_trial("still", [], 2, still=0.12, tissue=0.002, frames=600)).recording
+    found, alone = find_joints(HIPS_ALONE, trial), calibrate(trial, HIPS_ALONE)
+    for name in HIPS:
+        hidden = np.sqrt(np.linalg.eigvalsh(allowance(found[name]))[-1])
+        assert found[name].status == JointStatus.OK
+        assert hidden > 0.02
+        assert alone[name].status == JointStatus.UNSURE
+        assert alone[name].standard_error > hidden
+        assert "it moved too little to show it: ± " in alone[name].reason
 
 
 def test_each_joint_comes_from_the_trials_that_moved_it(session):

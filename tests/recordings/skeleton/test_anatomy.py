@@ -26,7 +26,7 @@ from study.recordings.skeleton.anatomy import (
 )
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.scene import skeleton_scene
-from study.recordings.synthetic.make import Recipe, synthesize
+from study.recordings.synthetic.make import Recipe, body, synthesize
 from tests.recordings.bodies import axes_of_the_body
 
 
@@ -233,3 +233,57 @@ def test_points_of_shipped_sets(name):
         part = anatomy._OWNERS[kind if kind in anatomy._OWNERS else point]
         assert owners[label].endswith(part), (point, label)
         assert not one or side_of([label]) == one
+
+
+@pytest.fixture(scope="module")
+def stiff():
+    """A walk whose left ankle and knee hardly move, for skin of a millimetre; the truth; and its joints."""
+    recording, truth = synthesize(Recipe(600, 60.0, seed=4, markers="rizzoli", noise=0.001, reach=0.05))
+    return recording, truth, library.find_joints(recording)
+
+
+def test_joints_between_points_of_the_body(stiff):
+    """Knees and ankles that hardly move are midway between epicondyles and malleoli, and say so.
+
+    The middles are those of the body's table of markers, in the world, to the noise of poses.
+    """
+    recording, truth, joints = stiff
+    place = {label: np.array(at) for part in body("rizzoli") for label, at in part.markers.items()}
+    drawn = draw_skeleton(joints, recording)
+    for side, letter in (("left", "L"), ("right", "R")):
+        for name, segment, pair in (("knee", "thigh", ("FLE", "FME")), ("ankle", "shank", ("FAL", "TAM"))):
+            joint = joints[f"{side}_{name}"]
+            assert joint.status == JointStatus.LANDMARK
+            assert joint.reason.startswith("midway between the")
+            assert "; by motion: " in joint.reason
+            assert joint.standard_error == pytest.approx(0.01)
+            number = truth.segments.index(f"{side}_{segment}")
+            middle = 1.75 * (place[letter + pair[0]] + place[letter + pair[1]]) / 2
+            wanted = np.einsum("tij,j->it", truth.rotations[number], middle) + truth.origins[number]
+            off = np.linalg.norm(drawn.center(f"{side}_{name}") - wanted, axis=0)
+            assert np.median(off) < 0.002
+    motion = ExportedMotion(drawn, recording, skeleton_scene(drawn, recording))
+    assert "left_ankle_landmark" in motion.with_joints().markers
+    assert any("left_ankle" in line for line in joints.reasons())
+
+
+def test_a_hinge_beside_its_epicondyles_is_doubted():
+    """The distance of a knee from its epicondyles is across its axis; beyond 2.5 √(error² + 1 cm²) it is doubted.
+
+    The epicondyles are moved by 40 mm across the axis in the recording.
+    """
+    recording, _ = synthesize(Recipe(900, 60.0, seed=5, markers="rizzoli", noise=0.001))
+    near = library.find_joints(recording)["left_knee"]
+    assert near.status == JointStatus.HINGE
+    assert near.beside < 0.025
+    shape = library.find_joints(recording).shape("left_thigh")
+    drawn = draw_skeleton(library.find_joints(recording), recording)
+    step = 0.04 * np.cross(near.axis, near.in_parent - shape.places.mean(axis=0))
+    step *= 0.04 / np.linalg.norm(step)
+    positions = recording.positions.copy()
+    for label in ("LFLE", "LFME"):
+        positions[recording.row(label)] += np.einsum("ijt,j->it", drawn.rotation("left_thigh"), step)
+    far = library.find_joints(Recording("far", recording.markers, positions, recording.rate))["left_knee"]
+    assert far.status == JointStatus.LANDMARK
+    assert far.beside == pytest.approx(0.04, abs=0.012)
+    assert "by motion: implausible" in far.reason

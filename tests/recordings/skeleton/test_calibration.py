@@ -194,13 +194,14 @@ def test_both_phases_say_the_same(figure, tmp_path):
 
 
 def test_older_calibrations_are_read(figure_calibration, tmp_path):
-    """A file without floor and warnings is read; the floor is then not known."""
+    """A file without floor, warnings and distances from epicondyles is read; these are then not known."""
     path = save_calibration(figure_calibration, tmp_path / "calibration.json")
     text = path.read_text()
     assert '"warnings": []' in text
-    lines = [line for line in text.splitlines() if '"floor"' not in line and '"warnings"' not in line]
+    lines = [line for line in text.splitlines() if line.split('"')[1:2] not in (["floor"], ["warnings"], ["beside"])]
     path.write_text("\n".join(lines).replace("],\n  }", "]\n  }").replace("],\n  },", "]\n  },"))
-    assert np.isnan(load_calibration(path)["neck"].floor)
+    neck = load_calibration(path)["neck"]
+    assert np.isnan([neck.floor, neck.beside]).all()
 
 
 def test_another_subject_is_refused(kata, kata_calibration, kata_halves, shared_file, one_line):

@@ -157,12 +157,15 @@ def test_angles_are_inside_their_errors(law):
         skeleton = draw_skeleton(joints, recording)
         table = joint_angles(ExportedMotion(skeleton, recording, skeleton_scene(skeleton, recording)))
         for name, angles in truth_of_angles(truth, axes_of_the_body()):
+            if f"{name}_adduction" not in table:  # of a thigh whose hip is not known
+                continue
             for word, true in zip(("flexion", "adduction", "rotation"), angles, strict=True):
                 off = table[f"{name}_{word}"].to_numpy() - true
                 off = (off - np.nanmedian(off))[~np.isnan(off)]
                 error = table[f"{name}_{word}_error"].dropna().to_numpy()
                 inside += list(np.abs(off) < 1.96 * error)
                 squares += list(off**2)
+    assert len(squares) > 0.8 * 6 * 18 * 400
     assert np.mean(inside) > 0.9
     assert law is not None or np.sqrt(np.mean(squares)) < 1.0
 
