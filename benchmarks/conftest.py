@@ -13,10 +13,10 @@ from study import instruction_set
 # before numba and NumPy are there: what is timed is the code that the command runs, in each of its processes
 instruction_set.fix()
 
-import pandas as pd  # noqa: E402
-import pytest  # noqa: E402
+import pandas as pd
+import pytest
 
-from study.simulation.runs.provenance import machine  # noqa: E402
+from study.simulation.runs.provenance import machine
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "bench.csv"
 

@@ -331,10 +331,16 @@ def unit_doubt(extent: float, unit: str) -> str:
 
 
 def known_unit(text: str) -> str | None:
-    """The unit of length, as a key of `UNITS`, from its name in a file or from a user; None if it is none."""
-    word = text.strip().lower()
+    """The unit of length, as a key of `UNITS`, from its name in a file or from a user; None if it is none.
+
+    Some programs fill the name in a C3D file with NUL characters, or cut it off: three letters are enough.
+    """
+    word = text.strip("\0 \t\r\n").split("\0")[0].strip().lower()
     word = word if word in UNITS else _SPELLINGS.get(word.rstrip("s."), word.rstrip("s."))
-    return word if word in UNITS else None
+    if word in UNITS:
+        return word
+    begun = {unit for spelling, unit in _SPELLINGS.items() if len(word) > 2 and spelling.startswith(word)}
+    return begun.pop() if len(begun) == 1 else None
 
 
 STILL = 0.001

@@ -11,6 +11,7 @@ from study.recordings.recording import (
     RecordingError,
     assemble,
     describe,
+    known_unit,
     name_points,
     recording_data,
     unit_doubt,
@@ -198,3 +199,23 @@ def test_select(small):
 def test_what_does_not_fit_is_refused(markers, shape, rate, words):
     with pytest.raises(RecordingError, match=words):
         Recording("walk", markers, np.zeros(shape), rate)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("mm\0\0\0\0", "mm"),
+        ("m\0\0xy", "m"),
+        ("\0mm", "mm"),
+        ("millimet", "mm"),
+        ("METER", "m"),
+        ("Inches.", "in"),
+        ("mi", None),
+        ("furlong", None),
+        ("\0\0", None),
+        ("", None),
+    ],
+)
+def test_names_of_units(text, unit):
+    """A name filled with NUL characters, or cut off after three letters or more, is known; others are not."""
+    assert known_unit(text) == unit

@@ -186,7 +186,7 @@ def planned_files(texts: str, folder: Path, name: str, source: Path) -> list[Pat
 
     Args:
         texts: names of files, or ends of names, with commas between them: ``walk.trc,walk.glb`` or ``trc,glb``.
-        folder: for files that are given by the ends of their names...
+        folder: for files that are given by names without a folder, or by the ends of their names...
         name: ...and the first part of these names.
         source: the recording, which is never overwritten.
 
@@ -195,7 +195,8 @@ def planned_files(texts: str, folder: Path, name: str, source: Path) -> list[Pat
     """
     paths: list[Path] = []
     for text in filter(None, (part.strip() for part in texts.split(","))):
-        path = folder / f"{name}.{text}" if f".{text.lower()}" in WRITERS else Path(text)
+        given = Path(f"{name}.{text}" if f".{text.lower()}" in WRITERS else text)
+        path = folder / given if given.name in (text, f"{name}.{text}") else given
         if path.suffix.lower() not in WRITERS:
             known = ", ".join(f"{suffix} ({contents})" for suffix, (_, contents) in WRITERS.items())
             raise RecordingError(f"--write {text}: the end of a file's name decides its format; known are {known}")

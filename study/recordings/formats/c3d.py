@@ -274,7 +274,7 @@ def _contents(points: Floats, residuals: Floats, texts: Texts, rate: float, pref
     derived = {label for kind in _NOT_MARKERS for label in _numbered(texts, kind) if label}
     rows = [row for row, label in enumerate(labels) if label not in derived]
     notes = (f"{len(labels) - len(rows)} points hold angles, forces and the like, not markers: left out",)
-    units = [unit.strip() for unit in texts.get("UNITS", ()) if isinstance(unit, str)]
+    units = [unit.strip("\0 ") for unit in texts.get("UNITS", ()) if isinstance(unit, str)]
     named, unit = [labels[row] for row in rows], next((unit for unit in units if unit), None)
     heads, told = [str(prefix).strip() for prefix in prefixes], notes if len(rows) < len(labels) else ()
     # C3D files without a unit are usually in millimetres

@@ -9,6 +9,7 @@ but a body's parts are above one another: the rotation that makes z point up fol
 """
 
 import itertools
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -360,8 +361,10 @@ def skeleton_lines(scene: Scene) -> Iterator[str]:
         shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]
         if lacking := [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]:
             yield f"{name}: {', '.join(lacking)}"
-    doubts = zip(scene.joints, scene.doubts, strict=True)
-    yield from (f"{name}: not reliable: {doubt}" for name, doubt in doubts if doubt)
+    doubts = defaultdict(list)  # each reason once, with the joints that it holds for
+    for name, doubt in zip(scene.joints, scene.doubts, strict=True):
+        doubts[doubt].append(name)
+    yield from (f"{', '.join(names)}: not reliable: {doubt}" for doubt, names in doubts.items() if doubt)
     yield from (f"note: {note}" for note in scene.notes)
 
 

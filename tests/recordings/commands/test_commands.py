@@ -174,6 +174,8 @@ def test_files_for_other_programs(works, refused, body, drawn, tmp_path):
     assert (tmp_path / "again/body.bvh").read_bytes() == (tmp_path / "again/skeleton.bvh").read_bytes()
     assert (tmp_path / "again/body.bvh").read_bytes() != (drawn / "skeleton.bvh").read_bytes()  # another pose
     assert works("recording", "new/joints.c3d").startswith("joints: 55 markers, 500 frames at 120 Hz")
+    bare = works("skeleton", body, "--calibration", drawn, "--out", "other", "--write", "bare.trc")
+    assert bare.splitlines()[-1] == "other/bare.trc"
     before = body.read_bytes()
     command = ("skeleton", body, "--calibration", drawn, "--out", "out", "--write")
     refused(*command, f"trc,{body}", says="is the recording itself, which is not overwritten")
@@ -428,7 +430,7 @@ def test_hips_by_regression(works, refused, made, tmp_path):
     assert table.status[["left_hip", "right_hip"]].tolist() == ["regression"] * 2
     said = works("skeleton", walk, "--calibration", "out", "--write", "walk.trc", "--out", "drawn")
     assert "left_hip: not reliable: by regression" in said
-    labels = set(read_recording(tmp_path / "walk.trc").markers)
+    labels = set(read_recording(tmp_path / "drawn" / "walk.trc").markers)
     assert {"left_hip_regression", "left_knee_landmark"} <= labels  # skin of 2 cm leaves both in doubt
     refused("skeleton", walk, "--calibration", "out", "--hips", "regression", says="a calibration has its hips")
 
