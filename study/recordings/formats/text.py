@@ -227,7 +227,12 @@ def read_trc(lines: list[str]) -> FileContents:
         raise RecordingError("line 2 and 3 must give DataRate, NumFrames and NumMarkers") from None
     places = _trc_labels(lines[3].split("\t"), markers)
     numbers, notes = read_rows(rows, start + 1, "\t", 3 + max(places), counted=True, further=True)
-    notes += missing_frames_note(len(numbers), frames)
+    if 2 <= len(numbers) < (1 - MOST_MISSING) * frames and np.isfinite(numbers[:, :2]).all():
+        # programs that cut a piece out of a recording often leave the header as it was
+        run_on = f"{len(numbers)} are there, and their numbers and times run on"
+        notes += (f"its header promises {frames} frames, but {run_on}: the header is wrong, or the end is cut off",)
+    else:
+        notes += missing_frames_note(len(numbers), frames)
     held = max((row.rstrip().count("\t") + 1 for row in rows), default=0)
     if (unnamed := math.ceil((held - 2) / 3) - len(places)) > 0 or markers != len(places):
         count = f"its header gives {markers} markers, and {len(places)} have a label"
