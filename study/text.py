@@ -62,20 +62,21 @@ def columns(
             line = [""] * (count - 1)
 
 
-def json_text(data: Mapping[str, object] | Sequence[object]) -> str:
+def json_text(data: Mapping[str, object] | Sequence[object], indent: int | None = 2) -> str:
     """A mapping as a JSON object, in the order of its keys; or a list.
 
     Args:
         data: what JSON has, mappings, lists, tuples, texts, numbers and None; also arrays of NumPy, and paths.
+        indent: spaces of each level; None for one line.
 
     Returns:
-        The text, indented by two spaces, its letters as they are. NaN and infinities, which JSON does not have, are
+        The text, its letters as they are. NaN and infinities, which JSON does not have, are
         null.
 
     Raises:
         TypeError: if there is anything else in it.
     """
-    return json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False)
+    return json.dumps(_plain(data), indent=indent, ensure_ascii=False, allow_nan=False)
 
 
 def _plain(value: object) -> object:

@@ -225,12 +225,17 @@ def live(
     udp: Annotated[int | None, typer.Option(metavar="PORT", help=_UDP)] = None,
     unit: Annotated[str, typer.Option(help="of the positions: m, cm, mm, in or ft")] = "mm",
     every: Annotated[int, typer.Option(min=1, help="frames between two answers")] = 100,
+    as_json: Annotated[bool, typer.Option("--json", help="print each answer as one line of JSON")] = False,
 ) -> None:
     """Find joints in a stream of frames.
 
     Each line is a frame: {"LASI": [412.1, 680.3, 966.2], "RASI": null, ...}. Prints the joints as they improve, and at
-    the end of the stream or at Ctrl-C; an empty datagram ends a stream over UDP. The exit code is 3 if a joint is not
-    ok.
+    the end of the stream or at Ctrl-C; an empty datagram ends one over UDP. Centres are in the parent's axes, which
+    the stream has in the first frame with all of its markers, as for `study joint`. The exit code is 3 if a joint is
+    not ok.
+
+    With --json, a line for each answer: frame, joint, ok, doubt, center, error, noise, moved, samples; axes_of_frame,
+    the frame in which the parent's axes are the stream's; and parent, the place of each of its markers in these axes.
     """
     import numpy as np
 
@@ -263,14 +268,14 @@ def live(
             if joints.frames == every:
                 _print_lacking(joints)
             if joints.frames % every == 0:
-                _print(joints)
+                _print(joints, as_json)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C that ended the sender first must not take the answer
     except KeyboardInterrupt:  # the usual end of a stream
         pass
     if joints.frames < every:
         _print_lacking(joints)
     if joints.frames % every or not joints.frames:
-        _print(joints)
+        _print(joints, as_json)
     if joints.jumps:
         _complain(f"{joints.jumps} time{'s' * (joints.jumps != 1)} a marker jumped; what it made wrong is left out")
     signal.signal(signal.SIGINT, before)
@@ -312,7 +317,10 @@ def _joints(parent: str, child: str, markerset: str | None) -> "LiveJoints":
     return LiveJoints(wide)
 
 
-def _print(joints: "LiveJoints") -> None:
+def _print(joints: "LiveJoints", as_json: bool) -> None:
+    if as_json:
+        echo([json_text(row, indent=None) for row in joints.data()])
+        return
     for name, answer in joints.answers().items():
         typer.echo(f"frame {joints.frames}: {name}: {answer.words}")
 

@@ -107,6 +107,7 @@ class GrowingSegment:
         size: root mean square distance of its markers from their centre, metres.
         jumps: number of frames left out because they show another shape.
         whole: the first few shapes of frames that show all markers.
+        frame: number of the first of these frames, from 1, in which the segment's axes are the stream's; 0 before it.
     """
 
     def __init__(self, rows: Sequence[int]) -> None:
@@ -114,6 +115,7 @@ class GrowingSegment:
         self.template: Floats | None = None
         self.size, self.jumps = 0.0, 0
         self.whole: list[Floats] = []
+        self.frame = self._frames = 0
         self._recent = np.empty(0)
 
     def poses(self, x: Floats) -> tuple[Floats, Floats]:
@@ -122,7 +124,10 @@ class GrowingSegment:
         They are NaN where a frame does not show the markers, or not in their shape.
         """
         if self.template is None:
-            self.whole += [shape for shape in x.transpose(2, 0, 1) if not np.isnan(shape).any()]
+            seen = np.flatnonzero(~np.isnan(x).any(axis=(0, 1)))
+            self.frame = self.frame or (self._frames + int(seen[0]) + 1 if len(seen) else 0)
+            self._frames += x.shape[2]
+            self.whole += list(x.transpose(2, 0, 1)[seen])
             if len(self.whole) < _SHAPES:
                 return np.full((3, 3, x.shape[2]), np.nan), np.full((3, x.shape[2]), np.nan)
             # the one whose distances between markers are nearest to those of most others
@@ -130,7 +135,10 @@ class GrowingSegment:
             distances = np.linalg.norm(shapes[:, :, None] - shapes[:, None], axis=3).reshape(len(shapes), -1)
             apart = np.abs(distances[:, None] - distances[None]).max(axis=2)
             typical = shapes[np.argmin(np.median(apart, axis=1))]
-            self.template = typical - typical.mean(axis=0)
+            # in the axes that the stream has in the first of these frames, as `study joint` has them
+            centred = typical - typical.mean(axis=0)
+            turn = fit_rigid_motion(centred, np.ascontiguousarray(self.whole[0][:, :, None]))[0][:, :, 0]
+            self.template = centred if np.isnan(turn).any() else centred @ turn.T
             self.size = float(np.sqrt(np.mean(np.sum(self.template**2, axis=1))))
         rotations, origins, known = fit_rigid_motion(self.template, x)
         if known.any():
@@ -242,6 +250,19 @@ class LiveAnswer(NamedTuple):
             reasons.append("it moved by less than 2° about some direction")
         return " and ".join(reasons)
 
+    def data(self) -> dict[str, object]:
+        """The answer for other programs; metres and degrees, None for what is not known."""
+        center, error = self.fit.center, self.error
+        return {
+            "ok": self.ok,
+            "doubt": self.doubt,
+            "center": center.tolist() if np.isfinite(center).all() else None,
+            "error": error if np.isfinite(error) else None,
+            "noise": float(self.fit.sigma) if np.isfinite(self.fit.sigma) else None,
+            "moved": np.degrees(self.angles).tolist(),
+            "samples": int(self.fit.count.sum()),
+        }
+
     @property
     def words(self) -> str:
         """The answer in words, in millimetres and degrees."""
@@ -315,6 +336,22 @@ class LiveJoints:
         """Each joint as far as it is known."""
         self._settle()
         return {name: joint.answer() for name, joint in self.joints.items()}
+
+    def data(self) -> list[dict[str, object]]:
+        """The answers for other programs: each joint's own, its name, the number of frames, and its parent's axes.
+
+        ``parent`` has the place of each of the parent's markers in these axes, metres; ``axes_of_frame`` is the frame
+        in which they are those of the stream. Both are None as long as the parent has no shape.
+        """
+        names, rows = list(self._rows), []
+        for name, answer in self.answers().items():
+            parent = self.joints[name].parent
+            known = parent.template is not None
+            shape = {} if parent.template is None else dict(zip(parent.rows, parent.template.tolist(), strict=True))
+            row = {"frame": self.frames, "joint": name} | answer.data()
+            row |= {"axes_of_frame": parent.frame if known else None}
+            rows.append(row | {"parent": {names[k]: place for k, place in shape.items()} if known else None})
+        return rows
 
     def _settle(self) -> None:
         """Add the frames that wait."""

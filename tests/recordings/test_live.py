@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 import study
 from study.fits.markers import mgdk_so_far
 from study.recordings.live import FrameError, LiveJoints, read_frame
+from study.recordings.one_joint import find_clusters, fit_one_joint
+from study.recordings.recording import Recording
 from tests.recordings.hips import CENTRE, PELVIS, THIGH, hip_motion, in_axes_of
 
 
@@ -203,3 +205,28 @@ def test_no_sound_sample_is_left_out():
     joints = hip(still | {label: x[t] for label, x in places.items()} for t in range(100))
     joints.answers()
     assert joints.jumps == 0
+
+
+def test_the_centre_is_in_the_axes_of_the_whole_recording():
+    """In axes and shape a stream and `study joint` agree to the noise; the axes are the world's in the named frame.
+
+    Before, the axes were those of whichever early frame was most typical, which nothing named.
+    """
+    x, _, hip = hip_motion(1200, noise=0.0005, seed=5)
+    x[0, :, :3] = np.nan  # the first frame with all markers is the fourth
+    labels = ["P1", "P2", "P3", "P4", "T1", "T2", "T3"]
+    joints = LiveJoints([("joint", labels[:4], labels[4:])])
+    for t in range(1200):
+        joints.add({label: x[k, :, t] for k, label in enumerate(labels) if not np.isnan(x[k, 0, t])})
+    (row,) = joints.data()
+    assert row["axes_of_frame"] == 4
+    shape = np.array([row["parent"][label] for label in labels[:4]])
+    there = x[:4, :, 3]
+    np.testing.assert_allclose(shape, there - there.mean(axis=0), atol=0.004)
+    center = np.array(row["center"])
+    np.testing.assert_allclose(there.mean(axis=0) + center, hip[3], atol=0.004)
+    recording = Recording("hip", tuple(labels), x, 100.0)
+    whole = fit_one_joint(recording, find_clusters(recording, "P1,P2,P3,P4", "T1,T2,T3"))
+    np.testing.assert_allclose(center, whole.found.in_parent, atol=0.002)
+    assert whole.frame == 4
+    assert row["ok"]

@@ -101,6 +101,21 @@ def live(call):
     return lambda text, *arguments: call("live", *arguments, stdin=text)
 
 
+def test_answers_as_lines_of_json(live):
+    """Each answer is a line with the centre, and with the places of the parent's markers in its axes."""
+    code, said, _ = live("\n".join(lines(250)), *JOINT[1:], "--json")
+    rows = [json.loads(line, parse_constant=pytest.fail) for line in said.splitlines()]
+    assert code == 0
+    assert [row["frame"] for row in rows] == [100, 200, 250]
+    assert rows[-1]["axes_of_frame"] == 1
+    shape = np.array([rows[-1]["parent"][label] for label in "ABCD"])
+    np.testing.assert_allclose(shape, PELVIS - PELVIS.mean(axis=0), atol=0.004)
+    np.testing.assert_allclose(rows[-1]["center"], CENTRE - PELVIS.mean(axis=0), atol=0.003)
+    _, said, _ = live('{"A": [1, 2, 3]}', *JOINT[1:], "--json")
+    (row,) = map(json.loads, said.splitlines())
+    assert (row["ok"], row["center"], row["parent"], row["axes_of_frame"]) == (False, None, None, None)
+
+
 def test_a_joint_that_is_not_known(live):
     """A stream that ends too early has code 3."""
     code, said, complained = live('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
@@ -128,9 +143,9 @@ def test_labels_that_never_come(live, parent, child, code, words):
 def test_ctrl_c_after_the_last_frame(live, monkeypatch):
     """Where Ctrl-C ends the sender of the frames first, its own interrupt does not take the last answer."""
 
-    def interrupted(joints):
+    def interrupted(joints, as_json):
         os.kill(os.getpid(), signal.SIGINT)
-        printed(joints)
+        printed(joints, as_json)
 
     printed, before = commands._print, signal.getsignal(signal.SIGINT)
     monkeypatch.setattr(commands, "_print", interrupted)
