@@ -138,6 +138,25 @@ def _complete_poses(
             origin[i, t] = b[i] - rotation[i, 0, t] * a[0] - rotation[i, 1, t] * a[1] - rotation[i, 2, t] * a[2]
 
 
+@compiled
+def _in_world(rotations: Floats, covariance: Floats, sizes: Floats) -> Floats:
+    """Covariances s R Σ Rᵀ (n, 3, 3) for rotations R (3, 3, n), a covariance Σ (3, 3) and sizes s (n,)."""
+    result, turned = np.empty((len(sizes), 3, 3)), np.empty((3, 3))
+    for t in range(len(sizes)):
+        for i in range(3):
+            for j in range(3):
+                turned[i, j] = 0.0
+                for k in range(3):
+                    turned[i, j] += rotations[i, k, t] * covariance[k, j]
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += turned[i, k] * rotations[j, k, t]
+                result[t, i, j] = sizes[t] * total
+    return result
+
+
 class InterpolatedRotation:
     """A segment's rotation between the frames that show it, in its parent or in the world, and its error.
 
@@ -466,14 +485,13 @@ class _SkeletonBuilder:
         excess = np.where(ratio > _IMPLAUSIBLE, ratio, 1.0)
         for pattern in np.unique(noise.pattern[fitted]):
             frames, turns = seen[noise.pattern[fitted] == pattern], rotation[:, :, noise.pattern == pattern]
-            turned = np.tensordot(turns, noise.tilt[pattern], (1, 0))  # (3, frames, 3)
             more = excess[noise.pattern[fitted] == pattern]
-            self.turning[number, frames] = np.einsum("itk,jkt,t->tij", turned, turns, more)
+            self.turning[number, frames] = _in_world(turns, noise.tilt[pattern], more)
             for i, place in enumerate(self.calibration.joints):
                 for side, (end, at) in enumerate(_ends(place)):
                     if end == name:
-                        turned = np.tensordot(turns, noise.covariances_at(at)[pattern], (1, 0))
-                        self.at_joints[side, i][:, frames] = more * np.einsum("itk,ikt->it", turned, turns)
+                        turned = _in_world(turns, noise.covariances_at(at)[pattern], more)
+                        self.at_joints[side, i][:, frames] = np.diagonal(turned, axis1=1, axis2=2).T
 
     def measure_gaps(self) -> None:
         """Measure the gap of each joint in the frames that show both of its segments."""
