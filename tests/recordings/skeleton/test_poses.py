@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from study.recordings.export.tree import ExportedMotion, joint_angles
 from study.recordings.formats.read import read_recording
 from study.recordings.joints.estimate import JointStatus
-from study.recordings.markersets import load_markerset
+from study.recordings.markersets import Joint, MarkerSet, Segment, load_markerset, match
 from study.recordings.recording import Recording
 from study.recordings.rigid import fit_poses_to
 from study.recordings.skeleton.calibrate import calibrate, with_joints
@@ -203,3 +203,64 @@ def test_real_segments_with_three_markers_are_seen(shared_file, name):
         forearm, hand = (np.moveaxis(skeleton.rotation(f"{side}_{name}"), 2, 0) for name in ("forearm", "hand"))
         beside = np.swapaxes(forearm, 1, 2) @ hand
         assert apart(beside[:-1], beside[1:]).max() < 15.0
+
+
+def legs_of_the_session():
+    """The marker set of the session's legs: clusters with epicondyles, malleoli, and three markers on each foot."""
+    segments, joints = [Segment(name="pelvis", markers=("LASI", "RASI", "LPSI", "RPSI"))], []
+    clusters = {"thigh": "TH1 TH2 TH3 LFC MFC", "shank": "TB1 TB2 TB3 LMAL MMAL", "foot": "CAL MT1 MT2"}
+    for letter, side in (("L", "left"), ("R", "right")):
+        above = "pelvis"
+        for (part, labels), joint in zip(clusters.items(), ("hip", "knee", "ankle"), strict=True):
+            name, kind = f"{side}_{part}", "hinge" if joint == "knee" else "ball"
+            markers = tuple(letter + label for label in labels.split())
+            segments.append(Segment(name=name, parent=above, markers=markers))
+            joints.append(Joint(name=f"{side}_{joint}", parent=above, child=name, kind=kind))
+            above = name
+    return MarkerSet(name="legs", segments=tuple(segments), joints=tuple(joints))
+
+
+def test_angles_of_a_real_walk(shared_file):
+    """Hips and knees in frames with all markers: ≤ 2° rms and ≤ 5° from Kabsch's poses and Grood and Suntay's angles.
+
+    Angles are computed from the poses in the test; only the anatomical axes are the calibration's.
+    """
+    recording, markerset = read_recording(shared_file("gait_same_session.c3d")), legs_of_the_session()
+    placed = match(markerset, recording)
+    joints = calibrate(placed.recording, markerset, recording, "regression")
+    skeleton = draw_skeleton(joints, placed.recording)
+    table = joint_angles(ExportedMotion(skeleton, recording, skeleton_scene(skeleton, placed.recording)))
+    axes, compared = {s.segment: s.anatomy for s in joints.shapes if not np.isnan(s.anatomy).any()}, 0
+    for place in joints.joints:
+        ends = place.joint.parent, place.joint.child
+        if not set(ends) <= set(axes):
+            continue
+        whole, world = np.ones(recording.frames, dtype=bool), []
+        for name in ends:
+            seen, turns = seen_by_markers(skeleton, placed.recording, name)
+            every = np.full((recording.frames, 3, 3), np.nan)
+            every[seen] = turns @ axes[name]
+            world.append(every)
+            whole &= seen
+        turn = np.swapaxes(world[0][whole], 1, 2) @ world[1][whole]
+        floating = np.cross(turn[:, :, 1], [0.0, 0.0, 1.0])  # across the child's y and the parent's z
+        floating /= np.linalg.norm(floating, axis=1)[:, None]
+        flexion = np.degrees(np.arctan2(floating[:, 1], floating[:, 0]))
+        adduction = 90.0 - np.degrees(np.arccos(turn[:, 2, 1]))
+        rotation = np.degrees(
+            np.arctan2((turn[:, :, 2] * floating).sum(axis=1), (turn[:, :, 0] * floating).sum(axis=1))
+        )
+        mirror = -1.0 if place.joint.name.startswith("left") else 1.0
+        bends = -1.0 if place.joint.name.endswith("knee") else 1.0
+        for word, wanted in (
+            ("flexion", bends * flexion),
+            ("adduction", mirror * adduction),
+            ("rotation", mirror * rotation),
+        ):
+            off = table[f"{place.joint.name}_{word}"].to_numpy()[whole] - wanted
+            off -= 360.0 * np.round(off / 360.0)
+            assert np.sqrt((off**2).mean()) < 2.0, (place.joint.name, word)
+            assert np.abs(off).max() < 5.0, (place.joint.name, word)
+            compared += 1
+        assert whole.mean() > 0.4
+    assert compared >= 12
