@@ -234,8 +234,8 @@ def live(
     the stream has in the first frame with all of its markers, as for `study joint`. The exit code is 3 if a joint is
     not ok.
 
-    With --json, a line for each answer: frame, joint, ok, doubt, center, error, noise, moved, samples; axes_of_frame,
-    the frame in which the parent's axes are the stream's; and parent, the place of each of its markers in these axes.
+    With --json, a line for each answer: frame, joint, ok, doubt, center, error, noise, moved, samples; axes_frame, the
+    frame in which the parent's axes are the stream's; and parent_markers, the place of each in these axes.
     """
     import numpy as np
 

@@ -340,8 +340,8 @@ class LiveJoints:
     def data(self) -> list[dict[str, object]]:
         """The answers for other programs: each joint's own, its name, the number of frames, and its parent's axes.
 
-        ``parent`` has the place of each of the parent's markers in these axes, metres; ``axes_of_frame`` is the frame
-        in which they are those of the stream. Both are None as long as the parent has no shape.
+        ``parent_markers`` has the place of each of the parent's markers in these axes, metres; ``axes_frame`` is the
+        frame in which they are those of the stream. Both are None as long as the parent has no shape.
         """
         names, rows = list(self._rows), []
         for name, answer in self.answers().items():
@@ -349,8 +349,8 @@ class LiveJoints:
             known = parent.template is not None
             shape = {} if parent.template is None else dict(zip(parent.rows, parent.template.tolist(), strict=True))
             row = {"frame": self.frames, "joint": name} | answer.data()
-            row |= {"axes_of_frame": parent.frame if known else None}
-            rows.append(row | {"parent": {names[k]: place for k, place in shape.items()} if known else None})
+            row |= {"axes_frame": parent.frame if known else None}
+            rows.append(row | {"parent_markers": {names[k]: place for k, place in shape.items()} if known else None})
         return rows
 
     def _settle(self) -> None:

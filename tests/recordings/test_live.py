@@ -219,8 +219,8 @@ def test_the_centre_is_in_the_axes_of_the_whole_recording():
     for t in range(1200):
         joints.add({label: x[k, :, t] for k, label in enumerate(labels) if not np.isnan(x[k, 0, t])})
     (row,) = joints.data()
-    assert row["axes_of_frame"] == 4
-    shape = np.array([row["parent"][label] for label in labels[:4]])
+    assert row["axes_frame"] == 4
+    shape = np.array([row["parent_markers"][label] for label in labels[:4]])
     there = x[:4, :, 3]
     np.testing.assert_allclose(shape, there - there.mean(axis=0), atol=0.004)
     center = np.array(row["center"])

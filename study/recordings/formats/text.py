@@ -227,7 +227,9 @@ def read_trc(lines: list[str]) -> FileContents:
         raise RecordingError("line 2 and 3 must give DataRate, NumFrames and NumMarkers") from None
     places = _trc_labels(lines[3].split("\t"), markers)
     numbers, notes = read_rows(rows, start + 1, "\t", 3 + max(places), counted=True, further=True)
-    if 2 <= len(numbers) < (1 - MOST_MISSING) * frames and np.isfinite(numbers[:, :2]).all():
+    steps = np.diff(numbers[:, 1])
+    even = len(steps) > 1 and bool((np.abs(steps - np.median(steps)) <= _UNEVEN * np.median(steps)).all())
+    if len(numbers) < (1 - MOST_MISSING) * frames and even:
         # programs that cut a piece out of a recording often leave the header as it was
         run_on = f"{len(numbers)} are there, and their numbers and times run on"
         notes += (f"its header promises {frames} frames, but {run_on}: the header is wrong, or the end is cut off",)

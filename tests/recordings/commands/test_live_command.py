@@ -107,13 +107,13 @@ def test_answers_as_lines_of_json(live):
     rows = [json.loads(line, parse_constant=pytest.fail) for line in said.splitlines()]
     assert code == 0
     assert [row["frame"] for row in rows] == [100, 200, 250]
-    assert rows[-1]["axes_of_frame"] == 1
-    shape = np.array([rows[-1]["parent"][label] for label in "ABCD"])
+    assert rows[-1]["axes_frame"] == 1
+    shape = np.array([rows[-1]["parent_markers"][label] for label in "ABCD"])
     np.testing.assert_allclose(shape, PELVIS - PELVIS.mean(axis=0), atol=0.004)
     np.testing.assert_allclose(rows[-1]["center"], CENTRE - PELVIS.mean(axis=0), atol=0.003)
     _, said, _ = live('{"A": [1, 2, 3]}', *JOINT[1:], "--json")
     (row,) = map(json.loads, said.splitlines())
-    assert (row["ok"], row["center"], row["parent"], row["axes_of_frame"]) == (False, None, None, None)
+    assert (row["ok"], row["center"], row["parent_markers"], row["axes_frame"]) == (False, None, None, None)
 
 
 def test_a_joint_that_is_not_known(live):
