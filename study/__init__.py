@@ -93,7 +93,11 @@ _PLACES = {
 def __getattr__(name: str) -> Any:
     """Import the library on first use, so that `study --help` need not wait for it."""
     if name not in __all__:
-        raise AttributeError(f"module 'study' has no attribute {name!r}")
+        remedy = ""
+        if not name.startswith("_"):  # Python itself asks for such names
+            words = import_module("study.words")
+            remedy = f": {words.name_remedy(name, __all__)}"
+        raise AttributeError(f"module 'study' has no attribute {name!r}{remedy}")
     value = getattr(import_module(_PLACES.get(name, "study.fits")), name)
     globals()[name] = value  # or each use would come here, which costs as much as a sum over a thousand samples
     return value

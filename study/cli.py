@@ -75,7 +75,8 @@ def _one_name(name: str | None) -> str | None:
     return name
 
 
-Estimator = Annotated[str, typer.Option("--estimator", "-e", callback=_one_name, help="name of an estimator, or all")]
+_ESTIMATOR = "name of an estimator, or all, which leaves out lls_single and mle_mirror"
+Estimator = Annotated[str, typer.Option("--estimator", "-e", callback=_one_name, help=_ESTIMATOR)]
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
 _ORDERED = "the rows are in order of time: errors allow for noise that neighbours share"
 Ordered = Annotated[bool, typer.Option("--ordered", help=_ORDERED)]

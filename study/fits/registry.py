@@ -38,7 +38,7 @@ from study.fits.judge import NOTHING, Assumptions
 from study.fits.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
 from study.fits.robust import robust
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
-from study.text import did_you_mean
+from study.words import argument_remedy, estimator_remedy
 
 if TYPE_CHECKING:
     from study.fits.point_files import PointTable
@@ -168,15 +168,9 @@ ESTIMATORS: dict[str, Estimator] = {
     "igdk": Estimator(igdk, "paper eqs 24-25", flops=lambda d: 7 * d * d + 20 * d + 3, caution=_BIASED),
 }
 
+_ARGUMENTS = ["points", "estimator", "noise", "radius", "scale", "copy", "ordered", "assume"]
 _MOST_COPIED = 100_000
 """Number of coordinates that a fit copies by default: beyond, copying takes longer than a closed form."""
-
-_INSTEAD = {
-    "sigma": "give noise=, the standard deviation of a coordinate",
-    "weight": "give noise=, the standard deviation of each point (n,), and scale='estimated' if only ratios are known; "
-    "a point is left out as NaN, outliers by the estimator 'robust'",
-}
-"""The answer to arguments that other libraries have, by the beginning of their names."""
 
 
 def fit(
@@ -234,11 +228,11 @@ def fit(
     Source: the paper of each estimator is in its `Estimator.reference`.
     """
     if others:
-        raise TypeError(f"study.fit takes no {next(iter(others))}=: {_instead(next(iter(others)))}")
+        raise TypeError(f"study.fit takes no {next(iter(others))}=: {argument_remedy(next(iter(others)), _ARGUMENTS)}")
     if not isinstance(estimator, str):
         raise TypeError(f"estimator = {estimator!r}: expected a name, such as 'corrected'")
     if estimator not in ESTIMATORS:
-        raise ValueError(f"estimator = {estimator!r}: unknown; {did_you_mean(estimator, ESTIMATORS)}")
+        raise ValueError(f"estimator = {estimator!r}: unknown; {estimator_remedy(estimator, ESTIMATORS)}")
     if isinstance(points, str | Path | tuple):
         points, noise = _of_file(points, noise)
     array = real_array(points, "points")
@@ -275,12 +269,6 @@ def _of_file(points: "_Points", noise: ArrayLike | None) -> tuple[ArrayLike, Arr
     if isinstance(points, str | Path):
         points = read_points(points)
     return (points.points, points.noise_or(noise)) if isinstance(points, PointTable) else (points, noise)
-
-
-def _instead(argument: str) -> str:
-    """The remedy for an argument that `fit` does not have."""
-    known = ["points", "estimator", "noise", "radius", "scale", "copy", "ordered", "assume"]
-    return next((text for name, text in _INSTEAD.items() if argument.startswith(name)), did_you_mean(argument, known))
 
 
 def fit_samples(samples: Samples, estimator: str) -> Fit:
