@@ -2,6 +2,7 @@
 
     import study
     fit = study.fit(points, "ugdk", noise=0.05)     # points (…, n, d): fit.center, fit.radius, fit.ok
+    fit = study.fit("scan.ply")                     # the points of a file; study.read_points chooses its columns
     joint = study.mgdk([marker_a, marker_b])        # points (n, d) of each marker: one common centre
     bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)
     spheres = study.fit_spheres(points, 5)          # several in one cloud (n, d): spheres.center (k, d), spheres.labels
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from study.fits.bounds import attainable_bound, crlb
     from study.fits.given import GivenFit
     from study.fits.plan import plan_fit
+    from study.fits.point_files import PointTable, read_points
     from study.fits.spheres import CloudSpheres, fit_spheres
     from study.recordings.formats.read import read_recording
     from study.recordings.library import draw_skeleton, find_gait, find_joint, find_joints
@@ -54,6 +56,7 @@ __all__ = [
     "Incremental",
     "JointFit",
     "MinimumZone",
+    "PointTable",
     "Recording",
     "Samples",
     "Status",
@@ -69,6 +72,7 @@ __all__ = [
     "mgdk",
     "minimum_zone",
     "plan_fit",
+    "read_points",
     "read_recording",
     "register",
 ]
@@ -76,6 +80,7 @@ __all__ = [
 _PLACES = {
     **dict.fromkeys(["attainable_bound", "crlb"], "study.fits.bounds"),
     "plan_fit": "study.fits.plan",
+    **dict.fromkeys(["PointTable", "read_points"], "study.fits.point_files"),
     "GivenFit": "study.fits.given",
     **dict.fromkeys(["CloudSpheres", "fit_spheres"], "study.fits.spheres"),
     "Recording": "study.recordings.recording",
@@ -88,7 +93,11 @@ _PLACES = {
 def __getattr__(name: str) -> Any:
     """Import the library on first use, so that `study --help` need not wait for it."""
     if name not in __all__:
-        raise AttributeError(f"module 'study' has no attribute {name!r}")
+        remedy = ""
+        if not name.startswith("_"):  # Python itself asks for such names
+            words = import_module("study.words")
+            remedy = f": {words.name_remedy(name, __all__)}"
+        raise AttributeError(f"module 'study' has no attribute {name!r}{remedy}")
     value = getattr(import_module(_PLACES.get(name, "study.fits")), name)
     globals()[name] = value  # or each use would come here, which costs as much as a sum over a thousand samples
     return value

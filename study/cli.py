@@ -75,7 +75,8 @@ def _one_name(name: str | None) -> str | None:
     return name
 
 
-Estimator = Annotated[str, typer.Option("--estimator", "-e", callback=_one_name, help="name of an estimator, or all")]
+_ESTIMATOR = "name of an estimator, or all, which leaves out lls_single and mle_mirror"
+Estimator = Annotated[str, typer.Option("--estimator", "-e", callback=_one_name, help=_ESTIMATOR)]
 Noise = Annotated[float | None, typer.Option("--noise", help="standard deviation of a coordinate, if known")]
 _ORDERED = "the rows are in order of time: errors allow for noise that neighbours share"
 Ordered = Annotated[bool, typer.Option("--ordered", help=_ORDERED)]
@@ -245,9 +246,8 @@ def fit(
     results, complaints = [], []
     for file in files:
         try:
-            table = read_points(file, columns.split(",") if columns else None, dimension)
-            each = noise if table.noise is None else table.noise
-            fits = fit_all(table.points, chosen, each, assumed, radius, scale)
+            table = read_points(file, columns or None, dimension)
+            fits = fit_all(table.points, chosen, table.noise_or(noise), assumed, radius, scale)
             results.append(fitting.FileFits(file, table, fits))
         except PointFileError as error:
             complaints.append(str(error))
@@ -268,15 +268,14 @@ def _fit_spheres(
 ) -> None:
     """Find spheres in each file, and print them."""
     from study.fits.point_files import read_points
-    from study.fits.point_formats import PointFileError
     from study.fits.spheres import as_rows, fit_spheres, printed
 
     complaints, objects, complete = list[str](), list[dict[str, object]](), True
     for file in files:
         try:
-            table = read_points(file, columns.split(",") if columns else None, dimension)
+            table = read_points(file, columns or None, dimension)
             spheres = fit_spheres(table.points, count, estimator=estimator)
-        except (PointFileError, ValueError) as error:
+        except ValueError as error:
             complaints.append(str(error))
             continue
         complete = complete and int(spheres.ok.sum()) == count

@@ -15,7 +15,7 @@ import study
 
 PACKAGE = Path(study.__file__).parent
 THEORY = PACKAGE.parent / "docs" / "theory.md"
-GROUND = {"arrays", "files", "instruction_set", "options", "style", "text", "toml"}
+GROUND = {"arrays", "files", "instruction_set", "options", "style", "text", "toml", "words"}
 """Files that every wing stands on; they import each other alone."""
 WINGS = {"fits": set(), "simulation": {"fits"}, "recordings": {"fits"}}
 """For each wing the others that it may import."""

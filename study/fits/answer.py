@@ -20,6 +20,7 @@ from study.fits.intervals import Intervals, intervals
 from study.fits.judge import NOTHING, Assumptions, PointEvidence, gather, influence, judge, widened
 from study.fits.robust import Found, find
 from study.fits.samples import Estimates, Samples, Status, plug_in_bound, repeated, semi_axes, unless_missing
+from study.words import Hinting
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -201,7 +202,7 @@ def ruled_status(estimates: Estimates, ends: Intervals) -> Ints:
     return np.asarray(np.where(ruled, np.where(ends.identified, accepted, Status.WEAKLY_IDENTIFIED), own))
 
 
-class Fit:
+class Fit(Hinting):
     """Spheres that an estimator fitted, to one point set or to a batch of them with leading axes `…`.
 
     Look at ``ok`` first: an estimator never raises on data, and a number beside a status other than ok may be of no

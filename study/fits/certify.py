@@ -30,7 +30,8 @@ from study.files import InputError, explained, write
 from study.fits.form import minimum_zone
 from study.fits.random import stream
 from study.fits.registry import ESTIMATORS, fit
-from study.text import columns, did_you_mean, number
+from study.text import columns, number
+from study.words import estimator_remedy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -349,7 +350,7 @@ def chosen(name: str | None, own: bool) -> tuple[str, ...]:
         return CERTIFIED if own else ("mle",)
     known = CERTIFIED if own else (*ESTIMATORS, ZONE)
     if name not in known:
-        raise InputError(f"--estimator {name}: {did_you_mean(name, known)}")
+        raise InputError(f"--estimator {name}: {estimator_remedy(name, known)}")
     return (name,)
 
 

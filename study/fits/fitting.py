@@ -21,7 +21,8 @@ from study.fits.judge import INFLUENCE, NOTHING, Assumptions
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
 from study.fits.registry import load
-from study.text import columns, did_you_mean, inert, json_text, number, with_error
+from study.text import columns, inert, json_text, number, with_error
+from study.words import estimator_remedy
 
 LEVEL = 0.95
 """Coverage of the intervals."""
@@ -169,11 +170,13 @@ def interval_numbers(fit: Fit, names: list[str]) -> dict[str, float]:
 _SIZES = ("residual_rms", "condition", "form_error", "largest_deviation")
 Row = dict[str, Any]
 """A fit by the names of its numbers."""
+_VARIANTS = {"lls_single", "mle_mirror"}
+"""Estimators that show what a wrong start or short numbers cost, which nobody uses for an answer."""
 STANDARD_UNCERTAINTY = "± is one standard uncertainty"
 
 
 def choose(estimator: str, noise: float | None) -> list[str]:
-    """Names of the estimators to use; "all" leaves out those that need a noise that is not given.
+    """Names of the estimators to use; "all" leaves out variants, and those that need a noise that is not given.
 
     Args:
         estimator: a name, or "all"; or a file of estimators and a name, ``my.py:name``.
@@ -192,9 +195,10 @@ def choose(estimator: str, noise: float | None) -> list[str]:
         load(Path(file))
         estimator = name
     if estimator == "all":
-        return [name for name, entry in ESTIMATORS.items() if noise is not None or entry.needs != "noise"]
+        usable = [name for name, entry in ESTIMATORS.items() if noise is not None or entry.needs != "noise"]
+        return [name for name in usable if name not in _VARIANTS]
     if estimator not in ESTIMATORS:
-        hint = did_you_mean(estimator, [*ESTIMATORS, "all"])
+        hint = estimator_remedy(estimator, [*ESTIMATORS, "all"])
         raise PointFileError(f"--estimator {estimator}: unknown; {hint}")
     if noise is None and ESTIMATORS[estimator].needs == "noise":
         raise PointFileError(f"--estimator {estimator}: needs the noise level; give --noise, or take als")

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from study.arrays import Floats
 from study.fits import point_formats
 from study.fits.point_formats import Columns, PointFileError, Wanted, damage_in, read_text
 
+Other = TypeVar("Other")
 Reader = Callable[[BinaryIO, Wanted], Columns]
 _READERS: dict[str, Reader] = {
     ".pts": partial(read_text, pts=True),
@@ -88,6 +89,8 @@ class PointTable(NamedTuple):
         names: of their columns.
         left: names of the columns that were left out.
         noise: standard deviation of each point (n,), or of each coordinate (n, d); None if no columns have it.
+
+    `study.fit` takes it in place of an array of points, with its noise.
     """
 
     points: Floats
@@ -95,9 +98,15 @@ class PointTable(NamedTuple):
     left: list[str]
     noise: Floats | None = None
 
+    def noise_or(self, other: Other) -> Other | Floats:
+        """The noise to fit with: the file's, where columns have it, else another."""
+        return other if self.noise is None else self.noise
 
-def read_points(path: Path, columns: Sequence[str] | None = None, dimension: int | None = None) -> PointTable:
-    """Read points from a file. A message on a bad value gives its row and column.
+
+def read_points(
+    path: str | Path, columns: str | Sequence[str | int] | None = None, dimension: int | None = None
+) -> PointTable:
+    """Read points from a file, as `study fit` does. A message on a bad value gives its row and column.
 
     Args:
         path: text with one point per row (delimiter comma, semicolon, tab, bar or blanks; with or without a header,
@@ -105,17 +114,41 @@ def read_points(path: Path, columns: Sequence[str] | None = None, dimension: int
             ``.npz``, ``.parquet``, ``.ply``, ``.pcd``, ``.obj``, ``.stl``, ``.pts``; with the extra ``points``
             ``.xlsx``, ``.las`` and ``.laz``; ``-`` for standard input. Empty cells and NaN are missing. The decimal
             mark may be a comma if the delimiter is not.
-        columns: names or numbers, from 1, of the columns that hold coordinates. If None, the columns called x, y and z
-            in a header (or x and y; see `coordinate_places`), else all of two or three. The other columns may hold
-            anything.
+        columns: names or numbers, from 1, of the columns that hold coordinates: ``["x", "y"]``, ``[1, 2, 3]`` or, as
+            the command takes them, ``"x,y"``. If None, the columns called x, y and z in a header (or x and y; see
+            `coordinate_places`), else all of two or three. The other columns may hold anything.
         dimension: number of coordinates, where all columns are coordinates, of which there are more than three.
 
+    Returns:
+        The points (n, d), the names of their columns and of those left out, and the noise, if columns called sigma, or
+        sx, sy and sz, have it.
+
     Raises:
-        PointFileError: with the row and column at fault; or with the format's name and a way out, if it is not read.
+        PointFileError: a `ValueError`, with the row and column at fault; or with the format's name and a way out, if
+            it is not read. What it calls --columns and --dimension are the arguments here.
+        TypeError: if the path is none.
+
+    Example:
+        >>> import os, tempfile, study
+        >>> path = os.path.join(tempfile.mkdtemp(), "points.csv")
+        >>> with open(path, "w") as file:
+        ...     for row in ("time,x,y,sigma", "0,1,0,.1", "1,0,1,.1", "2,-1,0,.2", "3,0,-1,.2"):
+        ...         print(row, file=file)
+        >>> table = study.read_points(path)
+        >>> table.points.shape, table.names, table.left, table.noise
+        ((4, 2), ['x', 'y'], ['time'], array([0.1, 0.1, 0.2, 0.2]))
+        >>> study.fit(table, "mle").center.round(6) + 0.0
+        array([0., 0.])
     """
+    if not isinstance(path, str | Path):
+        raise TypeError(f"path = {path!r:.60}: expected the name of a file; study.fit takes points themselves")
+    path = Path(path)
+    if isinstance(columns, str):
+        columns = columns.split(",")
+    wanted = Wanted(None if columns is None else [str(column) for column in columns], dimension)
     try:
         with _opened(path) as file, np.errstate(all="ignore"):  # damaged numbers
-            return _read(file, path.suffix.lower(), Wanted(columns, dimension))
+            return _read(file, path.suffix.lower(), wanted)
     except OSError as error:
         raise PointFileError(f"{path}: cannot be read: {error.strerror or error}") from None
     except csv.Error as error:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-class PointFileError(Exception):
+class PointFileError(ValueError):
     """A point file that cannot be read; the message says where and why."""
 
 
@@ -475,6 +475,8 @@ def read_pcd(file: BinaryIO, wanted: Wanted) -> Columns:
         places = enumerate(fields)
         dtype = np.dtype([(f"{name} {i}" if name == "_" else name, "<" + code) for i, (name, code) in places])
         (kind,) = header["DATA"]
+    except PointFileError:
+        raise
     except (KeyError, ValueError, TypeError, IndexError):
         raise PointFileError("a PCD file whose header cannot be read") from None
     if kind == "ascii":

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, NamedTuple, Never
+from typing import TYPE_CHECKING, Any, NamedTuple, Never, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +38,12 @@ from study.fits.judge import NOTHING, Assumptions
 from study.fits.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
 from study.fits.robust import robust
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
-from study.text import did_you_mean
+from study.words import argument_remedy, estimator_remedy
+
+if TYPE_CHECKING:
+    from study.fits.point_files import PointTable
+
+    _Points: TypeAlias = ArrayLike | Path | PointTable
 
 Function = Callable[..., object]
 _LONGEST = 500
@@ -163,19 +168,13 @@ ESTIMATORS: dict[str, Estimator] = {
     "igdk": Estimator(igdk, "paper eqs 24-25", flops=lambda d: 7 * d * d + 20 * d + 3, caution=_BIASED),
 }
 
+_ARGUMENTS = ["points", "estimator", "noise", "radius", "scale", "copy", "ordered", "assume"]
 _MOST_COPIED = 100_000
 """Number of coordinates that a fit copies by default: beyond, copying takes longer than a closed form."""
 
-_INSTEAD = {
-    "sigma": "give noise=, the standard deviation of a coordinate",
-    "weight": "give noise=, the standard deviation of each point (n,), and scale='estimated' if only ratios are known; "
-    "a point is left out as NaN, outliers by the estimator 'robust'",
-}
-"""The answer to arguments that other libraries have, by the beginning of their names."""
-
 
 def fit(
-    points: ArrayLike,
+    points: "_Points",
     estimator: str = "corrected",
     noise: ArrayLike | None = None,
     *,
@@ -191,11 +190,13 @@ def fit(
     Args:
         points: coordinates (…, n, d) of n ≥ d + 1 points in d ≥ 2 dimensions, in any unit; leading axes are a batch.
             Points with a NaN, or masked, are missing samples. Of a data frame, the columns called x, y and z (or x and
-            y; X_mm, Easting …), else all of two or three.
+            y; X_mm, Easting …), else all of two or three. Or the name of a file, which is read as `study fit` does; or
+            what `study.read_points` read, which lets you choose the columns.
         estimator: a name in `study.ESTIMATORS`; the default is near the best of them where fits are ok.
         noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
             it is not known. Only ``ugdk`` cannot do without. Where points differ: σ of each (n,), of each coordinate
-            of each (n, d), or the covariance of each (n, d, d), with the leading axes of the points or none.
+            of each (n, d), or the covariance of each (n, d, d), with the leading axes of the points or none. A file's
+            columns sigma, or sx, sy and sz, count in its place.
         radius: the radius, where it is known, or one for each set (…): then the centre alone is fitted. A tuple of two
             is a radius and its standard uncertainty, which the errors and intervals allow for.
         scale: "given" if the noise of each point is as large as that; "estimated" if only its ratios are known.
@@ -214,7 +215,8 @@ def fit(
 
     Raises:
         TypeError: if the points or the noise are not real numbers, or the estimator is no name.
-        ValueError: if the shape, the noise or the estimator's name cannot be used. The message says which and why.
+        ValueError: if the shape, the noise or the estimator's name cannot be used, or the file not read. The message
+            says which and why.
 
     Example:
         >>> import study
@@ -226,11 +228,13 @@ def fit(
     Source: the paper of each estimator is in its `Estimator.reference`.
     """
     if others:
-        raise TypeError(f"study.fit takes no {next(iter(others))}=: {_instead(next(iter(others)))}")
+        raise TypeError(f"study.fit takes no {next(iter(others))}=: {argument_remedy(next(iter(others)), _ARGUMENTS)}")
     if not isinstance(estimator, str):
         raise TypeError(f"estimator = {estimator!r}: expected a name, such as 'corrected'")
     if estimator not in ESTIMATORS:
-        raise ValueError(f"estimator = {estimator!r}: unknown; {did_you_mean(estimator, ESTIMATORS)}")
+        raise ValueError(f"estimator = {estimator!r}: unknown; {estimator_remedy(estimator, ESTIMATORS)}")
+    if isinstance(points, str | Path | tuple):
+        points, noise = _of_file(points, noise)
     array = real_array(points, "points")
     if array.ndim < 2 or array.shape[-1] < 2:
         raise ValueError(f"points have shape {array.shape}: expected (…, n, d) with d ≥ 2")
@@ -258,10 +262,13 @@ def fit(
     return as_fit(estimates.reshape(*lead), samples, estimator, assumed)
 
 
-def _instead(argument: str) -> str:
-    """The remedy for an argument that `fit` does not have."""
-    known = ["points", "estimator", "noise", "radius", "scale", "copy", "ordered", "assume"]
-    return next((text for name, text in _INSTEAD.items() if argument.startswith(name)), did_you_mean(argument, known))
+def _of_file(points: "_Points", noise: ArrayLike | None) -> tuple[ArrayLike, ArrayLike | None]:
+    """The points and the noise of a file, or of what was read from it; a tuple of points as it is."""
+    from study.fits.point_files import PointTable, read_points  # who fits arrays need not wait for its readers
+
+    if isinstance(points, str | Path):
+        points = read_points(points)
+    return (points.points, points.noise_or(noise)) if isinstance(points, PointTable) else (points, noise)
 
 
 def fit_samples(samples: Samples, estimator: str) -> Fit:

@@ -26,8 +26,9 @@ from study.arrays import Bools, Floats, Ints, real_array
 from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import meanings, statuses
 from study.fits.random import stream
-from study.text import columns, did_you_mean, with_error
+from study.text import columns, with_error
 from study.text import number as text_number
+from study.words import estimator_remedy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -170,7 +171,7 @@ def fit_spheres(points: ArrayLike, count: int, *, estimator: str = "corrected") 
     if count < 1 or count != int(count):
         raise ValueError(f"count = {count!r}: give the number of spheres to look for, 1 or more")
     if estimator not in ESTIMATORS:
-        raise ValueError(f"estimator = {estimator!r}: unknown; {did_you_mean(estimator, ESTIMATORS)}")
+        raise ValueError(f"estimator = {estimator!r}: unknown; {estimator_remedy(estimator, ESTIMATORS)}")
     x[~(np.abs(x) < _TOO_LARGE)] = np.nan
     free = np.isfinite(x).all(axis=1)
     rng, candidates, around = stream(0, "spheres"), list[_Candidate](), free.copy()

@@ -55,7 +55,8 @@ def test_answers_are_the_librarys(rng, on_cap, d, noise):
     points[4, 1] = np.nan
     names = list("abcd"[:d])
     table = pd.DataFrame(fit_rows(fit_all(points, choose("all", noise), noise), names)).set_index("estimator")
-    assert list(table.index) == (FREE if noise is None else list(study.ESTIMATORS))
+    every = FREE if noise is None else list(study.ESTIMATORS)
+    assert list(table.index) == [name for name in every if name not in ("lls_single", "mle_mirror")]
     for name, row in table.iterrows():
         fit = study.fit(points, name, noise)
         np.testing.assert_array_equal([row[f"center_{c}"] for c in names] + [row["radius"]], [*fit.center, fit.radius])

@@ -6,6 +6,7 @@ Point files that cannot be read: one line, with the file, and the row and column
 import io
 import itertools
 import os
+import re
 import struct
 import sys
 from pathlib import Path
@@ -19,6 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+import study
 from study.fits import point_files
 from study.fits.point_files import read_points
 from study.fits.point_formats import PointFileError
@@ -443,3 +445,48 @@ def test_noise_of_each_point(tmp_path):
     path = written(tmp_path, "\n".join(["x,y,z,sx,sy,sz,w", *lines(rows, ",")]))
     words = "sy = -1 at point 4: a standard deviation must be positive and finite; an empty cell"
     assert words in refusal(path)
+
+
+@pytest.mark.parametrize("columns", ["c,a,b", ["c", "a", "b"], [4, 2, 3], ("4", "2", " b")])
+def test_ways_to_name_columns(tmp_path, columns):
+    """Columns are named one by one, by name or number, or as the command takes them."""
+    table = np.column_stack([np.arange(12.0), POINTS])
+    path = written(tmp_path, "\n".join(lines(table, ",", ["t", "a", "b", "c"])))
+    for name in (path, str(path)):
+        np.testing.assert_array_equal(read_points(name, columns).points, POINTS[:, [2, 0, 1]])
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npy", "parquet"])
+def test_a_fit_takes_a_file(tmp_path, suffix):
+    """The name of a file stands for its points, as text or as a path, and so does what was read from it."""
+    path = tmp_path / f"points.{suffix}"
+    SAVE[suffix](POINTS, NAMES, path)
+    expected = study.fit(POINTS)
+    for source in (path, str(path), read_points(path)):
+        np.testing.assert_array_equal(study.fit(source).center, expected.center)
+
+
+def test_a_fit_takes_the_noise_of_a_file(tmp_path):
+    """A column sigma is the noise, in place of the noise that is given, as in the command."""
+    sigma = np.linspace(1.0, 30.0, 12)
+    path = written(tmp_path, "\n".join(lines(np.column_stack([POINTS, sigma]), ",", [*NAMES, "sigma"])))
+    expected, plain = study.fit(POINTS, noise=sigma).center, study.fit(POINTS, noise=2.0).center
+    for source in (path, study.read_points(path)):
+        for noise in (None, 2.0):
+            np.testing.assert_array_equal(study.fit(source, noise=noise).center, expected)
+    assert not np.allclose(expected, plain, rtol=1e-3)
+    chosen = study.read_points(path, "x,y,z")
+    np.testing.assert_array_equal(study.fit(chosen.points, noise=2.0).center, plain)
+    np.testing.assert_array_equal(study.fit(tuple(map(tuple, POINTS)), noise=2.0).center, plain)
+
+
+def test_a_fit_says_why_a_file_is_not_read(tmp_path):
+    """The error is the command's, one line with the file, and a ValueError; what is no path is none."""
+    path = written(tmp_path, "x,y,z\n1,2,3\n4,five,6\n", "bad.csv")
+    for call in (study.fit, study.read_points):
+        with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: row 3, column 2: 'five' is not a number$"):
+            call(path)
+        with pytest.raises(ValueError, match=r"^nowhere.ply: cannot be read: No such file"):
+            call("nowhere.ply")
+    with pytest.raises(TypeError, match=r"path = \[1, 2\]: expected the name of a file; study.fit takes points"):
+        study.read_points([1, 2])

@@ -44,6 +44,7 @@ from study.simulation.experiment.config import Study
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.text import columns, did_you_mean
+from study.words import estimator_remedy
 
 if TYPE_CHECKING:
     from pandas.core.groupby import DataFrameGroupBy
@@ -260,7 +261,7 @@ def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = No
     """
     named = [name.strip() for name in estimators.split(",")] if estimators is not None else []
     if unknown := [name for name in named if name not in run.study.estimators]:
-        words = f"not in this run; {did_you_mean(unknown, run.study.estimators)}"
+        words = f"not in this run; {estimator_remedy(unknown, run.study.estimators)}"
         raise ValueError(f"--estimators {', '.join(unknown)}: {words}")
     wanted: dict[Condition, list[Value]] = {}
     for text in (part.strip() for words in where for part in words.split(",")):
@@ -571,7 +572,7 @@ def worst_of_run(run: Run, count: int = 5, estimator: str | None = None) -> tupl
     """
     known, by_decade = run.study.estimators, run.study.design.one_trial_a_cell
     if estimator is not None and estimator not in known:
-        raise RunError(f"{run.folder}: no estimator {estimator!r} in this run; {did_you_mean(estimator, known)}")
+        raise RunError(f"{run.folder}: no estimator {estimator!r} in this run; {estimator_remedy(estimator, known)}")
     parts = [(worst(part, count, estimator), worst_of_groups(part, by_decade)) for part in _parts(run)]
     trials, groups = (pd.concat(tables, ignore_index=True) for tables in zip(*parts, strict=True))
     first = groups.groupby(["group", "estimator"], sort=False)["ratio"].idxmax()

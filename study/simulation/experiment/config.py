@@ -53,6 +53,7 @@ from study.simulation.experiment.designs import (
 from study.simulation.experiment.noise import MOST_SPACED, PATH, SPACED, GaussianNoise, gaussian
 from study.text import did_you_mean, listed
 from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
+from study.words import estimator_remedy
 
 Noise = Literal["known", "unknown"]
 Likelihood = Literal["geometric", "whole_sphere"]
@@ -188,7 +189,7 @@ _SAMPLES_IN_SUMMARY = 20_000_000_000
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in ESTIMATORS]
     if unknown:
-        raise ValueError(f"{listed(map(repr, unknown))} unknown; {did_you_mean(unknown, ESTIMATORS)}")
+        raise ValueError(f"{listed(map(repr, unknown))} unknown; {estimator_remedy(unknown, ESTIMATORS)}")
     return names
 
 
@@ -493,7 +494,7 @@ def _precision_faults(study: Study) -> Iterator[Fault]:
     if study.keep == "summary":
         yield Fault(("precision",), 'needs the errors, which keep = "summary" does not store')
     if unknown := [name for name in precision.estimators or () if name not in study.estimators]:
-        words = f"{listed(map(repr, unknown))} not among the study's; {did_you_mean(unknown, study.estimators)}"
+        words = f"{listed(map(repr, unknown))} not among the study's; {estimator_remedy(unknown, study.estimators)}"
         yield Fault(("precision", "estimators"), words)
 
 
