@@ -36,6 +36,7 @@ class FittedPoints:
         without_outliers: the estimator leaves outliers out.
         assumed: of the points.
         spheres: the free fits by `corrected`, if these are its.
+        known: radii (b,), if they are known and outliers are left out.
     """
 
     def __init__(
@@ -45,12 +46,14 @@ class FittedPoints:
         without_outliers: bool,
         assumed: Assumptions,
         spheres: Estimates | None = None,
+        known: Floats | None = None,
     ) -> None:
         self._samples = samples
         self._center = center
         self._without_outliers = without_outliers
         self._assumed = assumed
         self._spheres = spheres
+        self._known = known
 
     @property
     def samples(self) -> Samples:
@@ -65,7 +68,7 @@ class FittedPoints:
     @cached_property
     def found(self) -> Found:
         """The outliers, and what leaving them out adds to the errors."""
-        return find(self.samples)
+        return find(self.samples, known=self._known)
 
     @property
     def selection(self) -> Floats:

@@ -334,7 +334,7 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
         yield from intervals_in_words(first, only.table.names)
         yield from doubts(first)
         yield answers_in_words(first)
-        if next(iter(only.fits)) == "corrected" and not isinstance(first, GivenFit):
+        if first.ok and next(iter(only.fits)) == "corrected" and not isinstance(first, GivenFit):
             yield from noise_law_in_words(first, fit(only.table.points, "mle"), only.table.names)
         if isinstance(first, GivenFit):
             yield from first.remarks()

@@ -21,6 +21,7 @@ from study.fits.goodness import Goodness, number_of
 from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radius, intervals_of
 from study.fits.judge import NOTHING, Assumptions, PointEvidence, weighted_outliers, widened
 from study.fits.prior import Believed, StatedRadius
+from study.fits.robust import find
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit
 from study.fits.weighted import Spheres, Weighted, along_normals, closed, cost, covariance, solve
 from study.text import number, with_error
@@ -119,6 +120,10 @@ def given_of(
 def check_way(estimator: str, given: Given) -> None:
     """Raise a ValueError, which names those that can, if an estimator does not take what is known."""
     able, known = [*_ITERATED, *_CLOSED], ["known radius"] * bool(np.isfinite(given.radius).any())
+    if estimator == "robust" and given.prior is not None:
+        raise ValueError("estimator = 'robust': takes no uncertain radius; give an exact one, as one number")
+    if given.noise is None:
+        able.insert(2, "robust")
     if given.noise is not None and given.noise.ndim == 4:
         able = [*_ITERATED] if known else [name for name in able if name != "als"]
         known.append("covariance for each point")
@@ -228,7 +233,7 @@ class GivenFit(Fit):
         assumed: Assumptions = NOTHING,
         covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
     ) -> None:
-        super().__init__(estimates, samples, estimator, covariance_of, assumed=assumed)
+        super().__init__(estimates, samples, estimator, covariance_of, estimator == "robust", assumed)
         self._given = given
 
     def __getitem__(self, index: Any) -> Self:
@@ -244,8 +249,8 @@ class GivenFit(Fit):
     def _points(self) -> FittedPoints:
         """The points with their weights; what they show is judged by the sphere of the free fit."""
         center = self.center.reshape(-1, self.center.shape[-1])
-        samples, free, plain = self._samples, None, np.flatnonzero(self._nothing_known)
-        if self._given.noise is not None and len(plain) < len(center):
+        samples, free = self._samples, None
+        if self._given.noise is not None and not self._nothing_known.all():
             sets, sphere = self._sets, self._free
             samples = replace(samples, weights=self._along(sphere))
             with np.errstate(all="ignore"):
@@ -254,11 +259,15 @@ class GivenFit(Fit):
             free = blank(*self._samples.shape[:2])
             for whole, part in zip(free, numbers, strict=False):
                 whole[sphere.found] = part[sphere.found]
-        return FittedPoints(samples, center, self._without_outliers, self._assumed, free)
+        known = self._given.radius if self._without_outliers else None
+        return FittedPoints(samples, center, self._without_outliers, self._assumed, free, known)
 
     @cached_property
     def _sets(self) -> Weighted:
-        return weighted(self._samples.x, self._given, self._estimator)
+        x = self._samples.x
+        if self._without_outliers:
+            x = np.where(self._points.outliers[:, None], np.nan, x)
+        return weighted(x, self._given, self._estimator)
 
     @cached_property
     def _spheres(self) -> Spheres:
@@ -335,7 +344,7 @@ class GivenFit(Fit):
 
         A radius that is itself wrong moves the centre of a cap along its axis by more than that (…, d+1).
         """
-        return self._evidence.ratio.reshape(*self.shape, self.center.shape[-1] + 1)
+        return (self._evidence.ratio * self._points.selection).reshape(*self.shape, self.center.shape[-1] + 1)
 
     @cached_property
     def noise_scale(self) -> Floats:
@@ -412,7 +421,7 @@ class GivenFit(Fit):
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
-            sets, stretch = self._sets, self._evidence.stretch(level, self._points.spare)
+            sets, stretch = self._sets, self._evidence.stretch(level, self._points.spare) * self._points.selection
             if self._given.prior is not None:
                 known[level] = self._uncertain_intervals(level, stretch)
                 return known[level]
@@ -600,7 +609,9 @@ def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ass
         unknown = given.noise <= 0.0 if given.noise.ndim == 2 else np.einsum("bnii->bn", given.noise) <= 0.0
         x[np.broadcast_to(unknown[:, None], x.shape)] = np.nan
     infinite = np.isinf(x).any(axis=(1, 2))
-    sets = weighted(np.where(infinite[:, None, None], np.nan, x), given, name)
+    found = find(Samples(x), known=given.radius) if estimator.without_outliers else None
+    left = infinite[:, None] if found is None else infinite[:, None] | found.named
+    sets = weighted(np.where(left[:, None], np.nan, x), given, name)
     if given.prior is not None:
         radius = believed(sets, given.prior).quantile(0.5)
         sets = sets._replace(radius=np.where(np.isfinite(radius), radius, sets.radius))
@@ -611,6 +622,9 @@ def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ass
     if len(plain):
         for whole, part in zip(answer, careful_fit(estimator, Samples(x[plain])), strict=True):
             whole[plain] = part
+    if found is not None:
+        weighed = np.isfinite(found.radius) & (answer.status == Status.OK)
+        answer.center[weighed], answer.noise_variance[weighed] = found.center[weighed], found.variance[weighed]
     answer.status[infinite] = Status.NOT_FINITE
     fitted = np.isfinite(answer.radius) & np.isfinite(given.radius)
     answer.radius[fitted] = given.radius[fitted]

@@ -93,8 +93,11 @@ def _probabilities(rho: Floats, scale: Floats, share: Floats, kept: Bools) -> Fl
     return np.asarray(np.where(kept & (np.abs(z) < _REACH), inside / (inside + share[:, None]), 0.0))
 
 
-def _maximise(y: Floats, found: Mixture, kept: Bools, floor: Floats, rounds: int) -> Mixture:
-    """Improve mixtures of points (b, d, n) of which those not ``kept`` are clutter; not finite where that fails."""
+def _maximise(y: Floats, found: Mixture, kept: Bools, floor: Floats, rounds: int, fixed: bool = False) -> Mixture:
+    """Improve mixtures of points (b, d, n) of which those not ``kept`` are clutter; not finite where that fails.
+
+    The radius stays where it is ``fixed``.
+    """
     result, whole, every = Mixture(*(array.copy() for array in found)), y, kept
     sets, tiny = np.arange(len(y)), 1e-14 * y.shape[2] * np.eye(y.shape[1] + 1)
     with np.errstate(all="ignore"):
@@ -103,9 +106,11 @@ def _maximise(y: Floats, found: Mixture, kept: Bools, floor: Floats, rounds: int
             a, rho = _about(y, center, radius)
             weights = _probabilities(rho, scale, share, kept)
             count, near = weights.sum(axis=1), (kept & (np.abs(rho) < _REACH * scale[:, None])).sum(axis=1)
-            squares = (weights * rho * rho).sum(axis=1) / np.maximum(count - y.shape[1] - 1, 1.0)
+            squares = (weights * rho * rho).sum(axis=1) / np.maximum(count - y.shape[1] - (not fixed), 1.0)
             weighted = a * weights[:, None]
             normal, right = weighted @ a.swapaxes(1, 2), weighted @ rho[:, :, None]
+            if fixed:
+                normal[:, -1, :-1] = normal[:, :-1, -1] = right[:, -1] = 0.0
             lost = ~np.isfinite(normal).all(axis=(1, 2)) | ~(count > y.shape[1] + 1) | ~(radius > 0.0)
             normal[lost], right[lost] = np.eye(y.shape[1] + 1), np.nan
             step = np.linalg.solve(normal + tiny, right)[:, :, 0]
@@ -123,16 +128,23 @@ def _maximise(y: Floats, found: Mixture, kept: Bools, floor: Floats, rounds: int
         return result._replace(weights=_probabilities(rho, result.scale, result.share, every))
 
 
-def _started(y: Floats, spheres: Floats, floor: Floats) -> Mixture:
-    """A first guess at mixtures, from spheres (b, d + 1) to which most of the points (b, d, n) are near."""
+def _started(y: Floats, spheres: Floats, floor: Floats, known: Floats | None) -> Mixture:
+    """A first guess at mixtures, from spheres (b, d + 1) to which most of the points (b, d, n) are near.
+
+    Known radii (b,) replace theirs: the side toward the points' medians, which are the origin, stays where it is.
+    """
     center, radius = spheres[:, :-1], spheres[:, -1]
     with np.errstate(all="ignore"):
+        if known is not None:
+            away = np.linalg.norm(center, axis=1)
+            center = center * (1.0 + (known - radius) / np.maximum(away, 1e-150))[:, None]
+            radius = np.where(np.isfinite(radius), known, np.nan)
         size = np.abs(_about(y, center, radius)[1])
         scale = 1.4826 * np.median(size, axis=1) + floor * (1.0 + radius)  # the median of |z| is 1/1.4826
     return Mixture(center, radius, scale, np.full(len(y), 0.2), size)
 
 
-def mixture(y: Floats, spheres: Floats, floor: Floats, rounds: int = _ROUNDS) -> Mixture:
+def mixture(y: Floats, spheres: Floats, floor: Floats, rounds: int = _ROUNDS, known: Floats | None = None) -> Mixture:
     """Spheres among clutter, by maximum likelihood from a first guess.
 
     Args:
@@ -140,6 +152,7 @@ def mixture(y: Floats, spheres: Floats, floor: Floats, rounds: int = _ROUNDS) ->
         spheres: centres and radii of the first guess (b, d + 1).
         floor: standard deviation of rounding errors, per unit of the radius (b,).
         rounds: most steps.
+        known: radii (b,), if they are known.
 
     Returns:
         The mixtures, not finite where there is no sphere.
@@ -147,19 +160,25 @@ def mixture(y: Floats, spheres: Floats, floor: Floats, rounds: int = _ROUNDS) ->
     n = y.shape[2]
     thin = np.ascontiguousarray(y[:, :, np.linspace(0, n - 1, _THIN).astype(int)]) if n > _THIN else y
     every = np.ones((len(y), thin.shape[2]), dtype=np.bool_)
-    found = _maximise(thin, _started(thin, spheres, floor), every, floor, rounds)
-    return found if n <= _THIN else _maximise(y, found, np.ones((len(y), n), dtype=np.bool_), floor, _LAST)
+    fixed = known is not None
+    found = _maximise(thin, _started(thin, spheres, floor, known), every, floor, rounds, fixed)
+    return found if n <= _THIN else _maximise(y, found, np.ones((len(y), n), dtype=np.bool_), floor, _LAST, fixed)
 
 
-def without_isolated(y: Floats, found: Mixture, floor: Floats) -> Mixture:
-    """Mixtures of the points (b, d, n) of which isolated ones are clutter; `floor` is that of `mixture`."""
+def without_isolated(y: Floats, found: Mixture, floor: Floats, fixed: bool = False) -> Mixture:
+    """Mixtures of the points (b, d, n) of which isolated ones are clutter; `floor` is that of `mixture`.
+
+    Their radii stay if they are ``fixed``.
+    """
     before = np.zeros((len(y), y.shape[2]), dtype=np.bool_)
     for _ in range(_TURNS if y.shape[2] <= _THIN else 1):
         alone = isolated(y, found)
         sets = np.flatnonzero((alone != before).any(axis=1))
         part = Mixture(*(array[sets] for array in found))
         rounds = _ROUNDS if y.shape[2] <= _THIN else _LAST
-        for whole, values in zip(found, _maximise(y[sets], part, ~alone[sets], floor[sets], rounds), strict=True):
+        for whole, values in zip(
+            found, _maximise(y[sets], part, ~alone[sets], floor[sets], rounds, fixed), strict=True
+        ):
             whole[sets] = values
         before = alone
     return found
@@ -210,8 +229,8 @@ def gain(y: Floats, found: Mixture, whole: Estimates) -> Floats:
     return np.asarray(np.where(np.isfinite(result), result, -np.inf))
 
 
-def standard_errors(y: Floats, found: Mixture) -> Floats:
-    """Standard errors of centre and radius (b, d + 1), which count that points were selected.
+def standard_errors(y: Floats, found: Mixture, fixed: bool = False) -> Floats:
+    """Standard errors of centre and radius (b, d + 1), which count that points were selected; (b, d) if that is fixed.
 
     They are those of the sandwich M⁻¹ (Σ ψ² a aᵀ) M⁻¹ with a = (e, 1), ψ = w ρ and M = Σ ψ′ a aᵀ, where each ψ is
     divided by 1 - h, with its leverage h = ψ′ aᵀM⁻¹a: a clutter point at the rim draws the sphere to itself, so its
@@ -221,6 +240,7 @@ def standard_errors(y: Floats, found: Mixture) -> Floats:
     """
     with np.errstate(all="ignore"):
         a, rho = _about(y, found.center, found.radius)
+        a = a[:, :-1] if fixed else a
         z2 = (rho / found.scale[:, None]) ** 2
         slope = found.weights * (1.0 - (1.0 - found.weights) * z2)
         normal = (a * slope[:, None]) @ a.swapaxes(1, 2)
@@ -233,10 +253,11 @@ def standard_errors(y: Floats, found: Mixture) -> Floats:
         return np.asarray(np.where(usable[:, None], np.sqrt((each * each).sum(axis=2)), np.nan))
 
 
-def white_errors(y: Floats, found: Mixture, kept: Bools) -> Floats:
-    """Standard errors of centre and radius (b, d + 1) of white noise of the same scale, from the points kept."""
+def white_errors(y: Floats, found: Mixture, kept: Bools, fixed: bool = False) -> Floats:
+    """Standard errors as of `standard_errors`, of white noise of the same scale, from the points kept."""
     with np.errstate(all="ignore"):
         a = _about(y, found.center, found.radius)[0] * kept[:, None]
+        a = a[:, :-1] if fixed else a
         normal = a @ a.swapaxes(1, 2)
         usable = np.asarray(np.isfinite(normal).all(axis=(1, 2)))
         normal[~usable] = np.nan_to_num(normal[~usable])

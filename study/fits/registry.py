@@ -198,7 +198,7 @@ def fit(
             of each (n, d), or the covariance of each (n, d, d), with the leading axes of the points or none. A file's
             columns sigma, or sx, sy and sz, count in its place.
         radius: the radius, where it is known, or one for each set (…): then the centre alone is fitted. A tuple of two
-            is a radius and its standard uncertainty, which the errors and intervals allow for.
+            is a radius and its standard uncertainty, which the errors and intervals allow for; not for ``robust``.
         scale: "given" if the noise of each point is as large as that; "estimated" if only its ratios are known.
         copy: True to copy the points, from which a `Fit` computes residuals and standard errors when asked. False to
             read the caller's array again, and to refuse if it has changed; that saves time and memory. By default up

@@ -136,7 +136,7 @@ class Found(NamedTuple):
     ratio: Floats
 
 
-def find(samples: Samples, from_all: bool = False) -> Found:
+def find(samples: Samples, from_all: bool = False, known: Floats | None = None) -> Found:
     """Find the points that do not belong to the sphere of the majority.
 
     More than half of the points are taken to lie on one sphere with Gaussian noise of unknown size. Least trimmed
@@ -150,6 +150,7 @@ def find(samples: Samples, from_all: bool = False) -> Found:
         samples: the batch. Missing samples (NaN) are no outliers. A noise level given with them is not used.
         from_all: begin the search with the geometric fit of all points alone. That takes a tenth of the time, and
             serves where a few outliers hide no others.
+        known: radii (b,), if they are known: the sphere among clutter has them, whose ratio is 1 for the radius.
 
     Returns:
         The outliers. A set with fewer than d + 3 different points, in a plane, or with a coordinate that is not finite,
@@ -174,7 +175,8 @@ def find(samples: Samples, from_all: bool = False) -> Found:
         size = max(_TOGETHER // m, 1)
         for sets in (alike[i : i + size] for i in range(0, len(alike), size)):
             points = np.nonzero(different[sets])[1].reshape(len(sets), m)
-            _weigh(np.take_along_axis(x[sets], points[:, None], axis=2), points, spheres[sets], sets, result)
+            given = None if known is None else known[sets]
+            _weigh(np.take_along_axis(x[sets], points[:, None], axis=2), points, spheres[sets], sets, result, given)
     for t in apart[named[apart].any(axis=1)]:
         reach = reach_of_copies(x[t])
         with np.errstate(all="ignore"):  # points may be further apart than the largest number
@@ -183,7 +185,7 @@ def find(samples: Samples, from_all: bool = False) -> Found:
     return result
 
 
-def _weigh(x: Floats, points: Ints, spheres: Floats, sets: Ints, result: Found) -> None:
+def _weigh(x: Floats, points: Ints, spheres: Floats, sets: Ints, result: Found, known: Floats | None) -> None:
     """Fit spheres among clutter to sets (k, d, m), and write them where there is some.
 
     Args:
@@ -192,14 +194,17 @@ def _weigh(x: Floats, points: Ints, spheres: Floats, sets: Ints, result: Found) 
         spheres: those of least trimmed squares (k, d + 1), NaN if they were not sought.
         sets: places of the sets (k,).
         result: the outliers so far; receives the new ones, and the spheres.
+        known: radii (k,), if they are known.
     """
     y, middle, size, floor = in_own_units(x)
+    radius = (lambda places: None) if known is None else (known / size[:, 0, 0]).__getitem__
+    fixed = known is not None
     d, named = y.shape[1], result.named[sets[:, None], points]
     rest = _of_the_rest(y, named)
     trimmed = np.column_stack([spheres[:, :d] - middle[:, :, 0], spheres[:, d]]) / size[:, 0]
     clutter = np.asarray(named.any(axis=1))
     unsure = np.flatnonzero(~clutter)
-    quick = mixture(y[unsure], trimmed[unsure], floor[unsure], _SOON)
+    quick = mixture(y[unsure], trimmed[unsure], floor[unsure], _SOON, radius(unsure))
     extra = extra_parameters(y[unsure], rest.center[unsure], rest.radius[unsure])
     limit = _CERTAIN * (1.0 + extra) + _EACH / y.shape[2]
     clutter[unsure] = gain(y[unsure], quick, _part(rest, unsure)) > limit
@@ -207,21 +212,21 @@ def _weigh(x: Floats, points: Ints, spheres: Floats, sets: Ints, result: Found) 
     if not len(some):
         return
     y, middle, size, rest = y[some], middle[some, :, 0], size[some, 0, 0], _part(rest, some)
-    found = mixture(y, trimmed[some], floor[some])
-    other = mixture(y, np.column_stack([rest.center, rest.radius]), floor[some])
+    found = mixture(y, trimmed[some], floor[some], known=radius(some))
+    other = mixture(y, np.column_stack([rest.center, rest.radius]), floor[some], known=radius(some))
     better = gain(y, other, rest) > gain(y, found, rest)
     for one, two in zip(found, other, strict=True):
         one[better] = two[better]
-    found = without_isolated(y, found, floor[some])
+    found = without_isolated(y, found, floor[some], fixed)
     kept = found.weights > 0.5
-    ratio = standard_errors(y, found) / white_errors(y, found, kept)
+    ratio = standard_errors(y, found, fixed) / white_errors(y, found, kept, fixed)
     good = np.isfinite(ratio).all(axis=1) & (kept.sum(axis=1) > d + 2)
     some, places = sets[some[good]], points[some[good]]
     result.named[some[:, None], places] = ~kept[good]
     result.center[some] = (middle + size[:, None] * found.center)[good]
     result.radius[some] = (size * found.radius)[good]
     result.variance[some] = np.square(size * found.scale)[good]
-    result.ratio[some] = np.maximum(ratio[good], 1.0)
+    result.ratio[some, : ratio.shape[1]] = np.maximum(ratio[good], 1.0)
 
 
 def _among(x: Floats, from_all: bool) -> tuple[Bools, Floats]:

@@ -6,6 +6,7 @@ Remarks on fitted points, in words and as numbers.
 import decimal
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import study
-from study.fits import Status
+from study.fits import Status, fitting
 from study.fits.fitting import (
     choose,
     doubts,
@@ -25,6 +26,7 @@ from study.fits.fitting import (
     noise_law_in_words,
     printed,
 )
+from study.fits.point_files import PointTable
 from study.simulation import commands
 
 BIASED = {"lls", "lls_nr", "lls_nr_raw", "lls_single", "gdke", "igdk"}
@@ -312,3 +314,18 @@ def test_noise_along_the_radius_alone(rng, on_cap, along):
     assert float(re.search(r"by corrected, ([\d.]+) by mle: ", line)[1]) == pytest.approx(float(other.radius), abs=1e-5)
     few = [study.fit(points[:100], name) for name in ("corrected", "mle")]
     assert list(noise_law_in_words(*few, ["x", "y", "z"])) == []
+
+
+@pytest.mark.parametrize("ok", [True, False])
+def test_the_line_on_the_noise_is_computed_for_ok_fits_alone(rng, on_cap, monkeypatch, ok):
+    """A second fit, by `mle`, is made for it: not where the fit is not ok, which says so itself."""
+    points, _ = on_cap(rng, 60, angle=90.0 if ok else 3.0, noise=0.02)
+    first, made = study.fit(points), []
+    assert bool(first.ok) == ok
+    monkeypatch.setattr(fitting, "fit", lambda x, name: made.append(name) or study.fit(x, name))
+    list(
+        fitting.as_text(
+            [fitting.FileFits(Path("x.csv"), PointTable(points, ["x", "y", "z"], []), {"corrected": first})]
+        )
+    )
+    assert made == ["mle"] * ok

@@ -399,7 +399,7 @@ def test_sets_without_a_sphere_have_a_status(rng):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"estimator": "robust", "radius": 2.0}, "'robust': takes no known radius; corrected, mle, als, ugdk and gdk"),
+        ({"estimator": "taubin", "radius": 2.0}, "'taubin': takes no known radius; corrected, mle, robust, als, ugdk"),
         (
             {"estimator": "als", "noise": np.ones((9, 3)) * [1, 1, 2]},
             "'als': takes no covariance for each point; corrected, mle",
