@@ -91,6 +91,16 @@ class PointTable(NamedTuple):
         noise: standard deviation of each point (n,), or of each coordinate (n, d); None if no columns have it.
 
     `study.fit` takes it in place of an array of points, with its noise.
+
+    Example:
+        >>> import study
+        >>> with open("four.csv", "w") as file:
+        ...     _ = file.write("x,y,sigma\\n1,0,.1\\n0,1,.1\\n-1,0,.1\\n0,-1,.2\\n")
+        >>> table = study.read_points("four.csv")
+        >>> table.names, table.noise.tolist()
+        (['x', 'y'], [0.1, 0.1, 0.1, 0.2])
+        >>> study.fit(table).center.round(6) + 0.0
+        array([0., 0.])
     """
 
     points: Floats

@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import Recording, RecordingError
+from study.recordings.skeleton.between import InterpolatedRotation
 from study.recordings.skeleton.calibrate import calibrate, hull_distances, hull_doubt, with_checks
 from study.recordings.skeleton.draw import (
     LARGEST_ERROR,
     Flag,
-    InterpolatedRotation,
     complete_poses,
     draw_skeleton,
 )
