@@ -550,7 +550,7 @@ def gait(
     unit: Unit = None,
     rate: Rate = None,
 ) -> None:
-    """Report the angles of hips, knees and ankles over the gait cycle.
+    """Report the angles of legs over the gait cycle.
 
     Events come from the markers of the feet. Writes the page of the report, its figure, and tables of the cycles, of
     each cycle's curves, and of their means. Without --calibration the joints are found in the walks themselves.

@@ -173,7 +173,9 @@ def test_a_ball_that_moved_about_one_axis_is_doubted():
     lines = [*joint_lines(found), *skeleton_lines(scene)]
     doubted = [line.partition(": ")[0].split(", ") for line in lines if f": {words}" in line]
     assert any("neck" in names and "right_elbow" not in names for names in doubted)
-    assert any(line.startswith(f"neck: not reliable: {words}") for line in lines)
+    # in the print of phase 2, with the joints of the same reason, or not shown
+    told = [line for line in skeleton_lines(scene) if f": {words}" in line]
+    assert any("neck" in line.partition(": ")[0] or line.startswith("note: neck is not shown") for line in told)
     assert not any(line.startswith("right_elbow:") for line in lines)
 
 
