@@ -4,7 +4,7 @@ A cycle goes from one strike of a heel to the next of the same heel. Events come
 strikes where it is farthest in front of the pelvis, and toes leave the floor where they are farthest behind it, along
 the direction in which the pelvis faces, or moves. Force plates are not read.
 
-An angle of a cycle is interpolated to 101 points, 0 to 100 %. Where it is missing for longer than .05 s it stays so.
+An angle of a cycle is interpolated to 101 points, 0 to 100 %. Points more than .05 s from a known angle are missing.
 
 Source: Zeni, Richards & Higginson 2008, Gait & Posture 27:710-714; Wu et al. 2002 for the angles.
 """
@@ -32,7 +32,7 @@ SIDES = ("left", "right")
 PERCENT = np.arange(101)
 """Points of a cycle, per cent."""
 _SMOOTH = 6.0
-"""Hertz: cutoff of the low-pass filter of feet (Zeni et al.)."""
+"""Hertz: cutoff of the low-pass filter of feet, above what a foot does in a walk."""
 _FASTEST, _SLOWEST = 0.5, 2.5
 """Seconds: shortest and longest cycle."""
 _SWING = 0.4
@@ -53,7 +53,7 @@ class Gait:
             cadence, steps per minute.
         curves: a row per cycle, joint, angle and per cent: value, and error, its standard error, degrees; NaN where
             they are missing.
-        notes: what a reader should know: kinds of angles, walks without a cycle.
+        notes: what a reader should know: kinds of angles, walks without a cycle, reasons to doubt the legs' joints.
     """
 
     cycles: pd.DataFrame
@@ -97,6 +97,8 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
     if others:
         words = "no anatomical axes, so that zero is a standing pose, and curves of two subjects do not compare"
         notes.append(f"{', '.join(others)}: {words}")
+    doubted = [place for place in calibration.joints if place.joint.name in legs_of and not place.usable]
+    notes += [f"{place.joint.name} is doubted: {place.reason}" for place in doubted]
     return Gait(pd.concat(cycles, ignore_index=True), pd.concat(curves, ignore_index=True), tuple(notes))
 
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings.export.tree import ExportedMotion, joint_angles
 from study.recordings.gait import ANGLES, PERCENT, gait_events, gait_of
+from study.recordings.joints.estimate import JointStatus
 from study.recordings.markersets import landmarks, load_markerset
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.calibrate import calibrate
@@ -136,6 +137,22 @@ def test_gaps_of_a_curve_stay_missing(walk):
     assert knee["value"].isna().any()
     assert knee["value"].isna().equals(knee["error"].isna())
     assert not curves.query("joint == 'hip'")["value"].isna().any()
+
+
+def test_doubted_joints_are_told(walk):
+    """A joint of a leg that is doubted is named in the notes, with its reason; a reliable one is not."""
+    recording, _, motion = walk
+    calibration = motion.skeleton.calibration
+    usable = [p.joint.name for p in calibration.joints if p.usable and p.joint.name.endswith(("hip", "knee", "ankle"))]
+    assert usable
+    joints = tuple(
+        replace(p, status=JointStatus.UNSURE, reason="for this test") if p.joint.name == usable[0] else p
+        for p in calibration.joints
+    )
+    notes = gait_of([motion_of(recording, replace(calibration, joints=joints))]).notes
+    assert f"{usable[0]} is doubted: for this test" in notes
+    told = [note.partition(" is doubted: ")[0] for note in gait_of([motion]).notes if " is doubted: " in note]
+    assert not set(told) & set(usable)
 
 
 def test_a_recording_without_a_cycle(walk, one_line):

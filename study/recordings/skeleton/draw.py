@@ -9,9 +9,9 @@ A segment with fewer markers is fitted to these and to its joint, J(t) = o_P(t) 
 In frames that do not show the parent, the joints that its other neighbours show take part. The gap of a joint is added,
 interpolated from the frames that show it, so that nothing leaps where markers come and go.
 
-In a frame with too few points, those that are left show a direction. The segment is rotated from its expected pose by
-the shortest arc that takes the expected direction to the one seen; the rotation about that direction is the expected
-one. A marker that is nearer to the joint than three of the joint's standard errors shows no direction.
+In a frame with too few points, those that are left are weighed against the rotation that is expected there, by the
+points' errors and by the covariance of the expected rotation. So a joint that is not known well, or a marker close to
+one, hardly turns a segment.
 
 Where too few markers are seen, but a joint of the segment or one of its markers is, its rotation is interpolated over
 the gap, for a while, and it is flagged as bridged. The covariance of this rotation is that of the same interpolation

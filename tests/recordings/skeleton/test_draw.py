@@ -112,7 +112,8 @@ def test_gaps_are_bridged_for_a_while_and_then_unknown(still):
     assert (shank[200:260] == Flag.BRIDGED).all()
     assert (shank[540:600] == Flag.BRIDGED).all()
     assert error[ankle == Flag.BRIDGED].max() <= LARGEST_ERROR
-    assert (np.diff(error[200:204]) > 0.0).all() or (ankle[200:204] == Flag.UNKNOWN).any()
+    assert error[200] < error[201]
+    assert error[599] < error[598]
     assert (skeleton.flags[skeleton.joints.index("left_knee")] == Flag.SEEN).all()
 
 
@@ -320,8 +321,8 @@ def hide_segments(recording, rng, markerset=CMU41):
 def test_hidden_segments():
     """Joints do not leap while a neighbour shows them, and bridged ones are where their errors say.
 
-    Of 336 joints of 24 other recordings none leapt by more than 18 mm from frame to frame where it was seen; 94.4 ±
-    .4 % of the bridged coordinates were within 1.96 stated standard errors.
+    Of 168 joints of 12 other recordings none leapt by more than 12 mm from frame to frame where it was seen; 93.6 ±
+    1.8 % of the bridged coordinates were within 1.96 stated standard errors.
     """
     inside = []
     for seed, tissue in ((1, 0.0), (2, 0.01), (3, 0.0), (4, 0.01)):
