@@ -124,13 +124,13 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml constraints.txt
 # The loops are compiled once, so that no study waits for the compiler: those of fits and of a small study ...
 $(VENV)/.run: $(VENV)/.installed
 	@echo "Loops are compiled, once after an installation or an update; most of a minute:"
-	@$(BIN)/python -m study.simulation.compile_loops --circles configs/smoke.toml
+	@$(BIN)/study compile --circles configs/smoke.toml
 	touch $@
 
 # ... and with them those of the paper's studies, and scalar code for the table of costs.
 $(VENV)/.compiled: $(VENV)/.installed
 	@echo "Loops are compiled, once after an installation or an update; about a minute:"
-	@$(BIN)/python -m study.simulation.compile_loops --costs configs/smoke.toml $(CONFIGS)
+	@$(BIN)/study compile --costs configs/smoke.toml $(CONFIGS)
 	touch $(VENV)/.run $@
 
 $(VENV)/.mocap: $(VENV)/.run

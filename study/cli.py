@@ -373,19 +373,25 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
         *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),
         *(commands.regret, commands.diff, commands.verify, commands.archive),
     ),
-    "Points and estimators": (fit, plan_fit, commands.estimators, commands.check, certify, commands.cost),
+    "Points and estimators": (
+        *(fit, plan_fit, commands.estimators, commands.check, certify),
+        *(commands.cost, commands.compile_loops),
+    ),
     "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
     *(commands.configs, commands.check, certify, commands.cost, commands.coverage, plan_fit, commands.worker),
+    commands.compile_loops,
     *_GROUPS["Recordings"],
 }
+_NAMES: dict[Callable[..., None], str] = {commands.compile_loops: "compile"}
+"""Names of commands whose functions cannot have them: `compile` is Python's."""
 _RESUMED = {"run", "posterior"}
 """Commands that go on where an interruption stopped them."""
 for _title, _group in _GROUPS.items():
     for _command in _group:  # those that read configs, runs or names of estimators take --plugin
         _entry = _command if _command in _NEEDS_NO_ESTIMATOR else with_plugins(_command)
-        app.command(rich_help_panel=_title)(_entry)
+        app.command(_NAMES.get(_command), rich_help_panel=_title)(_entry)
 
 
 @app.callback()

@@ -20,6 +20,7 @@ import pytest  # noqa: E402
 
 import study  # noqa: E402
 from study.fits.cap import sample_cap  # noqa: E402
+from study.fits.jit import always_compiled  # noqa: E402
 from study.simulation.runs.run_folder import Run  # noqa: E402
 from tests.configs import config, log_uniform, uniform  # noqa: E402
 
@@ -29,6 +30,13 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ["--no-sandbox", "--no-first-run", "--disable-sync", "--disable-quic"]
 FLAGS += ["--disable-background-networking", "--disable-component-update"]
 FLAGS += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # three dimensions without a graphics card
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_loops():
+    """Compile every loop, so that all tests see the same bits; `test_plain.py` compares the two ways."""
+    with always_compiled():
+        yield
 
 
 @pytest.fixture

@@ -191,7 +191,7 @@ class State(Protocol):
     again: int
 
 
-STATE = np.dtype(list(State.__annotations__.items()))
+STATE = np.dtype((np.record, list(State.__annotations__.items())))
 ON = -1
 """In place of a status: the search goes on."""
 

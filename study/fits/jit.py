@@ -1,4 +1,4 @@
-"""Compiled code: the compiler's options, a cache on disk that cannot go stale, and sums that stay in registers.
+"""Loops: compiled, or plain Python where little is to be done; and sums that stay in registers.
 
 Every compiled function of the package is decorated with :func:`compiled` and so has the same options:
 
@@ -8,9 +8,10 @@ Every compiled function of the package is decorated with :func:`compiled` and so
 * ``forceinline``: a function that two others call is compiled into each. On its own it would have a version in each,
   and which of them runs would depend on whether they were just compiled or come from the cache: bits would differ.
 
-The compiler is loaded with the first module that has kernels, and compiles a function when it is first called.
-The first function of a process that is compiled, and not read from the cache, is a warning in the log ``study``, which
-Python prints on standard error unless a program sets up its logs; each function is a message for debugging.
+A function (`Loop`) whose compiled code is not in the cache runs as plain Python until it has been given some ten
+thousand numbers, and is compiled then; within `always_compiled` at once. The first function of a process that is
+compiled is a warning in the log ``study``, which Python prints on standard error unless a program sets up its logs;
+each function is a message for debugging. The cache on disk cannot go stale.
 
 A loop over samples keeps its sums in the value that :func:`zeros` returns: tuples in few dimensions, whose length the
 compiler knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many.
@@ -27,8 +28,9 @@ import contextlib
 import hashlib
 import logging
 import shutil
-from collections.abc import Callable
-from functools import partial
+import threading
+from collections.abc import Callable, Iterator
+from functools import partial, update_wrapper
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
@@ -56,6 +58,9 @@ _UNROLLED = 4
 
 SCALAR_CODE = Path(__file__).parent / "__pycache__" / "scalar"
 """Cache of code without vector instructions, which numba would take for the other: `study cost` times it."""
+
+_PLAIN = 1 << 16
+"""Numbers that a loop may be given in all before it is compiled, which then has taken it about as long as compiling."""
 
 LOCK = "compiled.lock"
 """File beside the compiled code whose lock a process holds while it stores some."""
@@ -124,14 +129,106 @@ _discard_stale_code()
 event.register("numba:compile", _Report())  # type: ignore[no-untyped-call]
 
 
+class _Way(threading.local):
+    """How loops run in this thread.
+
+    Attributes:
+        plain: true within a loop that runs as plain Python, whose own loops do too.
+        compile: true where numbers have to be the same to the bit on every machine.
+        called: the loop that was called last, and its arguments.
+    """
+
+    plain = False
+    compile = False
+    called: "tuple[Loop, tuple[object, ...]] | None" = None
+
+
+_WAY = _Way()
+
+
+class _NotStoredError(Exception):
+    """A loop is not compiled, and its work is small."""
+
+
+@contextlib.contextmanager
+def always_compiled() -> Iterator[None]:
+    """Compile loops in this thread however small their work is: studies store numbers that are the same to the bit."""
+    before, _WAY.compile = _WAY.compile, True
+    try:
+        yield
+    finally:
+        _WAY.compile = before
+
+
+class Loop:
+    """A function with loops, which runs compiled; as plain Python while it is not compiled and its work is small.
+
+    A user's first fit would wait half a minute for the compiler, and takes a tenth of a second in plain Python. The two
+    ways differ by rounding. The rule counts numbers, and not seconds, so that it is the same on every machine.
+
+    Args:
+        function: the function.
+        dispatcher: the function as numba compiles it.
+    """
+
+    def __init__(self, function: Callable[..., object], dispatcher: Any) -> None:
+        update_wrapper(self, function)
+        self.function, self.dispatcher = function, dispatcher
+        self._numba_type_ = types.Dispatcher(dispatcher)  # loops that call this one have its code compiled in
+        self._done = 0
+        with contextlib.suppress(RuntimeError):  # no folder can be written: the code lasts as long as the process
+            dispatcher.enable_caching()
+        cache = dispatcher._cache
+        self._load = cache.load_overload
+        cache.load_overload = self._stored
+        if cache.cache_path:
+            cache.save_overload = partial(_store, cache.save_overload, Path(cache.cache_path) / LOCK)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the function."""
+        if _WAY.plain:
+            return self.function(*arguments)
+        _WAY.called = self, arguments
+        try:
+            return self.dispatcher(*arguments)
+        except _NotStoredError:
+            return self._run_plain(arguments)
+        finally:
+            _WAY.called = None
+
+    def _stored(self, signature: object, context: object) -> object:
+        """The compiled code from the cache; None has numba compile it."""
+        code = self._load(signature, context)
+        if code is None and not _WAY.compile and _WAY.called is not None:
+            loop, arguments = _WAY.called
+            if loop is self and loop._done + _size(arguments) <= _PLAIN:
+                raise _NotStoredError
+        return code
+
+    def _run_plain(self, arguments: tuple[object, ...]) -> object:
+        """Run the function as plain Python."""
+        self._done += _size(arguments)
+        _WAY.plain = True
+        try:
+            with np.errstate(all="ignore"):  # compiled code does not warn
+                return self.function(*arguments)
+        finally:
+            _WAY.plain = False
+
+
+def _size(argument: object) -> int:
+    """Size of the largest array of an argument, at least 1."""
+    if isinstance(argument, tuple):
+        return max(map(_size, argument), default=1)
+    return argument.size if isinstance(argument, np.ndarray) else 1
+
+
 def compiled(function: F, fastmath: bool = True) -> F:
-    """Compile a function with the package's options when it is first called, and cache the code on disk."""
+    """Compile a function with the package's options when its work is large, and cache the code on disk."""
     flags = {"reassoc", "contract", "arcp", "nsz"} if fastmath else False
-    options = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath=flags)
+    options = njit(nogil=True, error_model="numpy", forceinline=True, fastmath=flags)
     dispatcher = options(function)
-    if cache := getattr(dispatcher, "_cache", None):  # a plain function, where NUMBA_DISABLE_JIT is set
-        cache.save_overload = partial(_store, cache.save_overload, Path(cache.cache_path) / LOCK)
-    return cast(F, dispatcher)
+    return cast(F, Loop(function, dispatcher) if hasattr(dispatcher, "_cache") else dispatcher)
 
 
 def _store(save: Callable[..., None], lock: Path, signature: object, code: object) -> None:
@@ -158,12 +255,15 @@ def zeros(dimension: int, per: int = 1) -> Sums:
 
 def put(sums: Sums, i: int, value: float) -> Sums:
     """Return sums with the i-th replaced. Assign the result: arrays are changed in place, tuples are not."""
-    return tuple(value if k == i else sums[k] for k in range(len(sums)))
+    if isinstance(sums, tuple):
+        return (*sums[:i], value, *sums[i + 1 :])
+    sums[i] = value  # type: ignore[index]
+    return sums
 
 
 def fresh(sums: Sums) -> Sums:
-    """Return the same sums, independent of the given ones."""
-    return sums
+    """Return the same sums, independent of the given ones; in plain Python a list, which `put` changes in place."""
+    return list(sums)  # type: ignore[call-overload, no-any-return]
 
 
 @overload(put, inline="always", strict=False)
@@ -181,10 +281,22 @@ def _fresh(sums: Any) -> Callable[..., Any]:
     return (lambda sums: sums) if isinstance(sums, types.BaseTuple) else (lambda sums: sums.copy())
 
 
+def fma(factor: float, other: float, term: float) -> float:
+    """``factor * other + term``; rounded once in compiled code: the same bits wherever it is inlined."""
+    return factor * other + term
+
+
+def float_of(bits: np.uint64) -> float:
+    """The floating-point number of these bits."""
+    return float(bits.view(np.float64))
+
+
+@intrinsic
 def _fma(typing: Any, factor: Any, other: Any, term: Any) -> Any:
     return float64(float64, float64, float64), lambda _, builder, signature, numbers: builder.fma(*numbers)
 
 
+@intrinsic
 def _float_of(typing: Any, bits: Any) -> Any:
     def cast_bits(context: Any, builder: Any, signature: Any, words: Any) -> Any:
         return builder.bitcast(words[0], context.get_value_type(float64))
@@ -192,10 +304,14 @@ def _float_of(typing: Any, bits: Any) -> Any:
     return float64(uint64), cast_bits
 
 
-fma: Callable[[float, float, float], float] = cast(Any, intrinsic(_fma))
-"""``factor * other + term``, rounded once: the same bits wherever it is inlined. For kernels alone."""
-float_of: Callable[[np.uint64], float] = cast(Any, intrinsic(_float_of))
-"""The floating-point number of these bits. For kernels alone."""
+@overload(fma, inline="always", strict=False)
+def _fma_once(factor: Any, other: Any, term: Any) -> Callable[..., float]:
+    return lambda factor, other, term: _fma(factor, other, term)  # type: ignore[call-arg]
+
+
+@overload(float_of, inline="always", strict=False)
+def _float_of_bits(bits: Any) -> Callable[..., float]:
+    return lambda bits: _float_of(bits)  # type: ignore[call-arg]
 
 
 @compiled
@@ -301,7 +417,7 @@ def readable(x: Floats) -> PointSets:
 
 def extent(x: PointSets) -> tuple[int, ...]:
     """Number of sets b, dimension d, samples n. For kernels."""
-    return cast(Floats, x).shape
+    return (x.points.swapaxes(1, 2) if isinstance(x, BySample) else x).shape
 
 
 def window(x: PointSets, t: int, start: int, count: int, rows: Floats, zero: Sums) -> View:
@@ -311,7 +427,7 @@ def window(x: PointSets, t: int, start: int, count: int, rows: Floats, zero: Sum
     samples are copied, if it lies there sample by sample. ``zero`` holds d sums at zero. No sum depends on the layout,
     not in a bit.
     """
-    return View(cast(Floats, x), np.uintp(t), np.uintp(start))
+    return View(x.points.swapaxes(1, 2) if isinstance(x, BySample) else x, np.uintp(t), np.uintp(start))
 
 
 @compiled

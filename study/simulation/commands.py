@@ -284,6 +284,21 @@ def check(
         raise typer.Exit(ExitCode.FAILURE)
 
 
+def compile_loops(
+    configs: Annotated[list[Path] | None, typer.Argument(metavar="[CONFIG]…", help="studies that will be run")] = None,
+    circles: Annotated[bool, typer.Option("--circles", help="also fits in two dimensions")] = False,
+    costs: Annotated[bool, typer.Option("--costs", help="also what `study cost` times")] = False,
+) -> None:
+    """Compile loops before they are used.
+
+    One fit of up to some thousand points needs no compiled loops. Many fits, large ones and studies compile what they
+    need when they need it, which takes up to a minute, once after an installation.
+    """
+    from study.simulation.compile_loops import compile_loops
+
+    compile_loops(configs or [], circles, costs)
+
+
 def cost(
     out: Annotated[Path, typer.Option("--out", help="file of the table, .csv or .parquet")] = Path(
         "results/cost.parquet"

@@ -1,11 +1,9 @@
 """Compile the loops that studies and claims use, so that none waits for the compiler: once after an installation.
 
-``python -m study.simulation.compile_loops CONFIG…``. Numba keeps the compiled code beside the sources. A few
-trials of a study and a chain of its posteriors compile what its run needs. ``--circles`` adds fits in two dimensions,
-``--costs`` the loops of the table of costs. Two processes compile.
+Numba keeps the compiled code beside the sources. A few trials of a study and a chain of its posteriors compile what
+its run needs. Two processes compile.
 """
 
-import argparse
 import logging
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -15,8 +13,6 @@ from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
-
-from study import instruction_set
 
 if TYPE_CHECKING:
     from multiprocessing.queues import Queue
@@ -101,19 +97,11 @@ def _fit(dimension: int) -> None:
     import numpy as np
 
     from study.fits import fit
+    from study.fits.jit import always_compiled
 
-    points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(
-        2, 30, dimension
-    )  # few, so that outliers are searched for
+    # few points, so that outliers are searched for
+    points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(2, 30, dimension)
     points /= np.linalg.norm(points, axis=2, keepdims=True)
-    for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
-        str(answer)  # computes the intervals
-
-
-if __name__ == "__main__":
-    instruction_set.fix()
-    parser = argparse.ArgumentParser()
-    parser.add_argument("configs", nargs="*", type=Path)
-    parser.add_argument("--circles", action="store_true")
-    parser.add_argument("--costs", action="store_true")
-    compile_loops(**vars(parser.parse_args()))
+    with always_compiled():
+        for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
+            str(answer)  # computes the intervals

@@ -29,6 +29,7 @@ from study.arrays import Bools, Floats, Words
 from study.fits import ESTIMATORS, Samples, Status, cap
 from study.fits.bounds import Cap, attainable_bound, cramer_rao, crlb
 from study.fits.intervals import intervals
+from study.fits.jit import always_compiled
 from study.fits.random import lanes
 from study.fits.registry import fit_samples
 from study.simulation.experiment.config import EstimatorNames, FolderName
@@ -155,6 +156,7 @@ def measure(design: CoverageDesign, jobs: int = 2) -> pd.DataFrame:
     return pd.DataFrame(list(chain.from_iterable(rows)))
 
 
+@always_compiled()
 def _cell(design: CoverageDesign, cell: CoverageCell) -> list[dict[str, object]]:
     """Rows of a cell, one per method."""
     state = lanes(design.seed, "coverage", cell.samples, cell.angle, cell.kappa)

@@ -21,7 +21,7 @@ import pandas as pd
 from study import instruction_set
 from study.fits import ESTIMATORS, Samples
 from study.fits.cap import sample_cap
-from study.fits.jit import SCALAR_CODE
+from study.fits.jit import SCALAR_CODE, always_compiled
 from study.fits.random import stream
 from study.text import columns
 
@@ -45,6 +45,7 @@ _TURNS = 20
 """Rounds in which each fit is timed three times; the least time counts."""
 
 
+@always_compiled()
 def timed(dimension: int, samples: int) -> dict[str, float]:
     """Seconds of one fit of each estimator, moments included, for points of a 60° cap with noise 0.05 r."""
     rng = stream(1, "flops")

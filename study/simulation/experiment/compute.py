@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from study.arrays import Floats
 from study.fits import ESTIMATORS, Estimates, Samples, Status, cap
-from study.fits.jit import compiled, compiled_as_written, fma
+from study.fits.jit import always_compiled, compiled, compiled_as_written, fma
 from study.fits.moments import JointMoments
 from study.fits.random import Name, lanes, stream
 from study.fits.registry import SimpleForm
@@ -399,6 +399,7 @@ class Result:
         }
 
 
+@always_compiled()
 def compute(study: Study, unit: Batch) -> Result:
     """Draw the trials of a unit, place them on their cells' spheres, fit them, and compare with the truth."""
     result = Result(study)

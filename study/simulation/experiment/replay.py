@@ -13,6 +13,7 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.fits import Fit, Samples
+from study.fits.jit import always_compiled
 from study.fits.registry import as_fit
 from study.fits.samples import Status, blank
 from study.simulation.experiment.compute import Draws, attempt, draw
@@ -45,6 +46,7 @@ class Trial:
     trial: int
 
     @cached_property
+    @always_compiled()
     def level(self) -> Samples:
         """The points (1, d, n) and the noise in units of the cell's scale, as the estimators take them."""
         return self._draws.place(self.cell.level)
@@ -55,6 +57,7 @@ class Trial:
         return Samples(self.cell.scale * self.level.x, self._draws.law.given(self.cell.stated_noise))
 
     @cached_property
+    @always_compiled()
     def unit_bound(self) -> Floats:
         """Cramér-Rao bound of (c, r) at σ = 1, for the realised directions (d+1, d+1)."""
         bound: Floats = self._draws.unit_bound()[0]
@@ -150,6 +153,7 @@ def points(trial: Trial) -> pd.DataFrame:
     return pd.DataFrame({f"x_{i + 1}": row for i, row in enumerate(trial.samples.x[0])})
 
 
+@always_compiled()
 def fits(study: Study, trial: Trial) -> dict[str, Fit]:
     """The true sphere under the name "truth", and every estimator's fit, each of shape ()."""
     cell = trial.cell
@@ -161,6 +165,7 @@ def fits(study: Study, trial: Trial) -> dict[str, Fit]:
     return results
 
 
+@always_compiled()
 def fit_table(study: Study, trial: Trial) -> pd.DataFrame:
     """Every estimator's fit as a row, with the same numbers as in the run's error table.
 

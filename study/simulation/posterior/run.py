@@ -35,6 +35,7 @@ from study.arrays import Floats
 from study.files import RunError, writing
 from study.fits import ESTIMATORS, Samples, Status
 from study.fits.cap import cap_moments
+from study.fits.jit import always_compiled
 from study.fits.random import old_stream
 from study.fits.registry import fit_samples
 from study.simulation.experiment.conditions import STORED, named_in
@@ -307,6 +308,7 @@ class ChainTask:
         """The chain's rows of a table of many."""
         return table.filter(reduce(and_, (pc.field(column) == value for column, value in self.key.items())))
 
+    @always_compiled()
     def compute(self) -> dict[str, pa.Table]:
         """Run the chain; returns its rows of the posterior tables."""
         trial, asked = self.trial, self.asked
