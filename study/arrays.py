@@ -7,7 +7,7 @@ Names of the array types that functions take and return; a docstring gives the s
 
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -152,3 +152,11 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint64]
+
+
+Array = TypeVar("Array", Floats, Ints, Bools)
+
+
+def as_number(array: Array) -> Array:
+    """The number of an array without axes, as NumPy's and SciPy's functions return one; other arrays as they are."""
+    return array[()]

@@ -3,11 +3,15 @@
 Nothing here makes another name work: the messages of errors say which name does.
 """
 
+import inspect
 import unicodedata
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from functools import wraps
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from study.text import did_you_mean, listed
+
+F = TypeVar("F", bound=Callable[..., object])
 
 ESTIMATORS = {
     **dict.fromkeys(["kasa", "delogne", "delognekasa", "coope", "algebraic", "dlt"], "gdke"),
@@ -98,6 +102,19 @@ def name_remedy(word: str, known: Iterable[str]) -> str:
 def argument_remedy(word: str, known: Iterable[str]) -> str:
     """The remedy for an argument that a fit does not take, as the end of a message."""
     return next((text for name, text in ARGUMENTS.items() if word.startswith(name)), did_you_mean(word, known))
+
+
+def hinting(function: F) -> F:
+    """Answer an argument that a function does not take with what there is, in a TypeError."""
+    known = list(inspect.signature(function).parameters)
+
+    @wraps(function)
+    def called(*arguments: object, **named: object) -> object:
+        if unknown := [word for word in named if word not in known]:
+            raise TypeError(f"study.{function.__name__} takes no {unknown[0]}=: {argument_remedy(unknown[0], known)}")
+        return function(*arguments, **named)
+
+    return cast(F, called)
 
 
 class Hinting:

@@ -20,7 +20,7 @@ GROUND = {"arrays", "files", "instruction_set", "options", "style", "text", "tom
 WINGS = {"fits": set(), "simulation": {"fits"}, "recordings": {"fits"}}
 """For each wing the others that it may import."""
 ORDER = {
-    "simulation": "experiment statistics runs posterior analysis claims figures coverage report commands compile_loops",
+    "simulation": "experiment statistics runs posterior analysis claims figures coverage report compile_loops commands",
     "recordings": "recording formats rigid markersets joints skeleton one_joint session live export gait view "
     "synthetic case_study library commands",
 }

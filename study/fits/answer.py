@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from study.arrays import Bools, Floats, Ints, real_array
+from study.arrays import Bools, Floats, Ints, as_number, real_array
 from study.fits.circle import Circle, fit_circles, lowest_radius
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.form import MinimumZone, minimum_zone
@@ -209,8 +209,9 @@ class Fit(Hinting):
     """Spheres that an estimator fitted, to one point set or to a batch of them with leading axes `…`.
 
     Look at ``ok`` first: an estimator never raises on data, and a number beside a status other than ok may be of no
-    use. Standard errors and residuals are computed from the points on first use. A fit of a batch has a length, can be
-    indexed (``fit[3]``, ``fit[fit.ok]``) and iterated, along its leading axes.
+    use. Standard errors and residuals are computed from the points on first use. Of a single fit, radius, status and
+    the like are numbers; of a batch they are arrays. A fit of a batch has a length, can be indexed (``fit[3]``,
+    ``fit[fit.ok]``) and iterated, along its leading axes.
 
     Args:
         estimates: the estimator's numbers, with the leading axes.
@@ -232,8 +233,9 @@ class Fit(Hinting):
         >>> fit.ok, fit.center.round(2), fit.radius.round(2)
         (array([ True,  True]), array([[1., 2.],
                [1., 2.]]), array([1., 1.]))
-        >>> fit[1].standard_errors.round(4)
-        array([0.0017, 0.0017, 0.0012])
+        >>> fit[1].standard_errors.round(4), print(fit[1].status)
+        OK
+        (array([0.0017, 0.0017, 0.0012]), None)
     """
 
     def __init__(
@@ -285,12 +287,12 @@ class Fit(Hinting):
     @property
     def radius(self) -> Floats:
         """Radius r̂ (…), in the unit of the points. NaN where no radius is real, which the status then says."""
-        return self._estimates.radius
+        return as_number(self._estimates.radius)
 
     @property
     def diameter(self) -> Floats:
         """Diameter 2r̂ (…), in the unit of the points."""
-        return np.asarray(2.0 * self.radius)
+        return 2.0 * self.radius
 
     @property
     def noise_variance(self) -> Floats:
@@ -299,13 +301,13 @@ class Fit(Hinting):
         As given to an estimator that uses it (the mean over coordinates, for a covariance), else estimated from the
         residuals. NaN at n = d + 1, which leaves none.
         """
-        return self._estimates.noise_variance
+        return as_number(self._estimates.noise_variance)
 
     @property
     def sigma(self) -> Floats:
         """Standard deviation σ of one coordinate (…), in the unit of the points: the root of `noise_variance`."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.sqrt(self.noise_variance))
+            return as_number(np.sqrt(self.noise_variance))
 
     @property
     def condition(self) -> Floats:
@@ -313,7 +315,7 @@ class Fit(Hinting):
 
         NaN for an estimator that subtracts no noise.
         """
-        return self._estimates.condition
+        return as_number(self._estimates.condition)
 
     @property
     def own_status(self) -> Ints:
@@ -321,14 +323,19 @@ class Fit(Hinting):
         return self._estimates.status
 
     @property
-    def status(self) -> Ints:
-        """Number of the `Status` of each fit (…): ``Status(int(fit.status)).text`` for one.
+    def status(self) -> Any:
+        """The `Status` of a single fit, whose `text` explains it; of a batch the numbers of the statuses (…).
 
         It is the estimator's own where it failed. Else one rule holds for every estimator. Points on a circle in space
         are a hinge (theory 13.7). A fit is weakly identified unless its points bound the radius by a 95 % interval and
         the noise is below 0.35 radii (theory 10.5). It is not ok either where it uses outliers, where the test of fit
         speaks and that matters (theory 13.6), or where the points refuse a known radius or noise (p < .01).
         """
+        return self._statuses if self.shape else Status(int(self._statuses))
+
+    @property
+    def _statuses(self) -> Ints:
+        """Numbers of the statuses (…)."""
         if self._samples is not None:
             return self._settled
         untested = (self.own_status == Status.OK) & (not self._assumed.sphere)
@@ -337,7 +344,7 @@ class Fit(Hinting):
     @property
     def status_text(self) -> str | NDArray[np.str_]:
         """The status in words: a text for a single fit, an array of texts (…) for a batch."""
-        texts = np.array([status.text for status in Status])[self.status]
+        texts = np.array([status.text for status in Status])[self._statuses]
         return texts if self.shape else str(texts)
 
     def interval(self, of: str, level: float = 0.95) -> Floats:
@@ -415,17 +422,17 @@ class Fit(Hinting):
     @property
     def ok(self) -> Bools:
         """True for each fit (…) whose status is ok: no more need be looked at."""
-        return np.asarray(self.status == Status.OK)
+        return as_number(self._statuses == Status.OK)
 
     @property
     def iterations(self) -> Ints:
         """Steps taken (…); 0 for a closed form."""
-        return self._estimates.iterations
+        return as_number(self._estimates.iterations)
 
     @property
     def shape(self) -> tuple[int, ...]:
         """The leading axes; () for a single fit."""
-        return self.radius.shape
+        return self._estimates.radius.shape
 
     def __len__(self) -> int:
         if not self.shape:
@@ -489,10 +496,10 @@ class Fit(Hinting):
         return as_dict(self)
 
     def plot(self) -> "Figure":
-        """Draw the points and the circle or sphere of a single fit in two or three dimensions.
+        """Draw the points, the sphere and its centre's error, and the distances of the points: as ``study fit --plot``.
 
         Raises:
-            ValueError: if there is more than one fit, or another number of dimensions.
+            ValueError: if there is more than one fit, or the fit does not hold its points.
 
         Example:
             >>> import numpy as np, study
@@ -508,7 +515,7 @@ class Fit(Hinting):
     @cached_property
     def count(self) -> Ints:
         """Number of samples used (…): points with a NaN are missing and left out."""
-        return np.asarray(self._points.present.sum(axis=1).reshape(self.shape))
+        return as_number(self._points.present.sum(axis=1).reshape(self.shape))
 
     @cached_property
     def residuals(self) -> Floats:
@@ -544,7 +551,7 @@ class Fit(Hinting):
         some = np.flatnonzero(named.any(axis=1) & (not self._without_outliers))
         if len(some):
             moved[some] = influence(points.samples.take(some), named[some])
-        return moved.reshape(self.shape)
+        return as_number(moved.reshape(self.shape))
 
     @cached_property
     def copies(self) -> Ints:
@@ -552,7 +559,7 @@ class Fit(Hinting):
 
         Intervals, and with them the status, count copies once.
         """
-        return np.asarray(self._points.repeated.sum(axis=1).reshape(self.shape))
+        return as_number(self._points.repeated.sum(axis=1).reshape(self.shape))
 
     @property
     def goodness(self) -> Goodness:
@@ -594,7 +601,7 @@ class Fit(Hinting):
             >>> angles = np.linspace(0, 2, 60)
             >>> arc = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), np.ones(60)])
             >>> fit = study.fit(arc + np.random.default_rng(1).normal(0, 0.01, arc.shape))
-            >>> study.Status(int(fit.status)).name, fit.circle.radius.round(2), fit.circle.axis.round(2)
+            >>> fit.status.name, fit.circle.radius.round(2), fit.circle.axis.round(2)
             ('HINGE', array(3.), array([0., 0., 1.]))
 
         Source: theory §13.7.
@@ -613,7 +620,7 @@ class Fit(Hinting):
         points = self._points
         with np.errstate(all="ignore"):
             square = np.where(points.present, (points.distance - self.radius.reshape(-1, 1)) ** 2, 0.0).sum(axis=1)
-            return np.asarray(np.sqrt(square / points.present.sum(axis=1)).reshape(self.shape))
+            return as_number(np.sqrt(square / points.present.sum(axis=1)).reshape(self.shape))
 
     @property
     def form_error(self) -> Floats:
@@ -621,12 +628,12 @@ class Fit(Hinting):
 
         The minimum-zone sphere has the least form error of all; a least-squares one has a slightly larger.
         """
-        return np.asarray(np.fmax.reduce(self.residuals, axis=-1) - np.fmin.reduce(self.residuals, axis=-1))
+        return as_number(np.fmax.reduce(self.residuals, axis=-1) - np.fmin.reduce(self.residuals, axis=-1))
 
     @property
     def largest_deviation(self) -> Floats:
         """Largest distance of a point from the sphere (…), in the unit of the points."""
-        return np.asarray(np.fmax.reduce(np.abs(self.residuals), axis=-1))
+        return as_number(np.fmax.reduce(np.abs(self.residuals), axis=-1))
 
     @cached_property
     def own_covariance(self) -> Floats:

@@ -28,6 +28,8 @@ efficient when they are projected on the complement of all E[a(u)|y]; the invers
 Source: Bickel, Klaassen, Ritov & Wellner 1993, §4.5, for mixtures with an unknown law.
 """
 
+from __future__ import annotations
+
 import math
 import operator
 from functools import lru_cache

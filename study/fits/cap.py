@@ -8,6 +8,8 @@ for cosines, so no digit is lost at tiny angles: 1 - cos φ is formed as 2 sin²
 The moments of such directions, their mean and variances along the axis and across it, stand here too.
 """
 
+from __future__ import annotations
+
 import math
 from typing import NamedTuple
 

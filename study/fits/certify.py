@@ -15,6 +15,8 @@ and the *diameter*. It is the form of NIST's reference data sets for least squar
 Source: Shakarji 1998, Least-squares fitting algorithms of the NIST algorithm testing system; ISO 10360-6.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterable, Iterator
 from decimal import Context, Decimal, InvalidOperation, localcontext
@@ -354,7 +356,7 @@ def chosen(name: str | None, own: bool) -> tuple[str, ...]:
     return (name,)
 
 
-def frame(results: dict[str, list[Certificate]], limit: float) -> "pd.DataFrame":
+def frame(results: dict[str, list[Certificate]], limit: float) -> pd.DataFrame:
     """Table of all errors: estimator, set, centre, radius, resolution, and if double precision tells the sphere."""
     import pandas as pd
 

@@ -12,7 +12,6 @@ from study.text import number, with_error
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -55,12 +54,12 @@ def frame(fit: ShownFits) -> "pd.DataFrame":
     columns: dict[str, object] = {}
     for i in range(d):
         columns[f"center_{i + 1}"], columns[f"error_{i + 1}"] = flat.center[:, i], errors[:, i]
-    columns |= {"radius": flat.radius, "radius_error": errors[:, d], "noise": fit.sigma.ravel()}
-    columns["residual_rms"] = fit.residual_rms.ravel() if known else np.nan
+    columns |= {"radius": flat.radius, "radius_error": errors[:, d], "noise": np.ravel(fit.sigma)}
+    columns["residual_rms"] = np.ravel(fit.residual_rms) if known else np.nan
     columns |= {"condition": flat.condition, "iterations": flat.iterations}
     if known:
-        columns["samples"] = fit.count.ravel()
-    columns["status"] = [Status(int(status)).text for status in fit.status.ravel()]
+        columns["samples"] = np.ravel(fit.count)
+    columns["status"] = [Status(int(status)).text for status in np.ravel(fit.status)]
     table = pd.DataFrame(columns)
     if len(fit.shape) > 1:
         table.index = pd.MultiIndex.from_product([range(length) for length in fit.shape])
@@ -142,7 +141,7 @@ def _rows(fit: ShownFits) -> Iterator[list[str]]:
     """Centre, radius, σ̂ and status of each fit, as texts."""
     errors, known = _errors(fit)
     flat = fit.estimates.reshape(-1)
-    for i, (sigma, status) in enumerate(zip(fit.sigma.ravel(), fit.status.ravel(), strict=True)):
+    for i, (sigma, status) in enumerate(zip(np.ravel(fit.sigma), np.ravel(fit.status), strict=True)):
         sphere = [*flat.center[i], flat.radius[i]]
         measured = [_measured(*pair, known) for pair in zip(sphere, errors[i], strict=True)]
         yield [*measured, number(float(sigma)), statuses(np.asarray(status))]
@@ -160,50 +159,14 @@ def _errors(fit: ShownFits) -> tuple[Floats, bool]:
     return fit.standard_errors.reshape(-1, d + 1), True
 
 
-_POINT, _SPHERE = "#4c4c4c", "#1f6fb4"
-_MOST_POINTS = 5000
-"""Points drawn; of more, evenly spaced ones are."""
-
-
-def draw(fit: ShownFits) -> "Figure":
+def draw(fit: Any) -> "Figure":
     """Draw a single fit; see `Fit.plot`."""
-    from matplotlib.figure import Figure
+    from study.fits.fit_plot import draw, prepare
 
-    sphere = fit.estimates
-    d = sphere.center.shape[-1]
     if fit.shape:
         raise ValueError(f"fit of shape {fit.shape}: plot one of them, such as fit[0].plot()")
-    if d > 3:
-        raise ValueError(f"fit in {d} dimensions: only circles and spheres, of 2 or 3 dimensions, can be drawn")
     if fit.samples is None:
         raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
-    points, residuals = fit.samples.points[0], fit.residuals
-    step = -(-len(points) // _MOST_POINTS)
-    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
-    axes = figure.add_subplot(1, 2, 1, projection="3d" if d == 3 else None)
-    axes.plot(*points[::step].T, ".", color=_POINT, markersize=4.0)
-    if np.isfinite([*sphere.center, sphere.radius]).all():
-        (_sphere if d == 3 else _circle)(axes, sphere.center, float(sphere.radius))
-    axes.set_aspect("equal")
-    radius = with_error(float(sphere.radius), float(fit.standard_errors[-1]))
-    axes.set_title(f"radius {radius}, {statuses(fit.status)}", fontsize=10)
-    beside = figure.add_subplot(1, 2, 2)
-    beside.axhline(0.0, color=_SPHERE, linewidth=1.0)
-    beside.plot(np.arange(len(points))[::step], residuals[::step], ".", color=_POINT, markersize=4.0)
-    beside.set(xlabel="point", ylabel="residual, in the unit of the points")
-    beside.set_title("distance from the circle" if d == 2 else "distance from the sphere", fontsize=10)
-    return figure
-
-
-def _circle(axes: "Axes", center: Floats, radius: float) -> None:
-    around = np.linspace(0.0, 2.0 * np.pi, 361)
-    axes.plot(center[0] + radius * np.cos(around), center[1] + radius * np.sin(around), color=_SPHERE, linewidth=1.0)
-    axes.plot(*center, "+", color=_SPHERE)
-
-
-def _sphere(axes: Any, center: Floats, radius: float) -> None:
-    around, down = np.linspace(0.0, 2.0 * np.pi, 37)[:, None], np.linspace(0.0, np.pi, 19)
-    x, y = np.cos(around) * np.sin(down), np.sin(around) * np.sin(down)
-    shell = [c + radius * part for c, part in zip(center, (x, y, np.ones_like(around) * np.cos(down)), strict=True)]
-    axes.plot_wireframe(*shell, color=_SPHERE, linewidth=0.3, alpha=0.6)
-    axes.scatter(*center, marker="+", color=_SPHERE)
+    d = len(fit.center)
+    names = list("xyz"[:d]) if d <= 3 else [str(i + 1) for i in range(d)]
+    return draw(prepare(fit.samples.points[0], {fit.estimator: fit}, names))

@@ -4,6 +4,10 @@ Circles are drawn as they are. Spheres are shown in two views, along the two axe
 least and the middle one, so that a small cap is seen from the side; each shows the sphere's outline and the projection
 of the centre's 95 % ellipsoid. Below or beside each view its centres are enlarged. Estimators whose answers differ by
 less than a tenth of a standard error are drawn once and named together.
+
+In a view from the side the points of a cap fall inside the outline. So the signed distances of the points from the
+first fit stand below, by the angle from the middle of the points as seen from the centre, with the band in which the
+surface lies.
 """
 
 import textwrap
@@ -15,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from study import style
 from study.arrays import Bools, Floats, Ints
@@ -23,6 +28,7 @@ from study.fits import Fit, Status
 _MOST_POINTS = 5000
 _FARTHEST = 100  # points that are always shown, however many are left out
 _SAME = 0.1  # of a standard error
+_BELOW = 1.7  # height of the distances, in inches
 _SMALLEST = 1e-6  # difference, in radii, that a picture shows
 
 
@@ -44,6 +50,28 @@ class Projection:
 
 
 @dataclass(frozen=True)
+class Residuals:
+    """Signed distances of the points from a fit.
+
+    Attributes:
+        name: the estimator's.
+        place: angle in degrees between each point and the mean of all as seen from the centre, in a plane with a sign;
+            or the number of the row, from 1, where rows are in order of time (n,).
+        distance: of each point, positive outside (n,).
+        outliers: true for points that do not belong to the sphere (n,).
+        by_row: true if the place is a row.
+        band: angles, and 1.96 standard errors of the surface there (2, k); empty if there are none.
+    """
+
+    name: str
+    place: Floats
+    distance: Floats
+    outliers: Bools
+    by_row: bool
+    band: Floats
+
+
+@dataclass(frozen=True)
 class FitFrame:
     """Content of the picture: one view of circles, two of spheres.
 
@@ -54,6 +82,7 @@ class FitFrame:
         fits_in: whether the group's circle is not much larger than the others, or than the points' extent (k,).
         caption: what is shown, in words.
         notes: what is not, and what a status says.
+        residuals: of the first fit that can be drawn; None if there is none.
     """
 
     views: list[Projection]
@@ -62,6 +91,7 @@ class FitFrame:
     fits_in: Bools
     caption: str
     notes: list[str]
+    residuals: Residuals | None
 
 
 def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> FitFrame:
@@ -104,7 +134,46 @@ def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> FitFrame:
     notes = _statuses(fits, usable)
     for i in np.flatnonzero(~fits_in):
         notes.append(f"{_label(groups[i])}: circle off the scale, radius {style.number(radii[i])}")
-    return FitFrame(views, groups, radii, fits_in, caption, notes)
+    residuals = _residuals(groups[0][0], first[0]) if first else None
+    return FitFrame(views, groups, radii, fits_in, caption, notes, residuals)
+
+
+def _residuals(name: str, fit: Fit) -> Residuals | None:
+    """Signed distances from a fit, which holds its points."""
+    if fit.samples is None:
+        return None
+    points, center, radius = fit.samples.points[0], fit.center, float(fit.radius)
+    finite = np.isfinite(points).all(axis=1).nonzero()[0]
+    shown = finite[_sample(points[finite])]
+    away = points[shown] - center
+    axis = points[finite].mean(axis=0) - center
+    axis = axis / (np.linalg.norm(axis) or 1.0)
+    along = away @ axis
+    across = np.linalg.norm(away - along[:, None] * axis, axis=1)
+    if len(center) == 2:
+        across = away @ [-axis[1], axis[0]]
+    angle = np.degrees(np.arctan2(across, along))
+    place = shown + 1.0 if fit.ordered else angle
+    return Residuals(
+        name, place, np.linalg.norm(away, axis=1) - radius, fit.outliers[shown], fit.ordered, _band(fit, axis, angle)
+    )
+
+
+def _band(fit: Fit, axis: Floats, angle: Floats) -> Floats:
+    """Angles between those of the points, and 1.96 standard errors of the surface there, averaged around the axis."""
+    covariance, d = fit.covariance, len(axis)
+    if fit.ordered or not np.isfinite(covariance).all():
+        return np.empty((2, 0))
+    angles = np.linspace(angle.min(), angle.max(), 91)
+    cosine, sine = np.cos(np.radians(angles)), np.sin(np.radians(angles))
+    center, mixed = covariance[:d, :d], covariance[:d, d]
+    along = axis @ center @ axis
+    around = (np.trace(center) - along) / (d - 1)
+    variance = cosine**2 * along + sine**2 * around + 2.0 * cosine * (mixed @ axis) + covariance[d, d]
+    if d == 2:
+        side = np.array([-axis[1], axis[0]])
+        variance += 2.0 * sine * (mixed @ side) + 2.0 * sine * cosine * (axis @ center @ side)
+    return np.stack([angles, 1.96 * np.sqrt(np.maximum(variance, 0.0))])
 
 
 def _groups(fits: dict[str, Fit]) -> list[list[str]]:
@@ -170,9 +239,13 @@ def draw(frame: FitFrame) -> Figure:
     """Draw the views side by side, with the centres enlarged below (of circles: beside)."""
     flat = len(frame.views) == 1
     zoomed = len(frame.groups) > 1 or bool(np.isfinite(frame.views[0].ellipses).any())
-    figure = Figure(figsize=(style.PAGE, 3.2 if flat or not zoomed else 5.4), layout="constrained")
+    below = frame.residuals is not None
+    height = (3.2 if flat or not zoomed else 5.4) + _BELOW * below
+    figure = Figure(figsize=(style.PAGE, height), layout="constrained")
     rows, columns = (1, 1 + zoomed) if flat else (1 + zoomed, 2)
-    axes = figure.subplots(rows, columns, squeeze=False, height_ratios=[1.35, 1.0][:rows])
+    heights = [3.1 - 0.1 * flat, 2.3][:rows] + [_BELOW] * below
+    grid = figure.add_gridspec(rows + below, columns, height_ratios=heights)
+    axes = np.array([[figure.add_subplot(grid[i, j]) for j in range(columns)] for i in range(rows)])
     for place, view in enumerate(frame.views):
         _whole(axes.flat[place], view, frame)
         if zoomed:
@@ -184,9 +257,31 @@ def draw(frame: FitFrame) -> Figure:
             ax.set_xlabel("")
         for ax in axes[:, 1:].flat:
             ax.set_ylabel("")
+    if frame.residuals is not None:
+        _distances(figure.add_subplot(grid[rows, :]), frame.residuals, _look(0, frame))
     _words(figure, frame)
     style.stamp(figure, frame.caption)
     return figure
+
+
+def _distances(ax: Axes, residuals: Residuals, look: dict[str, Any]) -> None:
+    """Draw the distances from the first fit, and the band of its surface."""
+    place, distance, named = residuals.place, residuals.distance, residuals.outliers
+    ax.axhline(0.0, color=look["color"], linewidth=look["linewidth"])
+    if residuals.band.size:
+        ax.fill_between(
+            residuals.band[0], -residuals.band[1], residuals.band[1], color=look["color"], alpha=0.2, lw=0.0
+        )
+    ax.plot(place[~named], distance[~named], ".", color=style.FAINT, markersize=3.0)
+    title = f"distance from {style.label(residuals.name)}"
+    if residuals.band.size:
+        title += "; band: 95 % for the surface"
+    if named.any():
+        ax.plot(place[named], distance[named], "x", color=style.INK, markersize=4.0)
+        title += f"; × {'an outlier' if named.sum() == 1 else 'outliers'}"
+    ax.set_title(title, loc="left")
+    ax.set(ylabel="distance")
+    ax.set_xlabel("row" if residuals.by_row else "angle from the middle of the points, in degrees")
 
 
 def _words(figure: Figure, frame: FitFrame) -> None:
@@ -248,6 +343,7 @@ def _enlarged(ax: Axes, view: Projection, frame: FitFrame, shape: float) -> tupl
             turn = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
             ax.add_patch(Ellipse((center[0], center[1]), long, short, angle=turn, fill=False, zorder=4, **look))
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
+    ax.xaxis.set_major_locator(MaxNLocator(4))
     ax.set_title("centres and 95 % ellipses", loc="left")
     return low, high
 

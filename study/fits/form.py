@@ -8,6 +8,8 @@ Each step solves that programme for the points that matter, those near the large
 shrinks where the true width does not fall. In the end Newton's method solves R - r = s t for the d + 2 points.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np

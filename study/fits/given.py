@@ -4,6 +4,8 @@
 `check_way`. Their answer is a `GivenFit`: a `Fit` whose covariances and intervals use what is known.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -65,7 +67,7 @@ class Given(NamedTuple):
     sigma: float | None
     prior: StatedRadius | None = None
 
-    def take(self, places: Ints) -> "Given":
+    def take(self, places: Ints) -> Given:
         """Part of the batch."""
         part = self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])
         return (

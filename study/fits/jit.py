@@ -130,7 +130,7 @@ event.register("numba:compile", _Report())  # type: ignore[no-untyped-call]
 
 
 class _Way(threading.local):
-    """How loops run in this thread.
+    """The way in which loops run in this thread.
 
     Attributes:
         plain: true within a loop that runs as plain Python, whose own loops do too.
@@ -184,7 +184,7 @@ class Loop:
         if cache.cache_path:
             cache.save_overload = partial(_store, cache.save_overload, Path(cache.cache_path) / LOCK)
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: object) -> object:
         """Run the function."""
         if _WAY.plain:
             return self.function(*arguments)
@@ -292,12 +292,12 @@ def float_of(bits: np.uint64) -> float:
 
 
 @intrinsic
-def _fma(typing: Any, factor: Any, other: Any, term: Any) -> Any:
+def _fma(typing: object, factor: object, other: object, term: object) -> object:
     return float64(float64, float64, float64), lambda _, builder, signature, numbers: builder.fma(*numbers)
 
 
 @intrinsic
-def _float_of(typing: Any, bits: Any) -> Any:
+def _float_of(typing: object, bits: object) -> object:
     def cast_bits(context: Any, builder: Any, signature: Any, words: Any) -> Any:
         return builder.bitcast(words[0], context.get_value_type(float64))
 
@@ -305,12 +305,12 @@ def _float_of(typing: Any, bits: Any) -> Any:
 
 
 @overload(fma, inline="always", strict=False)
-def _fma_once(factor: Any, other: Any, term: Any) -> Callable[..., float]:
+def _fma_once(factor: object, other: object, term: object) -> Callable[..., float]:
     return lambda factor, other, term: _fma(factor, other, term)  # type: ignore[call-arg]
 
 
 @overload(float_of, inline="always", strict=False)
-def _float_of_bits(bits: Any) -> Callable[..., float]:
+def _float_of_bits(bits: object) -> Callable[..., float]:
     return lambda bits: _float_of(bits)  # type: ignore[call-arg]
 
 

@@ -12,6 +12,8 @@ Points that arrive one after the other need not be stored: their moments merge e
 when an answer is wanted: every closed form, and the common centre, from the same few numbers.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -293,7 +295,7 @@ class JointFit:
                 narrowest, result.center[:] = width, np.ldexp(ends.center, power)
         return result
 
-    def to_frame(self) -> "pd.DataFrame":
+    def to_frame(self) -> pd.DataFrame:
         """A row per marker.
 
         Returns:
@@ -396,7 +398,7 @@ class Incremental:
             x = array.T[None]
             self.moments = Moments.of(x) if self.moments is None else self.moments.update(x)
 
-    def merge(self, other: "Incremental") -> None:
+    def merge(self, other: Incremental) -> None:
         """Add the points of another fit that grew; that one stays as it is.
 
         Raises:

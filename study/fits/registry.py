@@ -6,6 +6,8 @@ simple form is enough, a function from one set of points to a centre and a radiu
 tried out and refused with one line; what a file prints goes to standard error. `ORIGINS` has where each comes from.
 """
 
+from __future__ import annotations
+
 import contextlib
 import hashlib
 import inspect
@@ -22,7 +24,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Never, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,12 +40,12 @@ from study.fits.judge import NOTHING, Assumptions
 from study.fits.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
 from study.fits.robust import robust
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
-from study.words import argument_remedy, estimator_remedy
+from study.words import estimator_remedy, hinting
 
 if TYPE_CHECKING:
     from study.fits.point_files import PointTable
 
-    _Points: TypeAlias = ArrayLike | Path | PointTable
+    PointsLike: TypeAlias = ArrayLike | Path | PointTable
 
 Function = Callable[..., object]
 _LONGEST = 500
@@ -168,13 +170,13 @@ ESTIMATORS: dict[str, Estimator] = {
     "igdk": Estimator(igdk, "paper eqs 24-25", flops=lambda d: 7 * d * d + 20 * d + 3, caution=_BIASED),
 }
 
-_ARGUMENTS = ["points", "estimator", "noise", "radius", "scale", "copy", "ordered", "assume"]
 _MOST_COPIED = 100_000
 """Number of coordinates that a fit copies by default: beyond, copying takes longer than a closed form."""
 
 
+@hinting
 def fit(
-    points: "_Points",
+    points: PointsLike,
     estimator: str = "corrected",
     noise: ArrayLike | None = None,
     *,
@@ -183,7 +185,6 @@ def fit(
     copy: bool | None = None,
     ordered: bool = False,
     assume: str | None = None,
-    **others: Never,
 ) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
 
@@ -206,7 +207,6 @@ def fit(
         ordered: True if the rows are in the order in which they were measured: where neighbours share their noise,
             errors and intervals then allow for it.
         assume: "sphere" if the points are known to lie on one (a circle, if d = 2): their shape is then not tested.
-        others: none; a TypeError says what there is in place of weights or sigma.
 
     Returns:
         A `Fit` whose arrays have the leading axes of ``points``; a `GivenFit` where the radius or the noise of each
@@ -227,8 +227,6 @@ def fit(
 
     Source: the paper of each estimator is in its `Estimator.reference`.
     """
-    if others:
-        raise TypeError(f"study.fit takes no {next(iter(others))}=: {argument_remedy(next(iter(others)), _ARGUMENTS)}")
     if not isinstance(estimator, str):
         raise TypeError(f"estimator = {estimator!r}: expected a name, such as 'corrected'")
     if estimator not in ESTIMATORS:
@@ -262,7 +260,7 @@ def fit(
     return as_fit(estimates.reshape(*lead), samples, estimator, assumed)
 
 
-def _of_file(points: "_Points", noise: ArrayLike | None) -> tuple[ArrayLike, ArrayLike | None]:
+def _of_file(points: PointsLike, noise: ArrayLike | None) -> tuple[ArrayLike, ArrayLike | None]:
     """The points and the noise of a file, or of what was read from it; a tuple of points as it is."""
     from study.fits.point_files import PointTable, read_points  # who fits arrays need not wait for its readers
 

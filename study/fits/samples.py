@@ -262,6 +262,9 @@ class Worded(IntEnum):
         member.text = text
         return member
 
+    def __str__(self) -> str:
+        return self.name
+
 
 class Status(Worded):
     """Status of a fit.
@@ -272,10 +275,10 @@ class Status(Worded):
     Example:
         >>> import study
         >>> line = study.fit([[0, 0], [1, 0], [2, 0], [3, 0]])
-        >>> bool(line.ok), study.Status(int(line.status)).name
-        (False, 'SINGULAR')
-        >>> bool(line.status == study.Status.OK), study.Status.TOO_FEW_POINTS.text
-        (False, 'fewer than d + 1 points')
+        >>> line.status.name, line.status.text
+        ('SINGULAR', 'the points lie in a plane or a line (or are one point): they leave the centre undetermined')
+        >>> line.status == study.Status.OK
+        False
     """
 
     OK = 0, "ok"

@@ -13,6 +13,8 @@ many points beside a sphere as near it, and so gives no good guess. The best one
 The outliers of a robust fit to what lies near are left out, and the sphere is fitted to the rest by any estimator.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -131,7 +133,7 @@ class CloudSpheres:
     def __iter__(self) -> Iterator[Fit]:
         return iter(self.fits)
 
-    def to_frame(self) -> "pd.DataFrame":
+    def to_frame(self) -> pd.DataFrame:
         """A row per sphere: the columns of `Fit.to_frame`, with the status that counts here."""
         import pandas as pd  # takes as long to load as the rest of the library
 

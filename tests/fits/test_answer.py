@@ -16,6 +16,7 @@ from scipy import stats
 
 import study
 from study import Estimates, Fit, Status
+from study.fits.fit_plot import prepare
 from study.fits.samples import blank
 
 
@@ -72,7 +73,7 @@ def test_indexing(points, index):
     names = ("center", "radius", "status", "residuals", "residual_rms", "covariance", "standard_errors", "count", "ok")
     for name in names:
         one, two = getattr(part, name), getattr(alone, name)
-        assert one.shape == two.shape, name
+        assert np.shape(one) == np.shape(two), name
         np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-15, err_msg=name)
     for of in ("radius", "center"):
         np.testing.assert_array_equal(part.interval(of), alone.interval(of))
@@ -124,23 +125,49 @@ def test_words(points):
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_picture(rng, on_cap, d):
-    """Points, centre and circle or sphere are drawn, and a residual per point."""
+    """Points and circle or sphere are drawn as by the command, and a residual per point, by its angle."""
     points = on_cap(rng, 30, 100.0, d, noise=0.02)[0]
     fit = study.fit(points)
     figure = fit.plot()
     figure.draw_without_rendering()
-    left, right = figure.axes
-    drawn = np.array(left.lines[0].get_data_3d() if d == 3 else left.lines[0].get_data())
-    np.testing.assert_array_equal(drawn, points.T)
-    np.testing.assert_array_equal(right.lines[1].get_ydata(), fit.residuals)
+    below = figure.axes[-1]
+    np.testing.assert_allclose(below.lines[1].get_ydata(), fit.residuals, atol=1e-12)
+    away, middle = points - fit.center, points.mean(axis=0) - fit.center
+    cosine = away @ middle / np.linalg.norm(away, axis=1) / np.linalg.norm(middle)
+    np.testing.assert_allclose(np.abs(below.lines[1].get_xdata()), np.degrees(np.arccos(cosine)), atol=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_band_of_the_surface(rng, on_cap, d):
+    """At an angle it is 1.96 times the root mean square of the surface's standard error in the directions there."""
+    fit = study.fit(on_cap(rng, 40, 60.0, d, noise=0.03)[0])
+    frame = prepare(fit.samples.points[0], {"corrected": fit}, ["x", "y", "z"][:d])
+    axis = fit.samples.points[0].mean(axis=0) - fit.center
+    axis /= np.linalg.norm(axis)
+    for angle, width in frame.residuals.band.T[::30]:
+        sides = np.linalg.qr(np.column_stack([axis, np.eye(d)[:, : d - 1]]))[0][:, 1:]
+        turns = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+        around = sides @ np.stack([np.cos(turns), np.sin(turns)]) if d == 3 else np.array([[-axis[1]], [axis[0]]])
+        e = np.cos(np.radians(angle)) * axis[:, None] + np.sin(np.radians(angle)) * around
+        slopes = np.vstack([e, np.ones(e.shape[1])])
+        variance = np.einsum("ik,ij,jk->k", slopes, fit.covariance, slopes)
+        assert width == pytest.approx(1.96 * np.sqrt(variance.mean()))
+
+
+def test_outliers_are_marked(rng, on_cap):
+    """A point far from the sphere is a cross; rows in order of time stand side by side."""
+    points = on_cap(rng, 60, 100.0, noise=0.02)[0]
+    points[7] *= 1.5
+    below = study.fit(points, ordered=True).plot().axes[-1]
+    crosses = [line for line in below.lines if line.get_marker() == "x"]
+    np.testing.assert_array_equal(crosses[0].get_xdata(), [8.0])
+    assert below.get_xlabel() == "row"
 
 
 def test_pictures_that_cannot_be(rng, points):
-    """A batch, and more than three dimensions, are refused with the remedy."""
+    """A batch is refused with the remedy."""
     with pytest.raises(ValueError, match=r"fit\[0\]\.plot"):
         study.fit(points).plot()
-    with pytest.raises(ValueError, match="4 dimensions"):
-        study.fit(rng.standard_normal((20, 4))).plot()
 
 
 def test_an_estimators_own_covariance(points, monkeypatch):

@@ -109,7 +109,7 @@ def test_drawn_patches(cap, d):
     """Circles have the fit's centre and radius; ellipses the size and the turn of the shadow."""
     frame, _ = frame_of(cap(d=d), "als", "gdke")
     figure = draw(frame)
-    assert len(figure.axes) == 2 * len(frame.views)
+    assert len(figure.axes) == 2 * len(frame.views) + 1
     for place, view in enumerate(frame.views):
         circles = [patch for patch in figure.axes[place].patches if isinstance(patch, Circle)]
         np.testing.assert_allclose([c.center for c in circles], view.centers)
