@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --no-compile -c constraints.txt
 
-.PHONY: paper article calibration skeleton test smoke lint numbers tables bench docs clean
+.PHONY: paper article calibration skeleton test smoke lint numbers tables bench mutants docs clean
 .DELETE_ON_ERROR:
 
 # The paper's study, the studies that its claims need, figures (in figures/), verdicts, and one page about everything.
@@ -102,6 +102,10 @@ tables: paper
 # Speed as ratios to the limits of this machine and to other packages; stored in results/bench.csv.
 bench: $(VENV)/.bench
 	$(BIN)/python -m pytest -q benchmarks --benchmark-group-by=group --benchmark-columns=min,median,rounds
+
+# Mutants of a module, one token each, that its tests do not notice: make mutants MODULE=study/… TESTS=tests/…
+mutants: $(VENV)/.dev $(VENV)/.run
+	$(BIN)/python benchmarks/mutants.py $(MODULE) $(TESTS)
 
 # The site of the documents, in site/. Every code block and command of a page is run, and prints what the page says.
 docs: $(VENV)/.docs

@@ -37,11 +37,17 @@ USUAL = 150
 """Lines of code that half of the chapters have at least."""
 SHORT = 40
 MOST_SHORT = 15
-MOST_FILES = 150
-MOST_ARROWS = 825
-"""Files and imports between them, with a tenth to spare for what is added."""
+MOST_FILES = 127
+MOST_ARROWS = 722
+"""Files and imports between them, without those that `GROWING` counts; a tenth to spare for what is added."""
+GROWING = {f"simulation/{name}" for name in ("figures", "claims")}
+GROWING |= {f"recordings/{name}" for name in ("formats", "export", "markersets")}
+"""Folders that grow by a file for each figure, claim, format or marker set: as many as there are, each on its own."""
+MOST_OF_ONE = 10
+"""Files that one of these imports at most; the lists of them import them all."""
 MOST_PARAMETERS = 7
-MOST_ANY = 176
+MOST_ANY = 193
+"""Uses of `Any`, with a tenth to spare."""
 MOST_UNFORMATTED = 0
 
 
@@ -105,10 +111,14 @@ def code_lines(text):
     return len({token.start[0] for token in tokens if token.type not in silent} - texts)
 
 
+def grows(path):
+    """True for files of a folder that grows by a file for each thing that is added."""
+    return path.relative_to(PACKAGE).parent.as_posix() in GROWING
+
+
 def is_free(path):
     """True for files whose length is their subject's: lists of names, figures, file formats."""
-    folder = path.relative_to(PACKAGE).parent.as_posix()
-    return path.name == "__init__.py" or folder in ("simulation/figures", "recordings/formats", "recordings/export")
+    return path.name == "__init__.py" or (grows(path) and path.parent.name != "claims")
 
 
 def functions(tree):
@@ -183,7 +193,7 @@ def test_a_file_is_a_chapter():
     assert {path: lines for path, lines in lengths.items() if lines > LONGEST} == {}
     assert statistics.median(lengths.values()) >= USUAL
     assert sum(lines < SHORT for lines in lengths.values()) <= MOST_SHORT
-    assert len(FILES) <= MOST_FILES
+    assert sum(not grows(path) for path in FILES) <= MOST_FILES
 
 
 def test_lines_of_code_are_counted():
@@ -194,8 +204,10 @@ def test_lines_of_code_are_counted():
 
 def test_few_arrows():
     """The number of imports from file to file stays small, so that a change stays where it is made."""
-    others = {path: {tuple(parts) for _, parts in imported(path, tree)} & MODULES for path, tree in TREES.items()}
-    assert sum(map(len, others.values())) <= MOST_ARROWS
+    counts = {path: len({tuple(parts) for _, parts in imported(path, tree)} & MODULES) for path, tree in TREES.items()}
+    assert sum(count for path, count in counts.items() if not grows(path)) <= MOST_ARROWS
+    added = {path: count for path, count in counts.items() if grows(path) and path.name != "__init__.py"}
+    assert {path: count for path, count in added.items() if count > MOST_OF_ONE} == {}
 
 
 def test_functions_take_few_parameters():

@@ -30,7 +30,18 @@ from study.simulation import statistics
 from study.simulation.analysis.summary import summary
 from study.simulation.experiment.compute import Errors, compute
 from study.simulation.experiment.config import Study
-from study.simulation.statistics import inside, moments_exist, power_law, quantile, robust_sd, tail_index, theil_sen
+from study.simulation.statistics import (
+    inside,
+    mean,
+    moments_exist,
+    power_law,
+    quantile,
+    robust_sd,
+    root_mean_square,
+    share,
+    tail_index,
+    theil_sen,
+)
 
 X = np.logspace(1, 5, 13)
 
@@ -78,6 +89,13 @@ def test_coverage(scale):
     assert inside / 2000 == pytest.approx(expected, abs=4.5 * math.sqrt(expected * (1 - expected) / 2000))
 
 
+def test_three_points_are_a_law():
+    """The fewest that leave a scatter to judge by."""
+    y = 3.0 * X[:3] ** -0.5
+    law, factor = power_law(X[:3], y, 0.1 * y)
+    assert (law.value, factor) == pytest.approx((-0.5, 3.0), rel=1e-12)
+
+
 @pytest.mark.parametrize("bad", [(math.inf, 1.0), (math.nan, 1.0), (0.0, 1.0), (-1.0, 1.0), (1.0, 0.0)])
 @pytest.mark.parametrize("error", [None, math.inf, math.nan])
 def test_points_without_weight_are_left_out(bad, error):
@@ -90,6 +108,26 @@ def test_points_without_weight_are_left_out(bad, error):
     wide = np.append(X, 1e6), np.append(y, bad[0]), np.append(0.1 * y, bad[1] if error is None else error)
     law, factor = power_law(*wide)
     assert (*law, factor) == pytest.approx((*good[0], good[1]), rel=1e-12)
+
+
+def test_means_have_their_standard_errors():
+    """Mean ± s/√n by SciPy, from two values on; a root mean square has half of its square's relative error."""
+    values = np.random.default_rng(6).normal(3.0, 0.4, 50)
+    assert mean(values) == pytest.approx((values.mean(), stats.sem(values)), rel=1e-12)
+    assert mean(np.array([1.0, 3.0])) == pytest.approx((2.0, 1.0))
+    assert all(map(math.isnan, mean(np.array([1.0]))))
+    root = math.sqrt(np.mean(values**2))
+    relative = 0.5 * stats.sem(values**2) / root**2
+    assert root_mean_square(values) == pytest.approx((root, relative * root), rel=1e-12)
+    assert all(map(math.isnan, root_mean_square(np.zeros(5))))
+
+
+@pytest.mark.parametrize(("count", "total"), [(0, 20), (7, 20), (20, 20), (2.5, 9)])
+def test_a_share_has_the_error_of_agresti_and_coull(count, total):
+    """The share is the plain one; its error is that of two more of each kind."""
+    more = (count + 2) / (total + 4)
+    assert share(count, total) == pytest.approx((count / total, math.sqrt(more * (1 - more) / (total + 4))), rel=1e-12)
+    assert all(map(math.isnan, share(0, 0)))
 
 
 @pytest.fixture(scope="module", params=LAWS)
@@ -174,6 +212,7 @@ def test_errors_by_hand():
     """
     values = np.arange(100.0)
     assert quantile(values, 0.5) == pytest.approx((49.5, 5.0))
+    assert quantile(values[:4], 0.5) == pytest.approx((1.5, 1.0))  # ranks ½ and 2½
     for n, p in ((1, 0.5), (2, 0.5), (15, 0.05), (15, 0.95)):
         found = quantile(values[:n], p)
         assert math.isfinite(found.value)

@@ -1,4 +1,4 @@
-"""The claims of the paper, in its order and then those of its abstract, each judged by stored tables.
+"""The claims of the paper, by their numbers, each judged by stored tables.
 
 To add a claim, write a subclass of `Claim` in the file of its subject: the tables it reads, its measure, and its rule.
 """
@@ -16,16 +16,14 @@ from study.simulation.runs.run_folder import Run
 from study.text import columns
 
 _CHAPTERS = (error_by_noise, outliers, bound, ugdk, costs, recordings)
-_LAST = ("efficient-below-distance", "troubles-beyond-radius", "two-answers", "speed-abstract", "noise-ranges")
-"""Claims that come after those of the text: of the abstract and of asides."""
 _KINDS = [thing for chapter in _CHAPTERS for thing in vars(chapter).values() if isinstance(thing, type)]
 CLAIMS: tuple[Claim, ...] = tuple(
     sorted(
         (kind() for kind in _KINDS if issubclass(kind, Claim) and kind is not Claim),
-        key=lambda claim: _LAST.index(claim.name) + 1 if claim.name in _LAST else 0,
+        key=lambda claim: claim.number,
     )
 )
-"""Every claim: chapter by chapter, in the order in which they stand there."""
+"""Every claim, in the order of their numbers: those of the text, of the abstract, and what was added."""
 
 __all__ = ["CLAIMS", "Claim", "Evidence", "Verdict", "as_data", "judge_all", "printed", "save"]
 

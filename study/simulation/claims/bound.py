@@ -53,7 +53,7 @@ class GdkeBiasOrder(Claim):
     5 of the paper agrees: it calls the bias proportional to the variance.
     """
 
-    name, section, figure = "gdke-bias-order", "4.4, 10", "fig_efficiency"
+    number, name, section, figure = 8, "gdke-bias-order", "4.4, 10", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "exponent of σ in GDKE's bias along the cap's axis, before it saturates"
     answer = """
@@ -107,7 +107,7 @@ class GdkeBiasStays(Claim):
     the ellipses would contain the truth.
     """
 
-    name, section, figure = "gdke-bias-stays", "4.4", "fig3_gdke_ellipse"
+    number, name, section, figure = 9, "gdke-bias-stays", "4.4", "fig3_gdke_ellipse"
     reads = ("ellipse/errors", "power-law/errors")
     quantity = """
         GDKE's bias over its scatter and the coverage of its ellipses in the setting of figure 3; its bias against N
@@ -181,7 +181,7 @@ class UgdkEfficient(Claim):
     same points avoid this.
     """
 
-    name, section, figure = "ugdk-efficient", "10.1", "fig_efficiency"
+    number, name, section, figure = 10, "ugdk-efficient", "10.1", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "UGDK's variance along the cap's axis over the bound's, by medians, N = 1000"
     answer = """
@@ -224,7 +224,7 @@ class BoundForAll(Claim):
     while the bound grows in proportion to σ.
     """
 
-    name, section, figure = "bound-for-all", "4.2", "fig_efficiency"
+    number, name, section, figure = 11, "bound-for-all", "4.2", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "least root mean square error over √tr CRLB among MLE, GDKE and UGDK, in cells where it exists"
     answer = """
@@ -280,7 +280,7 @@ class GdkeEvenData(Claim):
     On the whole sphere the bias vanishes by symmetry.
     """
 
-    name, section, figure = "gdke-even-data", "5", "fig_efficiency"
+    number, name, section, figure = 12, "gdke-even-data", "5", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "GDKE's median error over bound for σ ≤ .3 r, by cap"
     answer = """
@@ -342,7 +342,7 @@ class EfficientBelowDistance(Claim):
     that extent is r²φ⁴/48 on small caps.
     """
 
-    name, section, figure = "efficient-below-distance", "abstract", "fig_efficiency"
+    number, name, section, figure = 24, "efficient-below-distance", "abstract", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "UGDK's median error over that of a Gaussian at the attainable bound, for σ < r, N = 1000"
     answer = """

@@ -309,6 +309,7 @@ class Claim:
     paper's number, the explanation of ours. The docstring of its ``judge`` is the criterion: the rule in words.
 
     Attributes:
+        number: its number for good, by which texts cite it; a new claim takes the next free one.
         name: a word or two for it, in lower case with hyphens.
         section: section of the paper.
         quantity: the quantity that is measured.
@@ -321,6 +322,7 @@ class Claim:
         story: the numbers behind that finding, formatted as those of ``answer``.
     """
 
+    number: int
     name: str
     section: str
     quantity: str
@@ -396,12 +398,12 @@ def _judged(claim: Claim, evidence: Evidence) -> Finding:
 def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
     """The claims table: a row per claim; columns as `study.simulation.runs.schemas.CLAIMS` declares them."""
     rows = []
-    for number, (claim, verdict, numbers, reason) in enumerate(findings, start=1):
+    for claim, verdict, numbers, reason in findings:
         head = numbers[0] if numbers else Number.unknown("")
         used = {config for config, _, table in (read.partition("/") for read in claim.reads) if table}
         rows.append(
             {
-                "number": number,
+                "number": claim.number,
                 "name": claim.name,
                 "section": claim.section,
                 "statement": claim.statement,

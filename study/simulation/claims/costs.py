@@ -56,7 +56,7 @@ class SameCost(Claim):
     sample and not 26, because samples are centred twice and the standard errors need a fourth moment.
     """
 
-    name, section = "same-cost", "6, 10"
+    number, name, section = 19, "same-cost", "6, 10"
     reads = ("cost", "paper/timings")
     quantity = "operations and seconds of UGDK over GDKE"
     answer = "UGDK takes {0:times} the operations of GDKE, and on this machine {1:times} its time."
@@ -87,7 +87,7 @@ class IncrementalCost(Claim):
     that IGDK has GDKE's bias. Vector instructions speed up GDKE's sums and not IGDK's recurrence.
     """
 
-    name, section = "incremental-cost", "8, 10"
+    number, name, section = 20, "incremental-cost", "8, 10"
     reads = ("cost",)
     quantity = "operations and seconds of IGDK over GDKE"
     answer = "IGDK takes {0:times} the operations of GDKE, and on this machine {1:times} its time."
@@ -138,7 +138,7 @@ class Speed(Claim):
     Newton's method; these better algorithms remove most of the difference.
     """
 
-    name, section = "speed", "10"
+    number, name, section = 21, "speed", "10"
     reads = ("cost", "paper/errors", "paper/timings")
     quantity = "operations and seconds of LLS and MLE over GDKE"
     answer = """
@@ -181,7 +181,7 @@ class SpeedAbstract(Claim):
     the abstract's 9, and 11.09 for four.
     """
 
-    name, section = "speed-abstract", "abstract, 10.1"
+    number, name, section = 27, "speed-abstract", "abstract, 10.1"
     reads = ("cost", "paper/errors")
     quantity = "operations of LLS, and of the longest fit of MLE, over GDKE's"
     answer = """

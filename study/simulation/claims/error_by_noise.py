@@ -41,7 +41,7 @@ class OneLine(Claim):
     of the order of √N.
     """
 
-    name, section, figure = "one-line", "4.1", "fig2_error"
+    number, name, section, figure = 1, "one-line", "4.1", "fig2_error"
     reads = ("paper/errors", "efficiency/errors")
     quantity = "exponents of σ in the median error over r"
     answer = """
@@ -134,7 +134,7 @@ class UgdkClosest(Claim):
     positive definite; then UGDK's error is of order σ, while the others' is σ/√N.
     """
 
-    name, section, figure = "ugdk-closest", "4.1", "fig2_error"
+    number, name, section, figure = 2, "ugdk-closest", "4.1", "fig2_error"
     reads = ("paper/errors",)
     quantity = "errors of the four methods on the same points, by decade of σ/r"
     answer = """
@@ -174,7 +174,7 @@ class GdkeOnPar(Claim):
     there is no bias. Elsewhere the ratio grows as √N.
     """
 
-    name, section, figure = "gdke-on-par", "4.1", "fig_efficiency"
+    number, name, section, figure = 3, "gdke-on-par", "4.1", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "median error of GDKE over that of MLE, N = 1000"
     answer = "GDKE's median error is up to {0:times} MLE's; at the smallest noise it is {1:times} MLE's."
@@ -222,7 +222,7 @@ class TroublesBeyondRadius(Claim):
     The bound itself exceeds the radius there, unless there are very many samples.
     """
 
-    name, section, figure = "troubles-beyond-radius", "6", "fig2_error"
+    number, name, section, figure = 25, "troubles-beyond-radius", "6", "fig2_error"
     reads = ("paper/errors",)
     quantity = "share of trials with σ ≥ r in which each of the four methods errs by more than half the radius"
     answer = """
@@ -259,7 +259,7 @@ class NoiseRanges(Claim):
     The paper gives two ranges of the same experiment; the study has the wider one.
     """
 
-    name, section, figure = "noise-ranges", "4.1, 10", "fig2_error"
+    number, name, section, figure = 28, "noise-ranges", "4.1, 10", "fig2_error"
     reads = ("paper/errors",)
     quantity = "shares of decades of σ/r in which UGDK is clearly closer, and clearly farther, over either range"
     answer = """

@@ -63,7 +63,7 @@ class MleOutliers(Claim):
     Multiple solutions exist at small noise: from a start beyond the points the sphere tends to a plane.
     """
 
-    name, section, figure = "mle-outliers", "4.1", "fig2_error"
+    number, name, section, figure = 4, "mle-outliers", "4.1", "fig2_error"
     reads = ("starts/errors",)
     quantity = "MLE's outliers with an error of about the radius, and the error at the best minimum from three starts"
     answer = """
@@ -142,7 +142,7 @@ class LlsOutliersSmall(Claim):
     makes outliers too, the more the smaller the noise is, and it fails at both of the paper's limits.
     """
 
-    name, section, figure = "lls-outliers-small", "4.1", "fig2_error"
+    number, name, section, figure = 5, "lls-outliers-small", "4.1", "fig2_error"
     reads = ("outliers/errors", "paper/errors")
     quantity = "outliers of LLS that GDKE does not have on the same points, caps of up to 5°"
     answer = """
@@ -186,7 +186,7 @@ class LlsOutliersPlace(Claim):
     sphere near the origin.
     """
 
-    name, section = "lls-outliers-place", "4.4"
+    number, name, section = 6, "lls-outliers-place", "4.4"
     reads = ("outliers/errors",)
     quantity = "error over radius of the outliers that a cut of small singular values makes"
     answer = "{1:share} of the outliers lie on the sphere if the design matrix is centred, {3:share} if it is not."
@@ -223,7 +223,7 @@ class LlsOutliersLarge(Claim):
     is σ of 1e10 r to 1e11 r for the paper's radii. GDKE in single precision would overflow as well.
     """
 
-    name, section, figure = "lls-outliers-large", "4.1", "fig2_error"
+    number, name, section, figure = 7, "lls-outliers-large", "4.1", "fig2_error"
     reads = ("outliers/errors", "paper/errors")
     quantity = "outliers of LLS that GDKE in double precision does not have on the same points, and failures"
     answer = "of LLS's fits there, {0:share} are outliers or fail in double precision, {1:share} in single precision."

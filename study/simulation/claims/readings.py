@@ -206,9 +206,8 @@ def judge(
         known = {name: run for name, run in {**own, **changed}.items() if name in needed}
         evidence = Evidence(known.values(), costs, rules=reading.rules)
         table = frame(evaluate(claims, evidence), evidence).rename(columns={"name": "claim"})
-        numbers = {claim.name: number for number, claim in enumerate(CLAIMS, start=1)}
         table = table.assign(choice=choice.name, reading=reading.name, finding=table["finding"].str.replace("\n", "; "))
-        parts.append(table.assign(number=table["claim"].map(numbers), used=table["claim"].map(used)))
+        parts.append(table.assign(used=table["claim"].map(used)))
     return pd.concat(parts, ignore_index=True)[list(COLUMNS)]
 
 

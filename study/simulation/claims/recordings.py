@@ -36,7 +36,7 @@ class ErrorAsPowerOfN(Claim):
     at its bias, which a spread over repetitions cannot show.
     """
 
-    name, section, figure = "power-law", "9.1", "fig7_power_law"
+    number, name, section, figure = 22, "power-law", "9.1", "fig7_power_law"
     reads = ("power-law/errors",)
     quantity = "exponent of N in the median error"
     answer = "the median error of UGDK falls as N to the power {0:power}, GDKE's as N to the power {2:power}."
@@ -98,7 +98,7 @@ class RecordingsWithin1Cm(Claim):
     for errors that the joints of one body share, nor for joints that had no sphere.
     """
 
-    name, section = "recordings-within-1-cm", "9.1"
+    number, name, section = 23, "recordings-within-1-cm", "9.1"
     reads = ("case-study",)
     quantity = "median distance of a joint's centre, fitted to random frames, from the centre by the whole recording"
     answer = "above 200 samples {0:share} of the spreads are below 1 cm."
@@ -139,7 +139,7 @@ class TwoAnswers(Claim):
     every centre on the axis fits nearly as well: so random frames give one answer or the other.
     """
 
-    name, section = "two-answers", "9.1"
+    number, name, section = 26, "two-answers", "9.1"
     reads = ("case-study",)
     quantity = """
         share of spreads of a centimetre or more above 200 samples, of hinges and of other joints, every axis fitted as

@@ -65,7 +65,7 @@ class UgdkBias(Claim):
     tends to (C₀ + Σ)⁻¹Σ(c₀ - μ̄).
     """
 
-    name, section = "ugdk-bias", "6"
+    number, name, section = 13, "ugdk-bias", "6"
     reads = ("bias/errors",)
     quantity = "mean error along the cap's axis against N"
     answer = "UGDK's bias goes as N to the power {0:power}, GDKE's as N to the power {1:power}."
@@ -100,7 +100,7 @@ class UgdkError(Claim):
     axis. Otherwise C - Σ̂ is mostly not positive definite, and the error is of order σ for any N.
     """
 
-    name, section, figure = "ugdk-error", "6, 10", "fig7_power_law"
+    number, name, section, figure = 14, "ugdk-error", "6, 10", "fig7_power_law"
     reads = ("power-law/errors", "paper/errors")
     quantity = "exponents of N and σ in UGDK's median error"
     answer = "at σ = .02 r the median error goes as N to the power {0:power}; where σ ≥ r, as N to the power {2:power}."
@@ -145,7 +145,7 @@ class Figure4Setting(Claim):
     UGDK's tails are heavier than a Gaussian's.
     """
 
-    name, section, figure = "figure-4-setting", "6", "fig4_ugdk_ellipse"
+    number, name, section, figure = 15, "figure-4-setting", "6", "fig4_ugdk_ellipse"
     reads = ("ellipse/errors",)
     quantity = "ρ(Σ̂C⁻¹) and coverage over repetitions of the figure's data"
     answer = """
@@ -238,7 +238,7 @@ class NoiseFromThePoints(Claim):
     with the fitted centre and radius it returns (N - 1)/N times the trace that UGDK was given.
     """
 
-    name, section = "noise-from-the-points", "11"
+    number, name, section = 16, "noise-from-the-points", "11"
     reads = ("efficiency/errors", "anisotropic/errors", "markers/errors", "markers/points")
     quantity = "noise estimated from the fitted points over the true noise; errors with estimated and with known Σ"
     answer = """
@@ -316,7 +316,7 @@ class MarkersAveraged(Claim):
     average if the noise is small against every radius; otherwise a marker hidden by the noise spoils the fit.
     """
 
-    name, section, figure = "markers-averaged", "7", "fig6_mgdk"
+    number, name, section, figure = 17, "markers-averaged", "7", "fig6_mgdk"
     reads = ("markers/errors", "markers/points", "mgdk/errors", "mgdk/points")
     quantity = "error of the fit to all markers over errors of single markers, at radii .1, .5 and 2 and several noises"
     answer = """
@@ -371,7 +371,7 @@ class MarkersPositiveDefinite(Claim):
     often than most markers' matrices, and less often than the outermost marker's.
     """
 
-    name, section = "markers-positive-definite", "7"
+    number, name, section = 18, "markers-positive-definite", "7"
     reads = ("markers/errors", "markers/points")
     quantity = "share of trials in which Σ_p (C_p - Σ̂) is positive definite, and in which every C_p - Σ̂ is"
     answer = """

@@ -13,7 +13,15 @@ from study.simulation.figures import arc
 from study.simulation.figures.figure import FAILED, FigureModule, Gallery, NotApplicable, Tables, gathered, own_folder
 from study.simulation.runs.run_folder import Run
 
-_MODULES = ("fig6_mgdk", "fig7_power_law", "fig_efficiency", "fig_regret", "fig_map", "fig_robustness", "fig_misfit")
+_MODULES = (
+    "fig6_mgdk",
+    "fig7_power_law",
+    "fig_efficiency",
+    "fig_regret",
+    "fig_map",
+    "fig_robustness",
+    "fig_misfit",
+)
 _POSTERIORS = ("fig_posterior", "fig_calibration")
 FIGURES: dict[str, FigureModule] = {
     "fig2_error": import_module(f"{__name__}.fig2_error"),

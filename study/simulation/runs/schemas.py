@@ -205,7 +205,7 @@ def draws(dimension: int) -> list[Column]:
 
 
 CLAIMS = [
-    Column("number", pa.int16(), "", "place in the ledger"),
+    Column("number", pa.int16(), "", "the claim's number"),
     Column("name", pa.string(), "", "a word or two for the claim"),
     Column("section", pa.string(), "", "section of the paper"),
     Column("statement", pa.string(), "", "what the paper says, in our words"),

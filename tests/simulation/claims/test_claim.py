@@ -31,11 +31,11 @@ ROOT = Path(study.__file__).parents[1]
 CONFIG = config({"name": "small", "estimators": ["gdke"]}, trials=3)
 
 
-def claim(measure, judge=lambda numbers: Verdict.REPRODUCED, reads=("small/errors",)):
+def claim(measure, judge=lambda numbers: Verdict.REPRODUCED, reads=("small/errors",), number=1):
     """A claim of these functions, which is Claim's docstring in all else."""
     made = Claim()
     made.name, made.section, made.quantity, made.answer, made.reads = "a", "1", "quantity", "answer", reads
-    made.measure, made.judge = measure, judge
+    made.number, made.measure, made.judge = number, measure, judge
     return made
 
 
@@ -169,14 +169,14 @@ def test_ratio():
 
 
 def test_frame(small):
-    """The table has the declared columns, a row per claim in order, and can be stored."""
+    """The table has the declared columns, a row per claim with the number that it states, and can be stored."""
     missing = claim(lambda evidence: evidence.table("other", "errors"), reads=("other/errors", "small/errors", "cost"))
     several = claim(lambda evidence: [Number("a", 2.0, 0.5, 7), Number("b", 3.0, 0.0, 0), Number("c", 4.0, 0.1, 5)])
-    empty = claim(lambda evidence: [], lambda numbers: Verdict.PARTLY, reads=())
+    empty = claim(lambda evidence: [], lambda numbers: Verdict.PARTLY, reads=(), number=30)
     evidence = Evidence([small])
     table = module.frame(evaluate([several, missing, empty], evidence), evidence)
     assert list(table.columns) == [column.name for column in schemas.CLAIMS]
-    assert list(table["number"]) == [1, 2, 3]
+    assert list(table["number"]) == [1, 1, 30]
     assert list(table["verdict"]) == ["reproduced", "not evaluated", "partly"]
     first = table.iloc[0]
     assert (first["value"], first["error"], first["trials"]) == (2.0, 0.5, 5)
@@ -186,6 +186,16 @@ def test_frame(small):
     assert list(table["runs"]) == [small.study.run_name(), small.study.run_name(), ""]
     stored = schemas.table(schemas.CLAIMS, {name: table[name].to_numpy() for name in table.columns})
     assert stored.num_rows == 3
+
+
+def test_numbers_are_for_good():
+    """No two claims have the same number or name, and each has the number under which its verdict was stored."""
+    numbers = {claim.name: claim.number for claim in CLAIMS}
+    assert len(numbers) == len(set(numbers.values())) == len(CLAIMS)
+    assert list(numbers.values()) == sorted(numbers.values())
+    stored = Run.open(ROOT / "results" / "paper").table("claims")
+    assert len(stored) > 20
+    assert stored.set_index("name")["number"].to_dict().items() <= numbers.items()
 
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
