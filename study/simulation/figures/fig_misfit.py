@@ -8,7 +8,7 @@ same normal numbers behind them, so differences are more precise than the bars.
 
 Look at: tails do no harm (Laplace), nor does noise along the radius alone, as the error across it does not count. Noise
 that remembers costs most on a path, and on large caps in any order: there the error is that of a mean. An error of form
-of the size of σ costs most where its length is some .4 of the cap: it looks like another sphere. GDKE loses less on a
+of the size of σ costs most where its length is some 0.4 of the cap: it looks like another sphere. GDKE loses less on a
 small cap, because its bias is there in any case.
 """
 
