@@ -24,6 +24,11 @@ def anchors(path):
     return {re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
 
 
+def python_blocks(name):
+    """The blocks of Python of a page."""
+    return re.findall(r"^```python\n(.*?)^```$", (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
 def dead(path, text):
     """Links of a page that lead nowhere."""
     for target, anchor in LINK.findall(FENCED.sub("", text)):
@@ -59,12 +64,36 @@ def test_what_contributing_names_is_there():
 
 
 def test_outputs_in_the_readme_are_those_of_a_page_that_is_run():
-    """Each line that the README says a command prints stands in a page of the site, whose commands are run."""
+    """Each line that the README says a command prints stands in a page of the site, whose commands are run.
+
+    The points of the README are those that the tutorial makes, in a file of the repository.
+    """
     pages = "\n".join(path.read_text(encoding="utf-8") for path in ROOT.glob("docs/*.md"))
     blocks = re.findall(r"(?:^ {4}.*\n|^\n)+", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     shown = [line.strip() for block in blocks if "    $ " in block for line in block.splitlines() if line.strip()]
     assert len(shown) > 5
-    assert [line for line in shown if line.replace("$ .venv/bin/", "$ ") not in pages] == []
+    assert [
+        line for line in shown if line.replace("$ .venv/bin/", "$ ").replace("docs/points", "points") not in pages
+    ] == []
+
+
+def test_the_points_of_the_readme_are_those_of_the_tutorial(tmp_path, monkeypatch):
+    """The first block of the tutorial writes the file that the repository has."""
+    monkeypatch.chdir(tmp_path)
+    exec(python_blocks("docs/fitting.md")[0], {})
+    assert (tmp_path / "points.csv").read_bytes() == (ROOT / "docs" / "points.csv").read_bytes()
+
+
+def test_the_python_of_the_readme_runs_as_printed(monkeypatch, capsys):
+    """It fits the true sphere of the tutorial, centre (10, -4, 120) and radius 25, within three of its errors."""
+    monkeypatch.chdir(ROOT)
+    names = {}
+    (block,) = python_blocks("README.md")
+    exec(block, names)
+    fit = names["fit"]
+    off = [*fit.center - [10.0, -4.0, 120.0], fit.radius - 25.0] / fit.standard_errors
+    assert abs(off).max() < 3.0
+    assert "ok" in capsys.readouterr().out
 
 
 def test_the_site_lists_every_page():
@@ -75,10 +104,11 @@ def test_the_site_lists_every_page():
 
 
 def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
-    """At most 150 lines; the commands come before the first picture, and what was found after it."""
+    """At most 900 words; the commands come before the only picture, and what was found after it."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 150
-    order = ["    make paper", "    pip install .", "    study fit points.csv", "![", "## What was found"]
+    assert len(text.split()) <= 900
+    assert text.count("![") == 1
+    order = ["    make paper", "    pip install .", "    study fit docs/points.csv", "![", "## What was found"]
     places = [text.find(part) for part in order]
     assert -1 not in places
     assert places == sorted(places)
