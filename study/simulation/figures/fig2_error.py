@@ -139,7 +139,7 @@ def draw(frame: Frame) -> Figure:
     for ax in [ax for row, column in places[count:] for ax in axes[row : row + 2, column]]:
         ax.remove()
     _label_lines(axes[0, 0], frame)
-    figure.legend(handles=_key(), loc="outside upper center", ncols=4, handletextpad=0.2, columnspacing=2.0)
+    figure.legend(handles=_key(), loc="outside upper center", ncols=3, handletextpad=0.2, columnspacing=2.0)
     style.stamp(figure, frame.stamp)
     return figure
 
@@ -152,6 +152,7 @@ def _draw_panel(ax: Axes, frame: Frame, panel: "pd.Series[Any]", narrow: bool) -
     ax.plot([low, high], [low, high], color=style.FAINT, linewidth=0.8, dashes=(5, 2.5), zorder=4)
     ax.plot(frame.bound["noise"], frame.bound["bound"], color="black", linewidth=1.0, zorder=4)
     words = _words(panel)
+    words += "\n" * (max(_words(other).count("\n") for _, other in frame.panels.iterrows()) - words.count("\n"))
     at: style.Marks = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
     # the corner that the diagonal leaves free is too small in a narrow panel
     above = 5.0 + 1.35 * style.SMALL * (1 + words.count("\n"))
@@ -235,4 +236,5 @@ def _key() -> list[Line2D]:
         Line2D([], [], label="ok, error beyond 10 × its own √tr CRLB", **ring, **plain),
         Line2D([], [], marker="x", markersize=3.5, color=style.FAINT, label="a fit whose status is not ok", **plain),
         Line2D([], [], linewidth=1.2, color=style.INK, dashes=(2, 1), label="median in each decade"),
+        Line2D([], [], linewidth=0.8, color=style.FAINT, dashes=(5, 2.5), label=f"below: {FAR:g} × its own √tr CRLB"),
     ]

@@ -107,7 +107,7 @@ def draw(frame: Frame) -> Figure:
     bound = Line2D([], [], color="black", linewidth=0.8, label="Cramér-Rao bound")
     handles = [*map(shared.handle, names), attainable, bound]
     title = (
-        "ticks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
+        "marks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
     )
     place: style.Marks = {"loc": "outside upper center", "ncols": min(len(handles), 5)}
     figure.legend(handles=handles, title=title, title_fontsize=style.SMALL, **place)
@@ -138,8 +138,9 @@ def _panel(ax: Axes, frame: Frame, angle: float) -> None:
     for key, words, side in (("gdke", "$s^*$", "left"), ("ugdk", "$σ^2=v/2$", "right"), ("fails", "$κ=3$", "left")):
         name = "ugdk" if key == "fails" else key
         if name in present and low <= marks[key] <= high:
-            at, color = (marks[key], 0.0), style.color(name)
-            ax.axvline(marks[key], 0.0, 0.09, color=color, linewidth=1.2, zorder=1)
+            at, color = (marks[key], 0.035), style.color(name)
+            ax.axvline(marks[key], 0.035, 0.125, color=color, linewidth=1.2, zorder=1)  # clear of the ticks of the axis
+            side = "right" if marks[key] > high / 3.0 else side  # there the words would leave the panel
             away = 2 if side == "left" else -2
             ax.annotate(words, at, (away, 2), ha=side, color=color, fontsize=style.SMALL, **small)
     ax.set_title(f"$φ$ = {angle:g}°, $N$ = {frame.samples:,}", loc="left")
