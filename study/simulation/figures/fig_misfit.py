@@ -24,7 +24,7 @@ from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
 _MOST = 4
 """Angles and laws of directions that are shown, the first ones."""
-_WORDS = {NORMAL: "white", "laplace": "Laplace", "memory": "AR(1)"}
+_WORDS = {LAW.default: "white", "laplace": "Laplace", "memory": "AR(1)"}
 """What a law is called in the figure, if not by its name."""
 _DODGE = 0.14
 """Distance between the marks of two estimators at one place."""
