@@ -3,6 +3,7 @@
 import doctest
 import inspect
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,10 @@ import study
 from study.fits import registry
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "docs"))
+import sentences  # noqa: E402
+
+sys.path.remove(str(ROOT / "docs"))
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 NAMES = [str(path.relative_to(ROOT)) for path in PAGES]
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
@@ -112,6 +117,47 @@ def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
     places = [text.find(part) for part in order]
     assert -1 not in places
     assert places == sorted(places)
+
+
+LONGER = {"docs/theory.md": (22.0, 0.2), "docs/figures.md": (20.0, 0.1)}
+"""Mean number of words of a sentence and share of long sentences of pages of formulas; of others 20 and a tenth."""
+
+
+@pytest.mark.parametrize("path", sentences.paths(), ids=lambda path: path.name)
+def test_sentences_are_short(path):
+    """Of every document, on average and at the long end; docs/sentences.py prints which ones are long."""
+    page = sentences.page(path.read_text(encoding="utf-8"))
+    mean, long = LONGER.get(path.relative_to(ROOT).as_posix(), (20.0, 0.1))
+    assert len(page.sentences) > 5
+    assert page.mean <= mean
+    assert page.long <= long
+
+
+def test_sentences_are_counted_in_prose():
+    """Not in blocks, tables, headings and pictures; a link counts by its words, an item of a list by itself."""
+    long = " ".join(["word"] * 31)
+    text = (
+        "# A heading. Of two\n\nOne [link of words](a.md). A second, by Kåsa et al. 1976?\n\n"
+        "```text\nA block. Of two.\n```\n\n| a table | of words |\n\n    printed. Twice.\n\n"
+        f"- An item: 1.5 m\n- {long}.\n\n![A picture](b.png)\n<!-- table: x -->\n"
+    )
+    page = sentences.page(text)
+    assert page.sentences[:3] == ["One link of words.", "A second, by Kåsa et al. 1976?", "- An item: 1.5 m"]
+    assert [sentences.length(one) for one in page.sentences] == [4, 7, 4, 31]
+    assert page.mean == (4 + 7 + 4 + 31) / 4
+    assert page.long == 0.25
+    assert page.words == len(text.split())
+
+
+BARE = re.compile(r"(?<![\w.\\*\])}])\.\d")
+"""A decimal without a zero before its point."""
+
+
+@pytest.mark.parametrize("path", sentences.paths(), ids=lambda path: path.name)
+def test_decimals_have_a_zero(path):
+    """In prose and in tables; code and what commands print are as they are."""
+    text = re.sub(r"^```(?!math).*?^```|^ {4}.*?$|`[^`\n]*`", "", path.read_text(encoding="utf-8"), flags=re.M | re.S)
+    assert [text[one.start() - 20 : one.end() + 10] for one in BARE.finditer(text)] == []
 
 
 def test_the_site_names_no_other_server():

@@ -1,18 +1,18 @@
 """Figure 2: relative error against relative noise, over 28 decades; below, each error over its own bound.
 
 The paper's figure 2 overlays four estimators and rings the outliers. The paper reads it as one straight line, error =
-noise, for all of them, with UGDK closest to the Cramér-Rao bound. Here every trial is a dot, every estimator has its
-panels, and nothing is left out: a fit whose error is beyond ten times its own bound is ringed, one whose status is not
-ok is a cross, and fits off the scale are counted. Above is the paper's view. Each trial has its own N and φ, and so
-its own bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over
-the trial's own √tr CRLB, with its median in each decade.
+noise, for all of them, with UGDK closest to the Cramér-Rao bound. Here every trial is a dot, and every estimator has
+its panels. Nothing is left out. A ring is a fit whose error is beyond ten times its own bound, a cross one whose status
+is not ok; fits off the scale are counted. Above is the paper's view. Each trial has its own N and φ, and so its own
+bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over the
+trial's own √tr CRLB, with its median in each decade.
 
-Slopes, medians and counts are of all trials, whatever the fit's status, so that panels compare the same trials: a fit
-without a number is infinitely far, and a trial in which an estimator has none is left out of every panel's slope.
+Slopes, medians and counts are of all trials, whatever the fit's status, so panels compare the same trials. A fit
+without a number is infinitely far. A trial in which an estimator has none is left out of every panel's slope.
 
 Look at: above, the straight line over most decades, and UGDK's crosses to the right of σ ≈ r, where the noise exceeds
-the extent of the sphere. Below, the shoulder of LLS and GDKE for σ from
-10⁻⁴ r to r (their bias, of order σ²); UGDK beyond; and how an efficient estimator's dots scatter about 0.8.
+the extent of the sphere. Below, the shoulder of LLS and GDKE for σ from 10⁻⁴ r to r (their bias, of order σ²); UGDK
+beyond; and how an efficient estimator's dots scatter about 0.8.
 """
 
 import math

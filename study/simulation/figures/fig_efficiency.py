@@ -1,12 +1,14 @@
 """Efficiency: median error over the Cramér-Rao bound against relative noise, per estimator.
 
-One panel per cap angle. The unit is the median of an estimator with Gaussian errors at the Cramér-Rao bound. That
-bound treats the directions as known. The dashed line is the attainable bound, which does not: an estimator on it is
-efficient. Medians are of all trials, whatever the fit's status, so that curves compare the same trials; a fit without
-a number counts as infinite. Of a run with many estimators five are drawn, the default and the paper's first; the stamp
-names the others, which `study summary` has. Marks below the curves are where theory puts the changes: GDKE's bias
-exceeds its scatter at s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at
-κ = (v/σ²) √(N/2) = 3, with v = r²Kₐ the variance of the points along the axis.
+One panel per cap angle. The unit is the median of an estimator with Gaussian errors at the Cramér-Rao bound. That bound
+treats the directions as known. The dashed line is the attainable bound, which does not: an estimator on it is
+efficient. Medians are of all trials, whatever the fit's status, so curves compare the same trials. A fit without a
+number counts as infinite. Of a run with many estimators five are drawn, the default and the paper's first; the stamp
+names the others, which `study summary` has.
+
+Marks below the curves are the changes that theory predicts. GDKE's bias exceeds its scatter at s* = r √(Kₐ/N) / m₁.
+UGDK leaves the bound at σ² = v/2, with v = r²Kₐ the variance of the points along the axis. UGDK's matrix begins to fail
+at κ = (v/σ²) √(N/2) = 3.
 
 Look at: GDKE leaves the bound first, by a factor that grows as √N. To subtract the known noise (UGDK) costs more than
 to estimate it from the same points (ALS). Past κ = 3 the noise hides the sphere, and no estimator works; those whose

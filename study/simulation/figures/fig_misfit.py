@@ -1,15 +1,15 @@
 """When the model is wrong: median error under each law of the noise, over that under white noise of the same σ.
 
-A column of panels per cap angle, a row per law of the directions. The unit is the estimator's own median with normal
-noise, in the same directions, so 1 is where nothing is lost. An estimator's ± is that of white noise: where the error
-is three times as large, the ± is a third of what it should be. Medians are of all trials, whatever the fit's status; a
-fit without a number counts as infinite. Bars are 95 % intervals, as if the laws had draws of their own; they have the
-same normal numbers behind them, so differences are more precise than the bars.
+A column of panels per cap angle, a row per law of the directions. The unit is the estimator's own median with white
+noise, in the same directions; 1 means that nothing is lost. An estimator's ± is that of white noise: if the error is
+three times as large, the ± is a third of what it should be. Medians are of all trials, whatever the fit's status; a fit
+without a number counts as infinite. Bars are 95 % intervals, as if the laws had draws of their own. They have the same
+normal numbers behind them, so differences are more precise than the bars.
 
 Look at: tails do no harm (Laplace), nor does noise along the radius alone, as the error across it does not count. Noise
-that remembers costs most on a path, and on large caps in any order: there the error is that of a mean. An error of form
-of the size of σ costs most where its length is some 0.4 of the cap: it looks like another sphere. GDKE loses less on a
-small cap, because its bias is there in any case.
+with memory (AR(1), with its correlation) costs most on a path, and on large caps in any order: there the error is that
+of a mean. An error of form (its length in half-angles of the cap, its size in σ) costs most if its length is some 0.4
+of the cap: it looks like another sphere. GDKE loses less on a small cap, because its bias is there in any case.
 """
 
 import numpy as np

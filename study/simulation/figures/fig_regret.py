@@ -1,7 +1,7 @@
 """Regret: error of each estimator over that of the best estimator in each cell of a grid.
 
 One row per estimator, the best on top; a point per cell, in a lane for each number of samples, few samples above. Left
-the median error, right its 95 % quantile; a cross is the geometric mean over all cells, written beside it. Points at
+is the median error, right its 95 % quantile. A cross is the geometric mean over all cells, written beside it. Points at
 the right edge lie beyond it.
 
 Look at: an estimator that is safe to use without knowing the cell has all of its points near 1, in both panels. If its
