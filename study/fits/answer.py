@@ -324,10 +324,10 @@ class Fit(Hinting):
     def status(self) -> Ints:
         """Number of the `Status` of each fit (…): ``Status(int(fit.status)).text`` for one.
 
-        It is the estimator's own where it failed. Else one rule holds for every estimator. Points on a circle in space
+        It is the estimator's own if it failed. Else one rule holds for every estimator. Points on a circle in space
         are a hinge (theory 13.7). A fit is weakly identified unless its points bound the radius by a 95 % interval and
-        the noise is below 0.35 radii (theory 10.5). It is not ok either where it uses outliers, where the test of fit
-        speaks and that matters (theory 13.6), or where the points refuse a known radius or noise (p < .01).
+        the noise is below 0.35 radii (theory 10.5). It is not ok either if it uses outliers that matter, or if the test
+        of fit fails by enough to matter (theory 13.6), or if the points refuse a known radius or noise (p < 0.01).
         """
         if self._samples is not None:
             return self._settled
@@ -632,9 +632,9 @@ class Fit(Hinting):
     def own_covariance(self) -> Floats:
         """Covariance of (ĉ, r̂) (…, d+1, d+1) for white noise, whatever the residuals show, unit squared.
 
-        It is the estimator's own where it has one (`Estimator.covariance`), else the Cramér-Rao bound with the
-        estimates plugged in: the noise as given or estimated, and the directions of the points from ĉ, without
-        outliers if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor
+        It is the estimator's own if it has one (`Estimator.covariance`), else the Cramér-Rao bound with the estimates
+        plugged in. These are the noise, given or estimated, and the directions of the points from ĉ, without outliers
+        if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor
         the excess of one that does not attain it. NaN or infinite where it cannot be formed.
         """
         d, points = self.center.shape[-1], self._points

@@ -4,7 +4,7 @@ A cycle goes from one strike of a heel to the next of the same heel. Events come
 strikes where it is farthest in front of the pelvis, and toes leave the floor where they are farthest behind it, along
 the direction in which the pelvis faces, or moves. Force plates are not read.
 
-An angle of a cycle is interpolated to 101 points, 0 to 100 %. Points more than .05 s from a known angle are missing.
+An angle of a cycle is interpolated to 101 points, 0 to 100 %. Points more than 0.05 s from a known angle are missing.
 
 Source: Zeni, Richards & Higginson 2008, Gait & Posture 27:710-714; Wu et al. 2002 for the angles.
 """

@@ -88,7 +88,7 @@ def find_joint(
         RecordingError: if the recording cannot be read, or its markers cannot fix a joint.
 
     Example:
-        A thigh that rotates about a point .4 m below the origin, before a pelvis at rest:
+        A thigh that rotates about a point 0.4 m below the origin, before a pelvis at rest:
 
         >>> import numpy as np, study
         >>> from scipy.spatial.transform import Rotation
