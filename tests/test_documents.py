@@ -199,10 +199,16 @@ def test_public_names():
 
 @pytest.mark.parametrize("name", PUBLIC)
 def test_example(name, monkeypatch, tmp_path):
-    """The docstring of a name, or one of its public methods, has an example, and all of them are right."""
+    """The docstring of a name, or one of its public methods, has an example, and all of them are right.
+
+    They stand below "Examples:"; the site shows others as quotations.
+    """
     monkeypatch.chdir(tmp_path)
     examples = doctest.DocTestFinder(recurse=True).find(getattr(study, name), name, globs={})
     assert any(test.name == name and test.examples for test in examples)
+    assert [
+        test.name for test in examples if test.examples and "\nExamples:\n" not in inspect.cleandoc(test.docstring)
+    ] == []
     lines = []
     for test in examples:
         doctest.DocTestRunner(optionflags=OPTIONS).run(test, out=lines.append)

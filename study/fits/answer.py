@@ -221,7 +221,7 @@ class Fit(Hinting):
         without_outliers: the estimator leaves ``outliers`` out.
         assumed: what the user knows of the points.
 
-    Example:
+    Examples:
         Two point sets on a circle about (1, 2), one with noise:
 
         >>> import numpy as np, study
@@ -360,7 +360,7 @@ class Fit(Hinting):
         Raises:
             ValueError: if the level is not in (0, 1), the name is another, or the fit does not hold its points.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -462,7 +462,7 @@ class Fit(Hinting):
             radius_error, noise (σ̂), residual_rms, condition (ρ), iterations, samples used, status in words. The index
             has a level for each leading axis.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -494,7 +494,7 @@ class Fit(Hinting):
         Raises:
             ValueError: if there is more than one fit, or another number of dimensions.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -589,7 +589,7 @@ class Fit(Hinting):
 
         It depends on the points alone. Every sphere through it fits: the sphere's centre may be anywhere on its axis.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 2, 60)
             >>> arc = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), np.ones(60)])
@@ -665,7 +665,7 @@ class Fit(Hinting):
         Raises:
             ValueError: if the factor is not positive.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -699,7 +699,7 @@ class Fit(Hinting):
         Raises:
             ValueError: if the level is not in (0, 1), or the fit does not hold its points.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])

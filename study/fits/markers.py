@@ -66,7 +66,7 @@ class JointFit:
         markers: the points of each marker (n_p, d), missing ones as NaN.
         assumed: what the user knows of the points.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> angles = np.linspace(0, 6, 50)
         >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -359,7 +359,7 @@ class Incremental:
     Raises:
         ValueError: if the dimension is smaller than 2.
 
-    Example:
+    Examples:
         >>> import study
         >>> growing = study.Incremental(2)
         >>> for points in ([[1, 0], [0, 1]], [[-1, 0], [0, -1]]):
@@ -545,7 +545,7 @@ def mgdk(
         TypeError: if the points or the noise are not real numbers.
         ValueError: if there is no marker, or a shape or the noise cannot be used. The message says which and why.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> near = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
         >>> study.mgdk([near, 3 * near]).radii
