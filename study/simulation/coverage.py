@@ -275,13 +275,13 @@ def by_cell(table: pd.DataFrame, methods: list[str]) -> list[list[str]]:
         cells = []
         for kappa in kappas:
             here = part[part["kappa"] == kappa].set_index("method")["radius"]
-            cells.append("/".join(_three_digits(here[name]) for name in methods) if len(here) else "-")
+            cells.append("/".join(f"{here[name]:.3f}" for name in methods) if len(here) else "-")
         rows.append([f"{n}", f"{angle:g}°", *cells])
     return rows
 
 
 def band(level: float) -> tuple[float, float]:
-    """Coverage that counts as near a level: .93 to .97 at .95, and as many standard errors of a share at any other."""
+    """Coverage that counts as near a level: 0.93 to 0.97 at 0.95, as many standard errors of a share at any other."""
     reach = 0.02 * math.sqrt(level * (1.0 - level) / (0.95 * 0.05))
     return level - reach, min(level + reach, 1.0)
 
@@ -297,25 +297,15 @@ def summary(table: pd.DataFrame, name: str, level: float = 0.95) -> dict[str, st
     center = np.minimum(moderate["axis"], moderate["across"])
     return {
         "method": "interval" if name == INTERVAL else f"{name} ± t s.e.",
-        "σ < .2 r: mean": _three_digits(little["radius"].mean()),
-        f"within {_short(low)}-{_short(high)}": f"{100.0 * inside.mean():.0f} %",
-        "least": _three_digits(little["radius"].min()),
-        "σ ≤ .5 r: least": _three_digits(moderate["radius"].min()),
-        "centre: least": _three_digits(center.min()),
-        "ok fits: mean": _three_digits(often["radius_ok"].mean()),
-        "ok fits: least": _three_digits(often["radius_ok"].min()),
+        "σ < 0.2 r: mean": f"{little['radius'].mean():.3f}",
+        f"within {low:.3g}-{high:.3g}": f"{100.0 * inside.mean():.0f} %",
+        "least": f"{little['radius'].min():.3f}",
+        "σ ≤ 0.5 r: least": f"{moderate['radius'].min():.3f}",
+        "centre: least": f"{center.min():.3f}",
+        "ok fits: mean": f"{often['radius_ok'].mean():.3f}",
+        "ok fits: least": f"{often['radius_ok'].min():.3f}",
         "width at κ=100, N ≥ 40": f"{clear.min():.2f}-{clear.max():.2f}" if len(clear) else "-",
     }
-
-
-def _three_digits(value: float) -> str:
-    """Three digits without the leading zero."""
-    return f"{value:.3f}".removeprefix("0")
-
-
-def _short(value: float) -> str:
-    """At most three digits without the leading zero."""
-    return f"{value:.3g}".removeprefix("0")
 
 
 _BAND = "#dddddd"
