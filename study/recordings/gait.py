@@ -208,7 +208,7 @@ def _forward(motion: ExportedMotion, places: Floats) -> Floats:
         step = places[:, -1] - places[:, 0]
         step[2] = 0.0
         if not np.linalg.norm(step) > _TRAVEL:
-            words = "its pelvis has no anatomical axes and moves less than .5 m, so that forward is not known"
+            words = "its pelvis has no anatomical axes and moves less than 0.5 m, so that forward is not known"
             raise RecordingError(f"{skeleton.name}: {words}")
         return np.repeat((step / np.linalg.norm(step))[:, None], places.shape[1], axis=1)
     ahead = _filled(motion.upright @ np.einsum("ijt,j->it", skeleton.rotation(segment), axes[:, 0]))
