@@ -6,12 +6,13 @@ BIN := $(VENV)/bin
 # Modules are translated when they are first imported, and kept so whatever the environment says: to translate all of
 # them takes longer than installing, and to translate those of a command anew takes it seconds each time.
 unexport PYTHONDONTWRITEBYTECODE
-INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --no-compile -c constraints.txt
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
 .PHONY: paper article calibration skeleton test smoke lint numbers tables bench mutants docs clean
 .DELETE_ON_ERROR:
 
-# The paper's study, the studies that its claims need, figures (in figures/), verdicts, and one page about everything.
+# The paper's study, the studies that its claims need, figures (in figures/), and one page about everything. The findings
+# are printed last; `study claims` prints the verdicts.
 STUDIES := paper ellipse mgdk power-law efficiency outliers starts bias anisotropic markers posterior
 CONFIGS := $(STUDIES:%=configs/%.toml)
 DRAW = $(BIN)/study figures --out figures
@@ -22,12 +23,13 @@ paper: $(VENV)/.compiled results/cost.parquet
 	@set -e; \
 	echo "The paper's 1000 trials, and ten studies that its claims need:"; \
 	$(BIN)/study run $(CONFIGS); \
-	echo "Figures, verdicts, and one page about everything:"; \
+	echo "The reference run in this repository, and this one:"; \
+	differ=0; $(BIN)/study diff results/paper configs/paper.toml || differ=$$?; \
+	echo "Figures, and one page about everything. What was found:"; \
 	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench results/bench.csv --readings results/readings.csv \
 	    --figures results/figures --claims --out results/report.html; \
 	cp $(PICTURES:%=results/figures/%.png) $(PICTURES:%=results/figures/%.svg) figures/; \
-	echo "The reference run in this repository, and this one:"; \
-	$(BIN)/study diff results/paper configs/paper.toml
+	exit $$differ
 
 # The cost of fits on this machine: operations counted, seconds measured. Made once.
 results/cost.parquet: $(VENV)/.run

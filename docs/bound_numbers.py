@@ -10,9 +10,8 @@
   rows one number is made by a word before the column: ``min``, ``max``, ``mean``, ``median``, ``sum``, ``count``. A
   column may be an expression of columns, such as ``error / value``;
 - ``[phrases]``: for each text its phrases, word by word, with a name in braces in place of each number. Lines may be
-  broken anywhere. A format follows the name after a colon: Python's, or ``.2s`` for two decimals without the zero
-  before the point, or ``w`` for a word (seven). ``%`` makes a percentage, with the space before its sign, and ``p`` one
-  without the sign;
+  broken anywhere. A format follows the name after a colon: Python's, or ``w`` for a word (seven). ``%`` makes a
+  percentage, with the space before its sign, and ``p`` one without the sign;
 - ``[given]``: for each text, what looks measured (``±``, ``%``, a factor) and is not: a definition, a level, the
   paper's own number. Anything else that looks measured and is in no phrase is an error.
 - ``[made]``: whole tables, which stand between ``<!-- table: x -->`` and ``<!-- end -->``; `docs/number_tables.py`
@@ -32,7 +31,7 @@ import pandas as pd
 from number_tables import PLACE, WORDS, formatted
 
 ROOT = Path(__file__).resolve().parents[1]
-NUMBER = rf"[-\d][\d.,]*\d(?:e-?\d+|\ %)?|\d(?:\ %)?|\.\d+(?:\ %)?|{'|'.join(WORDS)}"
+NUMBER = rf"[-\d][\d.,]*\d(?:e-?\d+|\ %)?|\d(?:\ %)?|{'|'.join(WORDS)}"
 TABLE = re.compile(r"(?<=<!-- table: )(\w+) -->\n(.*?)(?=<!-- end -->)", re.DOTALL)
 UNMEASURED = re.compile(r"^```.*?^```|^(?: {4}|\t).*?$|`[^`\n]*`|<!-- (?:made|table).*?<!-- end -->", re.M | re.S)
 """Blocks and commands, whose outputs are compared by running them, and tables that are made."""

@@ -27,18 +27,21 @@ from study.simulation.claims.readings import read as read_readings
 
 WORDS = ["none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
 PLACE = re.compile(r"\{([^{}:]+)(?::([^{}]*))?\}")
+BARE = re.compile(r"(?<![\w.\\])\.(?=\d)")
+"""The point of a decimal that has no zero before it."""
 Tables = Callable[[str], pd.DataFrame]
 Rows = Iterator[list[str] | str]
 
 
 def markdown(rows: Iterable[list[str] | str]) -> str:
-    """Rows as a table of Markdown, the titles first, and paragraphs."""
+    """Rows as a table of Markdown, the titles first, and paragraphs; decimals get their zeros, those of texts too."""
     lines: list[str] = []
     for row in rows:
         if isinstance(row, str):
-            lines += ["", row] if lines else [row]
+            words = BARE.sub("0.", row)
+            lines += ["", words] if lines else [words]
             continue
-        lines.append("| " + " | ".join(re.sub(r"(?<!\\)\|", r"\\|", cell) for cell in row) + " |")
+        lines.append("| " + " | ".join(re.sub(r"(?<!\\)\|", r"\\|", BARE.sub("0.", cell)) for cell in row) + " |")
         lines += ["| " + " | ".join(["---"] * len(row)) + " |"] * (len(lines) == 1)
     return "\n".join(lines)
 
@@ -80,8 +83,8 @@ def formatted(value: float | str, spec: str) -> str:
 
     Args:
         value: the number; a text is taken as it is.
-        spec: Python's format, or ``.2s`` (no zero before the point), ``w`` (a word), ``.0%`` or ``.0p``; in
-            parentheses, with a unit if need be, for what is left out where it is 0.
+        spec: Python's format, or ``w`` (a word), ``.0%`` or ``.0p``; in parentheses, with a unit if need be, for what
+            is left out where it is 0.
     """
     if isinstance(value, str) or value != value:
         return value if isinstance(value, str) else "-"
@@ -90,8 +93,6 @@ def formatted(value: float | str, spec: str) -> str:
         return f" ({formatted(value, inner)} {unit})" if value else ""
     if spec == "w":
         return WORDS[round(value)] if round(value) < len(WORDS) else str(round(value))
-    if spec.endswith("s"):
-        return re.sub(r"^(-?)0\.", r"\1.", format(value, f"{spec[:-1]}f"))
     if spec.endswith("p"):
         return format(100.0 * value, f"{spec[:-1]}f")
     if spec.endswith("d"):
@@ -105,7 +106,7 @@ def with_error(value: float, error: float) -> str:
         return "-"
     place = math.floor(math.log10(error))
     digits = max(0, -place + (error < 2.0 * 10.0**place))
-    return f"{formatted(value, f'.{digits}s')} ± {formatted(error, f'.{digits}s')}"
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def findings(claims: pd.DataFrame) -> pd.DataFrame:

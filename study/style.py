@@ -47,7 +47,7 @@ _LOOKS: dict[str, tuple[str, str, str]] = {
     "ugdk": ("UGDK", "#009e73", "D"),
     "ugdk_cov": ("UGDK (Σ̂)", "#5b7f14", "d"),
     "als": ("ALS", "#332288", "p"),
-    "fuller": ("ALS (Fuller)", "#8a9ade", "p"),
+    "fuller": ("ALS (Fuller)", "#6655cc", "p"),
     "corrected": ("corrected", "#c1121f", "H"),
     "corrected_01": ("corrected (ν = 0)", "#e8705f", "H"),
     "corrected_02": ("corrected (ν = ½)", "#f0a090", "H"),
@@ -122,6 +122,12 @@ def color(estimator: str) -> str:
 def marker(estimator: str) -> str:
     """Mark of an estimator in every figure, so that no reader depends on colour."""
     return _LOOKS[estimator][2] if estimator in _LOOKS else "X"
+
+
+def shades(count: int) -> list[str]:
+    """Colours of an ordered condition, such as the number of samples: light for the least, dark for the largest."""
+    light, dark = np.array([0.62, 0.79, 0.88]), np.array([0.03, 0.19, 0.42])
+    return [to_hex((1.0 - share) * light + share * dark) for share in np.linspace(0.0, 1.0, count)]
 
 
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (3, 1, 1, 1, 1, 1)))

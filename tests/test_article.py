@@ -38,8 +38,8 @@ def text(article):
 
 def test_what_looks_measured_is_bound(article, bound, text):
     """A further number in the text is found."""
-    faults, _ = bound.faults(article.TEXT, text + "\nThe error is 3.5 ± .2, or 12 % more.\n")
-    assert [re.search(r": (.*) looks", fault)[1] for fault in faults] == ["3.5 ± .2", "12 %"]
+    faults, _ = bound.faults(article.TEXT, text + "\nThe error is 3.5 ± 0.2, or 12 % more.\n")
+    assert [re.search(r": (.*) looks", fault)[1] for fault in faults] == ["3.5 ± 0.2", "12 %"]
     assert bound.faults(article.TEXT, text)[0] == []
 
 

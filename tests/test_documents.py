@@ -3,6 +3,7 @@
 import doctest
 import inspect
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,10 @@ import study
 from study.fits import registry
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "docs"))
+import sentences  # noqa: E402
+
+sys.path.remove(str(ROOT / "docs"))
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 NAMES = [str(path.relative_to(ROOT)) for path in PAGES]
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
@@ -22,6 +27,11 @@ def anchors(path):
     text = FENCED.sub("", path.read_text(encoding="utf-8"))
     headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
+
+
+def python_blocks(name):
+    """The blocks of Python of a page."""
+    return re.findall(r"^```python\n(.*?)^```$", (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 
 
 def dead(path, text):
@@ -59,12 +69,36 @@ def test_what_contributing_names_is_there():
 
 
 def test_outputs_in_the_readme_are_those_of_a_page_that_is_run():
-    """Each line that the README says a command prints stands in a page of the site, whose commands are run."""
+    """Each line that the README says a command prints stands in a page of the site, whose commands are run.
+
+    The points of the README are those that the tutorial makes, in a file of the repository.
+    """
     pages = "\n".join(path.read_text(encoding="utf-8") for path in ROOT.glob("docs/*.md"))
     blocks = re.findall(r"(?:^ {4}.*\n|^\n)+", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     shown = [line.strip() for block in blocks if "    $ " in block for line in block.splitlines() if line.strip()]
     assert len(shown) > 5
-    assert [line for line in shown if line.replace("$ .venv/bin/", "$ ") not in pages] == []
+    assert [
+        line for line in shown if line.replace("$ .venv/bin/", "$ ").replace("docs/points", "points") not in pages
+    ] == []
+
+
+def test_the_points_of_the_readme_are_those_of_the_tutorial(tmp_path, monkeypatch):
+    """The first block of the tutorial writes the file that the repository has."""
+    monkeypatch.chdir(tmp_path)
+    exec(python_blocks("docs/fitting.md")[0], {})
+    assert (tmp_path / "points.csv").read_bytes() == (ROOT / "docs" / "points.csv").read_bytes()
+
+
+def test_the_python_of_the_readme_runs_as_printed(monkeypatch, capsys):
+    """It fits the true sphere of the tutorial, centre (10, -4, 120) and radius 25, within three of its errors."""
+    monkeypatch.chdir(ROOT)
+    names = {}
+    (block,) = python_blocks("README.md")
+    exec(block, names)
+    fit = names["fit"]
+    off = [*fit.center - [10.0, -4.0, 120.0], fit.radius - 25.0] / fit.standard_errors
+    assert abs(off).max() < 3.0
+    assert "ok" in capsys.readouterr().out
 
 
 def test_the_site_lists_every_page():
@@ -75,13 +109,50 @@ def test_the_site_lists_every_page():
 
 
 def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
-    """At most 150 lines; the commands come before the first picture, and what was found after it."""
+    """At most 900 words; the commands come before the only picture, and what was found after it."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 150
-    order = ["    make paper", "    pip install .", "    study fit points.csv", "![", "## What was found"]
+    assert len(text.split()) <= 900
+    assert text.count("![") == 1
+    order = ["    make paper", "    pip install .", "    study fit docs/points.csv", "![", "## What was found"]
     places = [text.find(part) for part in order]
     assert -1 not in places
     assert places == sorted(places)
+
+
+@pytest.mark.parametrize("path", sentences.paths(), ids=lambda path: path.name)
+def test_sentences_are_short(path):
+    """At most 20 words on average, and at most a tenth above 30; docs/sentences.py prints those."""
+    page = sentences.page(path.read_text(encoding="utf-8"))
+    assert len(page.sentences) > 5
+    assert page.mean <= 20.0
+    assert page.long <= 0.1
+
+
+def test_sentences_are_counted_in_prose():
+    """Not in blocks, tables, headings and pictures; a link counts by its words, an item of a list by itself."""
+    long = " ".join(["word"] * 31)
+    text = (
+        "# A heading. Of two\n\nOne [link of words](a.md). A second, by Kåsa et al. 1976?\n\n"
+        "```text\nA block. Of two.\n```\n\n| a table | of words |\n\n    printed. Twice.\n\n"
+        f"- An item: 1.5 m\n- {long}.\n\n![A picture](b.png)\n<!-- table: x -->\n"
+    )
+    page = sentences.page(text)
+    assert page.sentences[:3] == ["One link of words.", "A second, by Kåsa et al. 1976?", "- An item: 1.5 m"]
+    assert [sentences.length(one) for one in page.sentences] == [4, 7, 4, 31]
+    assert page.mean == (4 + 7 + 4 + 31) / 4
+    assert page.long == 0.25
+    assert page.words == len(text.split())
+
+
+BARE = re.compile(r"(?<![\w.\\*\])}])\.\d")
+"""A decimal without a zero before its point."""
+
+
+@pytest.mark.parametrize("path", sentences.paths(), ids=lambda path: path.name)
+def test_decimals_have_a_zero(path):
+    """In prose and in tables; code and what commands print are as they are."""
+    text = re.sub(r"^```(?!math).*?^```|^ {4}.*?$|`[^`\n]*`", "", path.read_text(encoding="utf-8"), flags=re.M | re.S)
+    assert [text[one.start() - 20 : one.end() + 10] for one in BARE.finditer(text)] == []
 
 
 def test_the_site_names_no_other_server():
@@ -128,10 +199,16 @@ def test_public_names():
 
 @pytest.mark.parametrize("name", PUBLIC)
 def test_example(name, monkeypatch, tmp_path):
-    """The docstring of a name, or one of its public methods, has an example, and all of them are right."""
+    """The docstring of a name, or one of its public methods, has an example, and all of them are right.
+
+    They stand below "Examples:"; the site shows others as quotations.
+    """
     monkeypatch.chdir(tmp_path)
     examples = doctest.DocTestFinder(recurse=True).find(getattr(study, name), name, globs={})
     assert any(test.name == name and test.examples for test in examples)
+    assert [
+        test.name for test in examples if test.examples and "\nExamples:\n" not in inspect.cleandoc(test.docstring)
+    ] == []
     lines = []
     for test in examples:
         doctest.DocTestRunner(optionflags=OPTIONS).run(test, out=lines.append)

@@ -108,11 +108,11 @@ def test_a_described_table():
     frame = pd.DataFrame({"law": ["a", "a", "b"], "n": [10, 20, 10], "p": [0, 1, 2]})
     frame["x"], frame["e"] = [0.512, np.nan, 2.5], [0.013, 1.0, 0.4]
     form = {"table": "t", "sort": ["n"], "words": {"a": "law of {n:d}"}, "more": [["-", "c", "", ""]]}
-    form["cells"] = {"": "{law:word}", "law": "`{law}`", "N = {n:d}": "{x:.2f}, {x ± e}{p:(.1s %)}"}
+    form["cells"] = {"": "{law:word}", "law": "`{law}`", "N = {n:d}": "{x:.2f}, {x ± e}{p:(.1f %)}"}
     assert list(number_tables.described(form, lambda name: frame)) == [
         ["", "law", "N = 10", "N = 20"],
-        ["law of 10", "`a`", "0.51, .512 ± .013", "-"],
-        ["-", "`b`", "2.50, 2.5 ± .4 (2.0 %)", "-"],
+        ["law of 10", "`a`", "0.51, 0.512 ± 0.013", "-"],
+        ["-", "`b`", "2.50, 2.5 ± 0.4 (2.0 %)", "-"],
         ["law of 20", "`a`", "-", "-, - (1.0 %)"],
         ["-", "c", "", ""],
     ]
@@ -121,15 +121,15 @@ def test_a_described_table():
 @pytest.mark.parametrize(
     ("value", "spec", "text"),
     [
-        (0.9304, ".3s", ".930"),
-        (-0.502, ".3s", "-.502"),
+        (0.9304, ".3f", "0.930"),
+        (-0.502, ".3f", "-0.502"),
         (1.0458, ".3f", "1.046"),
         (0.057, ".0%", "6 %"),
         (0.9304, ".0p", "93"),
         (10.33, "w", "ten"),
         (26, "d", "26"),
         (244000.0, ",d", "244,000"),
-        (0.0, "(.0s %)", ""),
+        (0.0, "(.0f %)", ""),
     ],
 )
 def test_formats(value, spec, text):
@@ -173,6 +173,6 @@ def test_the_numbers_of_findings():
 
 def test_what_looks_measured_must_be_bound(bound):
     """A number with an error, a percentage or a factor is found in prose; in blocks and commands it is not."""
-    text = "It takes 12 % more, `13 %`.\n\n    14 %\n\n```text\n15 %\n```\n\nor 3.5 ± .2, 7 times.\n"
+    text = "It takes 12 % more, `13 %`.\n\n    14 %\n\n```text\n15 %\n```\n\nor 3.5 ± 0.2, 7 times.\n"
     known = [re.search(r": (.*) looks", fault)[1] for fault in bound.faults("docs/new.md", text)[0]]
-    assert known == ["12 %", "3.5 ± .2", "7 times"]
+    assert known == ["12 %", "3.5 ± 0.2", "7 times"]

@@ -222,7 +222,7 @@ class Fit(Hinting):
         without_outliers: the estimator leaves ``outliers`` out.
         assumed: what the user knows of the points.
 
-    Example:
+    Examples:
         Two point sets on a circle about (1, 2), one with noise:
 
         >>> import numpy as np, study
@@ -326,10 +326,10 @@ class Fit(Hinting):
     def status(self) -> Any:
         """The `Status` of a single fit, whose `text` explains it; of a batch the numbers of the statuses (…).
 
-        It is the estimator's own where it failed. Else one rule holds for every estimator. Points on a circle in space
+        It is the estimator's own if it failed. Else one rule holds for every estimator. Points on a circle in space
         are a hinge (theory 13.7). A fit is weakly identified unless its points bound the radius by a 95 % interval and
-        the noise is below 0.35 radii (theory 10.5). It is not ok either where it uses outliers, where the test of fit
-        speaks and that matters (theory 13.6), or where the points refuse a known radius or noise (p < .01).
+        the noise is below 0.35 radii (theory 10.5). It is not ok either if it uses outliers that matter, or if the test
+        of fit fails by enough to matter (theory 13.6), or if the points refuse a known radius or noise (p < 0.01).
         """
         return self._statuses if self.shape else Status(int(self._statuses))
 
@@ -367,7 +367,7 @@ class Fit(Hinting):
         Raises:
             ValueError: if the level is not in (0, 1), the name is another, or the fit does not hold its points.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -469,7 +469,7 @@ class Fit(Hinting):
             radius_error, noise (σ̂), residual_rms, condition (ρ), iterations, samples used, status in words. The index
             has a level for each leading axis.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -501,7 +501,7 @@ class Fit(Hinting):
         Raises:
             ValueError: if there is more than one fit, or the fit does not hold its points.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -596,7 +596,7 @@ class Fit(Hinting):
 
         It depends on the points alone. Every sphere through it fits: the sphere's centre may be anywhere on its axis.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 2, 60)
             >>> arc = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), np.ones(60)])
@@ -639,9 +639,9 @@ class Fit(Hinting):
     def own_covariance(self) -> Floats:
         """Covariance of (ĉ, r̂) (…, d+1, d+1) for white noise, whatever the residuals show, unit squared.
 
-        It is the estimator's own where it has one (`Estimator.covariance`), else the Cramér-Rao bound with the
-        estimates plugged in: the noise as given or estimated, and the directions of the points from ĉ, without
-        outliers if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor
+        It is the estimator's own if it has one (`Estimator.covariance`), else the Cramér-Rao bound with the estimates
+        plugged in. These are the noise, given or estimated, and the directions of the points from ĉ, without outliers
+        if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor
         the excess of one that does not attain it. NaN or infinite where it cannot be formed.
         """
         d, points = self.center.shape[-1], self._points
@@ -672,7 +672,7 @@ class Fit(Hinting):
         Raises:
             ValueError: if the factor is not positive.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -706,7 +706,7 @@ class Fit(Hinting):
         Raises:
             ValueError: if the level is not in (0, 1), or the fit does not hold its points.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 6, 50)
             >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])

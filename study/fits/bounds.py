@@ -226,7 +226,7 @@ def attainable_bound(angle: float = 45.0, noise: float = 0.3, dimension: int = 3
         ValueError: if an argument is out of range, or noise hides the cap so far that float64 cannot hold the bound.
         TypeError: if an argument is not one number.
 
-    Example:
+    Examples:
         The least standard errors that 100 samples on a cap of 45° allow:
 
         >>> import numpy as np, study
@@ -466,7 +466,7 @@ def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
         ValueError: if the shape or the noise cannot be used, or a direction is not of length 1. The message says which
             and why.
 
-    Example:
+    Examples:
         >>> import study
         >>> bound = study.crlb([[1, 0], [0, 1], [-1, 0], [0, -1]], noise=0.1)
         >>> bound.diagonal().round(6)

@@ -326,7 +326,7 @@ def printed(results: dict[str, list[Certificate]], limit: float) -> Iterator[str
                 size = number(5e4 * max(center, radius), ".1e")
                 rows.append([estimator + words, str(len(part)), f"{center:.1e}", f"{radius:.1e}", size, worst.name])
     yield from columns(rows, ["estimator", "sets", "centre", "radius", "µm on 100 mm", "worst set"], "<>>>><")
-    yield f"errors are shares of the radius; {limit:g} is asked, and instruments are often asked for .1 µm on 100 mm"
+    yield f"errors are shares of the radius; {limit:g} is asked, and instruments are often asked for 0.1 µm on 100 mm"
     apart = [one for each in results.values() for one in each if not one.is_told(limit)]
     if apart:
         most = max(one.resolution for one in apart)

@@ -40,7 +40,7 @@ class MinimumZone(NamedTuple):
         optimal: True (…) where d + 2 points prove that no sphere near it has a narrower zone; False where the points
             determine none, with NaN, or where the zone narrows towards a plane or is as narrow as rounding.
 
-    Example:
+    Examples:
         >>> import study
         >>> zone = study.minimum_zone([[1.1, 0], [0, 0.9], [-1.1, 0], [0, -0.9]])
         >>> bool(zone.optimal), round(float(zone.width), 6)
@@ -68,7 +68,7 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
         TypeError: if the points are not real numbers.
         ValueError: if the shape is another.
 
-    Example:
+    Examples:
         >>> import study
         >>> zone = study.minimum_zone([[1.1, 0], [0, 0.9], [-1.1, 0], [0, -0.9]])
         >>> round(float(zone.radius), 6), abs(zone.center).round(6)

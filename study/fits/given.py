@@ -212,7 +212,7 @@ class GivenFit(Fit):
         assumed: what the user knows of the points.
         covariance_of: the estimator's own covariance of its numbers, where nothing is known.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> angles = np.linspace(0, 1, 50)
         >>> arc = np.column_stack([np.cos(angles), np.sin(angles)])

@@ -68,7 +68,7 @@ class JointFit:
         markers: the points of each marker (n_p, d), missing ones as NaN.
         assumed: what the user knows of the points.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> angles = np.linspace(0, 6, 50)
         >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -93,10 +93,10 @@ class JointFit:
     def status(self) -> Status:
         """`Status` of the fit by the rule for every fit, after the points of each marker are tested.
 
-        Its own where it failed. Markers on circles about one axis are a *hinge*. A fit is a *misfit* where a marker's
-        points are no sphere about the common centre, or the markers do not share one (`agreement`); it uses *outliers*
-        where some of a marker's points are, and that matters. It is weakly identified where no marker bounds its
-        radius by an `interval`, with a noise below a third of it. Without its points it is *untested*.
+        Its own if it failed. Markers on circles about one axis are a *hinge*. A fit is a *misfit* if a marker's points
+        are not a sphere about the common centre, or the markers do not share one (`agreement`). It uses *outliers* if
+        some of a marker's points are outliers that matter. It is weakly identified if no marker bounds its radius by
+        an `interval`, with a noise below a third of it. Without its points it is *untested*.
         """
         return self._judged[0]
 
@@ -194,9 +194,9 @@ class JointFit:
         """The p value of the markers' having one centre; NaN where they leave nothing to compare.
 
         An F test of the squares that the common centre leaves beyond those that each marker leaves about a centre of
-        its own, both by regression on the directions: exact for white isotropic noise that is small beside the radii.
+        its own, both by regression on the directions. It is exact for white isotropic noise, small beside the radii.
         Markers that spread less than twice the noise along some direction of the sphere tell nothing and are left out.
-        Below .01 a fit that would be ok is a misfit.
+        Below 0.01 a fit that would be ok is a misfit.
 
         Raises:
             ValueError: if the fit does not hold its points, because it is from `mgdk_so_far`.
@@ -224,7 +224,7 @@ class JointFit:
     def interval(self, of: str, level: float = 0.95) -> Floats:
         """Confidence interval of each radius or diameter, or of the centre or one of its coordinates.
 
-        It depends on the points alone, takes their noise to be isotropic, of one unknown size for all markers, and
+        It depends on the points alone. Their noise is taken to be isotropic, of one unknown size for all markers. It
         covers where an estimate ± its standard error does not. That of a single marker is `Fit.interval`.
 
         Args:
@@ -258,7 +258,7 @@ class JointFit:
 
         That of the centre is the union over the radii of the marker whose interval is the narrowest. Where all markers
         are on circles about parallel axes it is open, and each radius has the interval of its marker alone. Markers
-        with a noise of .35 radii or more are left out, and their radii are open.
+        with a noise of 0.35 radii or more are left out, and their radii are open.
 
         Raises:
             ValueError: if the level is not in (0, 1), or the fit does not hold its points.
@@ -348,8 +348,8 @@ def _left(markers: list[Floats], center: Floats) -> tuple[float, int]:
 class Incremental:
     """A sphere fit that grows with its points, in constant memory.
 
-    The points are not stored: 14 numbers in three dimensions stand for all of them, and every closed form gives from
-    these the answer that it gives from the points.
+    The points are not stored. In three dimensions 14 numbers stand for all of them, and from these every closed form
+    gives the answer that it gives from the points.
 
     Args:
         dimension: d ≥ 2.
@@ -361,7 +361,7 @@ class Incremental:
     Raises:
         ValueError: if the dimension is smaller than 2.
 
-    Example:
+    Examples:
         >>> import study
         >>> growing = study.Incremental(2)
         >>> for points in ([[1, 0], [0, 1]], [[-1, 0], [0, -1]]):
@@ -547,7 +547,7 @@ def mgdk(
         TypeError: if the points or the noise are not real numbers.
         ValueError: if there is no marker, or a shape or the noise cannot be used. The message says which and why.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> near = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]])
         >>> study.mgdk([near, 3 * near]).radii

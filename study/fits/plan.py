@@ -70,7 +70,7 @@ def plan_fit(
         ValueError: if not two of three are given, a value is out of range, or no cap will do.
         TypeError: if a value is not one number.
 
-    Example:
+    Examples:
         >>> import study
         >>> plan = study.plan_fit(noise=0.1, radius=50, error=0.02, angle=60)
         >>> plan.points, round(plan.radius_error, 3)

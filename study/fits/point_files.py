@@ -92,7 +92,7 @@ class PointTable(NamedTuple):
 
     `study.fit` takes it in place of an array of points, with its noise.
 
-    Example:
+    Examples:
         >>> import study
         >>> rows = "x,y,sigma", "1,0,.1", "0,1,.1", "-1,0,.1", "0,-1,.2"
         >>> with open("four.csv", "w") as file:
@@ -139,7 +139,7 @@ def read_points(
             it is not read. What it calls --columns and --dimension are the arguments here.
         TypeError: if the path is none.
 
-    Example:
+    Examples:
         >>> import os, tempfile, study
         >>> path = os.path.join(tempfile.mkdtemp(), "points.csv")
         >>> with open(path, "w") as file:

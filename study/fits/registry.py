@@ -218,7 +218,7 @@ def fit(
         ValueError: if the shape, the noise or the estimator's name cannot be used, or the file not read. The message
             says which and why.
 
-    Example:
+    Examples:
         >>> import study
         >>> points = [[1, 0], [0, 1], [-1, 0], [0, -1.0]]
         >>> fit = study.fit(points, "gdke")
@@ -321,7 +321,7 @@ def register(
         TypeError: if the function cannot be called.
         ValueError: if the name cannot be used or is taken, or ``needs`` is not understood.
 
-    Example:
+    Examples:
         >>> import study
         >>> study.register("centroid", lambda points: (points.mean(axis=0), 1.0))
         >>> study.fit([[1, 0], [0, 1], [-1, 0], [0, -1]], "centroid").center

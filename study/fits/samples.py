@@ -36,7 +36,7 @@ class Estimates(NamedTuple):
         status: number of the `Status` of each fit (b,).
         iterations: steps taken (b,); 0 for a closed form.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> circle = study.Samples(np.array([[[1.0, 0, -1, 0], [0, 1, 0, -1]]]))
         >>> estimates = study.ESTIMATORS["gdke"](circle)
@@ -88,7 +88,7 @@ class Samples:
         lent: True if the points are in an array of the caller's, who may have changed them since.
         weights: one over the noise variance of each point, but for a factor of each set (b, n); None if all are equal.
 
-    Example:
+    Examples:
         A batched estimator of one's own reads them; see `study.register`.
 
         >>> import numpy as np, study
@@ -227,7 +227,7 @@ class Estimator:
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones; a digest
             of its code, for an estimator that is not shipped.
 
-    Example:
+    Examples:
         >>> import study
         >>> "corrected" in study.ESTIMATORS, study.ESTIMATORS["ugdk"].needs
         (True, 'noise')
@@ -272,7 +272,7 @@ class Status(Worded):
     A fit that is not ``OK`` may still hold a number: the status says how far to trust it. Statuses compare equal to
     the integers in `Fit.status`, and `text` explains them: ``Status(2).text``.
 
-    Example:
+    Examples:
         >>> import study
         >>> line = study.fit([[0, 0], [1, 0], [2, 0], [3, 0]])
         >>> line.status.name, line.status.text

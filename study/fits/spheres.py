@@ -77,8 +77,8 @@ class CloudSpheres:
             for one of fewer than 100 points that are less than a hundredth of the cloud, and for one whose radius is
             larger than the cloud: it is a plane.
 
-    Example:
-        Two balls of radius 25 on a table, which is no sphere:
+    Examples:
+        Two balls of radius 25 on a table, which is not a sphere:
 
         >>> import numpy as np, study
         >>> rng = np.random.default_rng(1)
@@ -158,7 +158,7 @@ def fit_spheres(points: ArrayLike, count: int, *, estimator: str = "corrected") 
         TypeError: if the points are not real numbers.
         ValueError: if the shape, the count or the estimator cannot be used.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> rng = np.random.default_rng(1)
         >>> angles = rng.uniform(0, 6.28, (2, 100))

@@ -24,6 +24,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from study import style
 from study.arrays import Floats, Ints
@@ -422,6 +423,10 @@ def _draw_laws(ax: Axes, case: CaseStudy, axes: Sequence[str], title: str) -> No
             exponent, low, high = (style.decimals(law[key], 2) for key in ("exponent", "low", "high"))
             lines.append(f"{name}: exponent {exponent} ({low} to {high})")
     ax.set_xscale("log")
+    if (span := ax.get_xlim())[1] < 100.0 * span[0]:  # else powers of ten are enough, and more would not fit
+        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.xaxis.set_major_formatter("{x:,.0f}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.axhline(100 * NEAR, color="black", linewidth=0.6, linestyle=(0, (2, 2)))
     ax.set_title(title, loc="left", fontsize=style.SMALL + 1)
     ax.text(0.02, 0.02, "\n".join(lines), transform=ax.transAxes, va="bottom", fontsize=style.SMALL)

@@ -4,7 +4,7 @@ A cycle goes from one strike of a heel to the next of the same heel. Events come
 strikes where it is farthest in front of the pelvis, and toes leave the floor where they are farthest behind it, along
 the direction in which the pelvis faces, or moves. Force plates are not read.
 
-An angle of a cycle is interpolated to 101 points, 0 to 100 %. Points more than .05 s from a known angle are missing.
+An angle of a cycle is interpolated to 101 points, 0 to 100 %. Points more than 0.05 s from a known angle are missing.
 
 Source: Zeni, Richards & Higginson 2008, Gait & Posture 27:710-714; Wu et al. 2002 for the angles.
 """
@@ -208,7 +208,7 @@ def _forward(motion: ExportedMotion, places: Floats) -> Floats:
         step = places[:, -1] - places[:, 0]
         step[2] = 0.0
         if not np.linalg.norm(step) > _TRAVEL:
-            words = "its pelvis has no anatomical axes and moves less than .5 m, so that forward is not known"
+            words = "its pelvis has no anatomical axes and moves less than 0.5 m, so that forward is not known"
             raise RecordingError(f"{skeleton.name}: {words}")
         return np.repeat((step / np.linalg.norm(step))[:, None], places.shape[1], axis=1)
     ahead = _filled(motion.upright @ np.einsum("ijt,j->it", skeleton.rotation(segment), axes[:, 0]))

@@ -46,7 +46,7 @@ def find_joints(
         RecordingError: if a recording cannot be read, or trials seem to show different subjects.
         MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
 
-    Example:
+    Examples:
         A body of random motion, whose joints are known:
 
         >>> import numpy as np, study
@@ -87,8 +87,8 @@ def find_joint(
     Raises:
         RecordingError: if the recording cannot be read, or its markers cannot fix a joint.
 
-    Example:
-        A thigh that rotates about a point .4 m below the origin, before a pelvis at rest:
+    Examples:
+        A thigh that rotates about a point 0.4 m below the origin, before a pelvis at rest:
 
         >>> import numpy as np, study
         >>> from scipy.spatial.transform import Rotation
@@ -135,7 +135,7 @@ def draw_skeleton(
         RecordingError: if the recording cannot be read, or the joints seem to be another subject's.
         MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> from study.recordings.synthetic.make import Recipe, synthesize
         >>> recording, truth = synthesize(Recipe(frames=500, noise=0.001))
@@ -178,7 +178,7 @@ def find_gait(
         RecordingError: if a recording cannot be read, the joints seem to be another subject's, or no walk has a cycle.
         MarkerSetError: if the marker set cannot be read, or no joint can be found with it.
 
-    Example:
+    Examples:
         >>> import study
         >>> from study.recordings.synthetic.make import Recipe, synthesize
         >>> walk, truth = synthesize(Recipe(frames=600, gait=True, markers="rizzoli"))

@@ -63,7 +63,7 @@ class Recording:
 
     A missing sample is NaN in all three coordinates.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> positions = np.array([[[0.0, 0.1, np.nan], [0, 0, np.nan], [1, 1, np.nan]]])
         >>> recording = study.Recording("mine", ("LASI",), positions, rate=100.0)

@@ -384,7 +384,7 @@ Bench = Annotated[Path | None, typer.Option("--bench", help="table that `make be
 _FIGURES = "write the figures there too, as PNG and SVG"
 FiguresToo = Annotated[Path | None, typer.Option("--figures", metavar="DIR", help=_FIGURES)]
 ReadingsToo = Annotated[Path | None, typer.Option("--readings", help="table that `study readings` stores")]
-ClaimsToo = Annotated[bool, typer.Option("--claims", help="print and store the verdicts too, as `study claims` does")]
+ClaimsToo = Annotated[bool, typer.Option("--claims", help="store the verdicts too, as `study claims` does")]
 NoJobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, hidden=True, help="has no effect any more")]
 
 
@@ -421,17 +421,18 @@ def report(
     readings: ReadingsToo = None,
     jobs: NoJobs = None,
 ) -> None:
-    """Write one HTML page about runs.
+    """Write one HTML page about runs, and print its findings.
 
     It has the claims, figures, tables and provenance, and needs no other file. With --figures and --claims the command
     does the work of `study figures` and `study claims` too, and nothing is made twice.
     """
-    from study.simulation.claims import judge_all, printed
+    from study.simulation.claims import judge_all, tally
     from study.simulation.claims import save as save_claims
     from study.simulation.claims.readings import Readings
     from study.simulation.claims.recordings import read_case_studies
     from study.simulation.figures import gallery, make_folder
-    from study.simulation.report.page import read_bench, render, save
+    from study.simulation.report.material import Material
+    from study.simulation.report.page import printed, read_bench, render, save
 
     if jobs is not None:
         typer.echo("--jobs: has no effect any more; one process draws each figure once", err=True)
@@ -445,12 +446,14 @@ def report(
         runs[0].manifest()  # without a sound one, no verdict could be stored
     verdicts = judge_all(runs, cost, spreads)
     drawn = gallery() if figures is not None else gallery(kinds=["png"])
-    path = save(render(runs, verdicts, measured, drawn, otherwise), out or runs[0].folder / "report.html")
+    material = Material(runs, verdicts, measured, drawn, otherwise)
+    path = save(render(material), out or runs[0].folder / "report.html")
     echo(map(str, drawn.save(figures) if figures is not None else []))
-    echo(printed(verdicts) if claims else [])
-    typer.echo(str(path))
+    echo(printed(material))
     if claims:
         save_claims(runs[0], verdicts)
+        typer.echo(f"{tally(verdicts)}; `study claims` prints each")
+    typer.echo(str(path))
     if figures is not None and (failures := drawn.failures()):
         for name, reason in failures.items():
             typer.echo(f"{name}: {reason}", err=True)

@@ -4,9 +4,9 @@ Noise is given by κ = (v/σ²)√(N/2), the least variance v of the directions 
 variance. It compares the extent along the cap's axis with the noise. Curvature is lost near κ = 1, whatever the cap.
 A cell of the config is drawn and fitted, and its shares get Monte-Carlo errors; the table is printed, and drawn.
 
-In the figure a point is a cell; its colour is the number of samples. The band is .93 to .97 at the level .95 (see
-`band`). Look at: the interval within the band up to σ = .2 r and near it up to .5 r, above and below; and the standard
-errors, which leave it where the noise grows, most of all among the fits that the estimators call ok.
+In the figure a point is a cell; its colour is the number of samples. The band is 0.93 to 0.97 at the level 0.95
+(see `band`). Look at: the interval within the band up to σ = 0.2 r and near it up to 0.5 r, above and below; and the
+standard errors, which leave it where the noise grows, most of all among the fits that the estimators call ok.
 """
 
 import math
@@ -21,6 +21,7 @@ from joblib import Parallel, delayed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from pydantic import AfterValidator, Field
 from scipy.special import stdtrit
 
@@ -276,13 +277,13 @@ def by_cell(table: pd.DataFrame, methods: list[str]) -> list[list[str]]:
         cells = []
         for kappa in kappas:
             here = part[part["kappa"] == kappa].set_index("method")["radius"]
-            cells.append("/".join(_three_digits(here[name]) for name in methods) if len(here) else "-")
+            cells.append("/".join(f"{here[name]:.3f}" for name in methods) if len(here) else "-")
         rows.append([f"{n}", f"{angle:g}°", *cells])
     return rows
 
 
 def band(level: float) -> tuple[float, float]:
-    """Coverage that counts as near a level: .93 to .97 at .95, and as many standard errors of a share at any other."""
+    """Coverage that counts as near a level: 0.93 to 0.97 at 0.95, as many standard errors of a share at any other."""
     reach = 0.02 * math.sqrt(level * (1.0 - level) / (0.95 * 0.05))
     return level - reach, min(level + reach, 1.0)
 
@@ -298,30 +299,20 @@ def summary(table: pd.DataFrame, name: str, level: float = 0.95) -> dict[str, st
     center = np.minimum(moderate["axis"], moderate["across"])
     return {
         "method": "interval" if name == INTERVAL else f"{name} ± t s.e.",
-        "σ < .2 r: mean": _three_digits(little["radius"].mean()),
-        f"within {_short(low)}-{_short(high)}": f"{100.0 * inside.mean():.0f} %",
-        "least": _three_digits(little["radius"].min()),
-        "σ ≤ .5 r: least": _three_digits(moderate["radius"].min()),
-        "centre: least": _three_digits(center.min()),
-        "ok fits: mean": _three_digits(often["radius_ok"].mean()),
-        "ok fits: least": _three_digits(often["radius_ok"].min()),
+        "σ < 0.2 r: mean": f"{little['radius'].mean():.3f}",
+        f"within {low:.3g}-{high:.3g}": f"{100.0 * inside.mean():.0f} %",
+        "least": f"{little['radius'].min():.3f}",
+        "σ ≤ 0.5 r: least": f"{moderate['radius'].min():.3f}",
+        "centre: least": f"{center.min():.3f}",
+        "ok fits: mean": f"{often['radius_ok'].mean():.3f}",
+        "ok fits: least": f"{often['radius_ok'].min():.3f}",
         "width at κ=100, N ≥ 40": f"{clear.min():.2f}-{clear.max():.2f}" if len(clear) else "-",
     }
 
 
-def _three_digits(value: float) -> str:
-    """Three digits without the leading zero."""
-    return f"{value:.3f}".removeprefix("0")
-
-
-def _short(value: float) -> str:
-    """At most three digits without the leading zero."""
-    return f"{value:.3g}".removeprefix("0")
-
-
+_BAND = "#dddddd"
 _LEAST_OK = 0.2
 """Cells in which fewer fits are ok are left out of the lower row."""
-_COLORS = ("#56b4e9", "#0072b2", "#009e73", "#e69f00", "#d55e00", "#882255")
 
 
 @style.journal()
@@ -329,6 +320,7 @@ def draw(table: pd.DataFrame, stamp: str, level: float = 0.95) -> Figure:
     """Draw the table of `study.simulation.coverage.measure`: a column of panels per method."""
     methods = list(dict.fromkeys(table["method"]))
     numbers = sorted(table["samples"].unique())
+    low, high = band(level)
     figure = Figure(figsize=(style.PAGE, 4.4), layout="constrained")
     axes = figure.subplots(2, len(methods), sharex=True, sharey="row", squeeze=False)
     for column, method in enumerate(methods):
@@ -341,22 +333,22 @@ def draw(table: pd.DataFrame, stamp: str, level: float = 0.95) -> Figure:
         axes[1, column].set_xlabel("noise σ / radius")
     axes[0, 0].set_ylabel("coverage, all fits")
     axes[1, 0].set_ylabel("coverage, fits that are ok")
+    grey = Patch(color=_BAND, label=f"{low:.3g} to {high:.3g}")
     handles = [
-        Line2D([], [], ls="", marker="o", ms=4, color=_COLORS[k % len(_COLORS)], label=f"N = {n:,}")
-        for k, n in enumerate(numbers)
+        Line2D([], [], ls="", marker="o", ms=4, color=color, label=f"N = {n:,}")
+        for n, color in zip(numbers, style.shades(len(numbers)), strict=True)
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+    figure.legend(handles=[*handles, grey], loc="outside upper center", ncols=min(len(handles) + 1, 7))
     style.stamp(figure, stamp)
     return figure
 
 
 def _points(ax: Axes, part: pd.DataFrame, column: str, numbers: list[int], level: float) -> None:
     """Cells of one method; log-odds would hide a coverage of zero, so the axis is linear."""
-    ax.axhspan(*band(level), color="#dddddd", linewidth=0.0, zorder=0)
+    ax.axhspan(*band(level), color=_BAND, linewidth=0.0, zorder=0)
     ax.axhline(level, color="black", linewidth=0.6, zorder=1)
-    for k, n in enumerate(numbers):
+    for n, color in zip(numbers, style.shades(len(numbers)), strict=True):
         rows = part[part["samples"] == n]
-        color = _COLORS[k % len(_COLORS)]
         ax.errorbar(rows["sigma"], rows[column], rows[f"{column}_error"], fmt="o", ms=2.6, lw=0.6, color=color)
     ax.set_xscale("log")
     ax.set_ylim(-0.03, 1.03)

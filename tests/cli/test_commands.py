@@ -225,3 +225,11 @@ def test_report(well, folder):
         well(folder, "report", "out", *options, "--out", "page.html")
         page = (folder / "page.html").read_text(encoding="utf-8")
         assert all(word in page for word in words)
+
+
+def test_report_counts_the_verdicts(well, folder):
+    """With --claims they are stored and counted in one line; `study claims` prints each. The page comes last."""
+    said = well(folder, "report", "out", "--claims", "--out", "page.html").splitlines()
+    each = well(folder, "claims", "out").splitlines()
+    assert said[-2:] == [f"{each[-1]}; `study claims` prints each", "page.html"]
+    assert not set(said) & set(each)

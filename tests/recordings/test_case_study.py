@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,21 @@ def test_outliers_of_a_real_recording_have_reasons(real):
     assert len(outliers)
     assert (outliers["reason"] != "").all()
     assert any("right ankle" in line for line in printed(real))
+
+
+@pytest.mark.parametrize("numbers", [(20, 50, 100), (3, 10, 300)], ids=["less than two decades", "two decades"])
+def test_labels_of_the_axes_do_not_overlap(few, numbers):
+    """Numbers of frames have room beside each other, and there are two or more."""
+    recording, joints = few
+    figure = draw(case_study(joints, recording, subsets=8, numbers=numbers))
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        labels = [*ax.get_xticklabels(), *ax.get_xticklabels(minor=True)]
+        low, high = ax.get_window_extent().intervalx
+        boxes = [label.get_window_extent() for label in labels if label.get_text()]
+        boxes = sorted((box for box in boxes if low <= (box.x0 + box.x1) / 2 <= high), key=lambda box: box.x0)
+        assert len(boxes) >= 2
+        assert all(one.x1 < other.x0 for one, other in itertools.pairwise(boxes))
 
 
 def test_the_same_seed_gives_the_same(few):

@@ -201,7 +201,7 @@ def read_recording(
     Raises:
         RecordingError: one line with the file, the fault and the remedy.
 
-    Example:
+    Examples:
         >>> import study
         >>> with open("walk.csv", "w") as file:
         ...     for line in ("time,LASI_X,LASI_Y,LASI_Z", "0.00,412,680,966", "0.01,413,680,966"):

@@ -13,11 +13,11 @@ joint coordinate systems, part I; Grood and Suntay 1983 for the angles between t
 - foot: x from the heel to the middle of the first and fifth metatarsals, z in the plane of x and these.
 
 The regression is Harrington et al. 2007, J Biomech 40:595-602, by the pelvis' width w between the anterior spines and
-its depth d from their middle to that of the posterior ones: from the middle of the anterior spines .24 d + 9.9 mm back,
-.30 w + 10.9 mm down and .33 w + 7.3 mm to the side. Its error is that of another sample: 67 adults imaged by CT, 12.3 ±
-5.9 mm from the truth (Mantovani et al. 2016, Gait & Posture 44:48-54), or 7.9 mm on each axis; Harrington's own, left
-out one by one, are 5.2, 3.6 and 3.2 mm. A centre that the laboratory left in the file is taken before the regression;
-it comes without an error and gets the same.
+its depth d from their middle to that of the posterior ones. From the middle of the anterior spines the hip is
+0.24 d + 9.9 mm back, 0.30 w + 10.9 mm down and 0.33 w + 7.3 mm to the side. The error is that of another sample: 67
+adults imaged by CT, 12.3 ± 5.9 mm from the truth (Mantovani et al. 2016, Gait & Posture 44:48-54), or 7.9 mm on each
+axis; Harrington's own, left out one by one, are 5.2, 3.6 and 3.2 mm. A centre that the laboratory left in the file is
+taken before the regression; it comes without an error and gets the same.
 """
 
 from collections.abc import Mapping

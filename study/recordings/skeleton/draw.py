@@ -48,7 +48,7 @@ _PIVOTS = (*USABLE, *ANATOMICAL, JointStatus.UNSURE, JointStatus.INSIGNIFICANT)
 _SOFT = 0.001
 """Metres: least standard deviation of a marker's place, where it is weighed against a joint's."""
 _IMPLAUSIBLE = 6.0
-"""Square misfit of a frame over the mean above which the pose's variance grows with it: noise does so in < .1 %."""
+"""Square misfit of a frame over the mean above which the pose's variance grows with it: noise does so in < 0.1 %."""
 _LEAST_WEIGHT = 0.01
 """Least weight of a joint beside markers of weight 1: it decides what these leave open, and hardly moves the rest."""
 _LEAST_SHARE = 0.002

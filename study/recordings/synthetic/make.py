@@ -379,7 +379,7 @@ def skin_motion(recipe: Recipe, rotations: Floats, phases: Floats, segment_of: I
     joint_of, size = np.where(segment_of == 0, 1, segment_of), recipe.soft_tissue
     if recipe.skin == "mixed":
         return soft_tissue(phases[joint_of], recipe.rate, size, recipe.seed)
-    if recipe.skin == "random":  # three oscillations of .2 to 2 hertz along random directions
+    if recipe.skin == "random":  # three oscillations of 0.2 to 2 hertz along random directions
         rng, count = stream(recipe.seed, "synthetic", "skin", "random"), len(segment_of)
         frequency = np.exp(rng.uniform(np.log(0.2), np.log(2.0), (3, count, 1)))
         cycles = frequency * np.arange(phases.shape[1]) / recipe.rate + rng.uniform(size=(3, count, 1))

@@ -81,5 +81,10 @@ def printed(claims: pd.DataFrame) -> Iterator[str]:
     for head, finding in zip(columns(heads, align="><"), claims["finding"], strict=True):
         yield head
         yield from (f"    {line}" for line in str(finding).splitlines())
+    yield tally(claims)
+
+
+def tally(claims: pd.DataFrame) -> str:
+    """The count of each verdict, in one line."""
     counts = claims["verdict"].value_counts()
-    yield "; ".join(f"{counts[verdict]} {verdict}" for verdict in map(str, Verdict) if verdict in counts)
+    return "; ".join(f"{counts[verdict]} {verdict}" for verdict in map(str, Verdict) if verdict in counts)

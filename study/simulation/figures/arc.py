@@ -189,8 +189,8 @@ class EllipseFigure:
 class GdkeEllipse(EllipseFigure):
     """Figure 3: GDKE's fit to a noisy arc, with its error ellipse: the true centre is not in it.
 
-    The paper's figure 3 shows 100 points with noise 0.05 on an arc, the circle that GDKE fits to them, and an ellipse
-    of the estimate's error far from the true centre, which is GDKE's bias: it shrinks the circle towards the points.
+    The paper's figure 3 shows 100 points with noise 0.05 on an arc, and the circle that GDKE fits to them. An ellipse
+    of the estimate's error is far from the true centre. That is GDKE's bias: it shrinks the circle towards the points.
 
     Look at: the distance from the cross (the truth) to the ellipses, and how many of all trials' ellipses hold the
     truth.
@@ -203,7 +203,7 @@ class UgdkEllipse(EllipseFigure):
     """Figure 4: UGDK's fit to the same noisy arc as figure 3, with its error ellipse: the true centre is in it.
 
     The paper's figure 4 shows the data of figure 3 with the circle of UGDK, which subtracts the known noise from the
-    sample covariance; the true centre lies inside the ellipse.
+    sample covariance. The true centre lies inside the ellipse.
 
     Look at: the bias is gone, and the ellipse has grown: four times as long as GDKE's, twice the bound. The dots show
     that the errors are not Gaussian: they trail off away from the points.

@@ -1,18 +1,18 @@
 """Figure 2: relative error against relative noise, over 28 decades; below, each error over its own bound.
 
 The paper's figure 2 overlays four estimators and rings the outliers. The paper reads it as one straight line, error =
-noise, for all of them, with UGDK closest to the Cramér-Rao bound. Here every trial is a dot, every estimator has its
-panels, and nothing is left out: a fit whose error is beyond ten times its own bound is ringed, one whose status is not
-ok is a cross, and fits off the scale are counted. Above is the paper's view. Each trial has its own N and φ, and so
-its own bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over
-the trial's own √tr CRLB, with its median in each decade.
+noise, for all of them, with UGDK closest to the Cramér-Rao bound. Here every trial is a dot, and every estimator has
+its panels. Nothing is left out. A ring is a fit whose error is beyond ten times its own bound, a cross one whose status
+is not ok; fits off the scale are counted. Above is the paper's view. Each trial has its own N and φ, and so its own
+bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over the
+trial's own √tr CRLB, with its median in each decade.
 
-Slopes, medians and counts are of all trials, whatever the fit's status, so that panels compare the same trials: a fit
-without a number is infinitely far, and a trial in which an estimator has none is left out of every panel's slope.
+Slopes, medians and counts are of all trials, whatever the fit's status, so panels compare the same trials. A fit
+without a number is infinitely far. A trial in which an estimator has none is left out of every panel's slope.
 
 Look at: above, the straight line over most decades, and UGDK's crosses to the right of σ ≈ r, where the noise exceeds
-the extent of the sphere. Below, the shoulder of LLS and GDKE for σ from
-10⁻⁴ r to r (their bias, of order σ²); UGDK beyond; and how an efficient estimator's dots scatter about 0.8.
+the extent of the sphere. Below, the shoulder of LLS and GDKE for σ from 10⁻⁴ r to r (their bias, of order σ²); UGDK
+beyond; and how an efficient estimator's dots scatter about 0.8.
 """
 
 import math
@@ -139,7 +139,7 @@ def draw(frame: Frame) -> Figure:
     for ax in [ax for row, column in places[count:] for ax in axes[row : row + 2, column]]:
         ax.remove()
     _label_lines(axes[0, 0], frame)
-    figure.legend(handles=_key(), loc="outside upper center", ncols=4, handletextpad=0.2, columnspacing=2.0)
+    figure.legend(handles=_key(), loc="outside upper center", ncols=3, handletextpad=0.2, columnspacing=2.0)
     style.stamp(figure, frame.stamp)
     return figure
 
@@ -152,6 +152,7 @@ def _draw_panel(ax: Axes, frame: Frame, panel: "pd.Series[Any]", narrow: bool) -
     ax.plot([low, high], [low, high], color=style.FAINT, linewidth=0.8, dashes=(5, 2.5), zorder=4)
     ax.plot(frame.bound["noise"], frame.bound["bound"], color="black", linewidth=1.0, zorder=4)
     words = _words(panel)
+    words += "\n" * (max(_words(other).count("\n") for _, other in frame.panels.iterrows()) - words.count("\n"))
     at: style.Marks = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "textcoords": "offset points"}
     # the corner that the diagonal leaves free is too small in a narrow panel
     above = 5.0 + 1.35 * style.SMALL * (1 + words.count("\n"))
@@ -235,4 +236,5 @@ def _key() -> list[Line2D]:
         Line2D([], [], label="ok, error beyond 10 × its own √tr CRLB", **ring, **plain),
         Line2D([], [], marker="x", markersize=3.5, color=style.FAINT, label="a fit whose status is not ok", **plain),
         Line2D([], [], linewidth=1.2, color=style.INK, dashes=(2, 1), label="median in each decade"),
+        Line2D([], [], linewidth=0.8, color=style.FAINT, dashes=(5, 2.5), label=f"below: {FAR:g} × its own √tr CRLB"),
     ]

@@ -1,14 +1,14 @@
 """Figure 6: two markers on concentric arcs, each fitted alone and both together.
 
-The paper's figure 6 draws the outer marker's circle in red, the inner one's in blue and the joint fit (MGDK) in green,
-and calls the improvement over both dramatic. Here the three also differ in line and mark, and the colour-blind can tell
-their red, blue and green apart. The single fits are ALS, which is UGDK with the noise estimated from the points. The
-joint fit is of the same kind: one centre, one noise, a radius for each marker (eq. 22 corrected, weights 1/r̂²).
+The paper's figure 6 draws the outer marker's circle in red, the inner one's in blue and the joint fit (MGDK) in green.
+It calls the improvement over both dramatic. Here the three also differ in line and mark, and colour-blind readers can
+tell their red, blue and green apart. The single fits are ALS, which is UGDK with the noise estimated from the points.
+The joint fit is of the same kind: one centre, one noise, a radius for each marker (eq. 22 corrected, weights 1/r̂²).
 
 Look at: at nearly every quantile the joint fit's errors are smaller than those of either single fit. The factor is what
 the information of two markers should give: the improvement is real and not dramatic. One data set can show anything;
-the one here was chosen because its errors are near their medians. A run with other axes than the radius is shown at
-their first values. A fit without a number counts as worse than any.
+this one was chosen because its errors are near their medians. A run with other axes than the radius is shown at their
+first values. A fit without a number counts as worse than any.
 """
 
 import numpy as np

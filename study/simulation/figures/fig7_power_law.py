@@ -2,13 +2,13 @@
 
 The paper's figure 7 plots the spread of joint centres from motion capture against the number of samples analysed, and
 reads a power law close to 1/√N. Here it is a Monte-Carlo experiment with known truth. A curve is the median of error
-over radius of all of an estimator's fits, whatever their status, so that curves compare the same trials; a fit without
-a number counts as infinite. Error bars are Monte-Carlo standard errors. A run with other axes than N is shown at its
-first angle, radius and centre, and at up to four levels of relative noise from the lowest to the highest.
+over radius of all of an estimator's fits, whatever their status, so curves compare the same trials. A fit without a
+number counts as infinite. Error bars are Monte-Carlo standard errors. A run with other axes than N is shown at its
+first angle, radius and centre, and at up to four levels of relative noise.
 
 Look at: the slopes of the curves against the bound's, and GDKE, which is LLS. It leaves the others where its bias
 exceeds its scatter, and more samples do not help it; theory puts its limit at the dashed line. An exponent is printed
-where a power law describes the medians, that is, where each is within 15 % or three Monte-Carlo errors of it.
+if a power law describes the medians, each within 15 % or three Monte-Carlo errors.
 
 The bound is a root mean square: an efficient estimator's median runs below it, by the factor in the key.
 """

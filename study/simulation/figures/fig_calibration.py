@@ -1,11 +1,11 @@
 """Calibration: coverage of the truth by posteriors, and by the estimators' own error ellipsoids.
 
-Left: the share of trials in which the rank of the truth in its posterior is below p, minus p: of each parameter, and of
-the likelihood, whose rank also sees a posterior that takes no account of the data (Modrák et al. 2023). The band is
-simultaneous: if all ranks are uniform, all curves stay within it in at least 95 of 100 cases (Kolmogorov's law).
-Right: the share of trials whose true centre lies in sets of nominal 68 % and 95 %, with exact binomial 95 % intervals.
-If the nominal level is true, the band holds the share with a probability of 95 %. Fits that are not ok count as
-outside.
+Left: the share of trials in which the rank of the truth in its posterior is below p, minus p. There is a curve for each
+parameter and one for the likelihood, whose rank also sees a posterior that ignores the data (Modrák et al. 2023). The
+grey band is simultaneous: if all ranks are uniform, all curves stay within it in at least 95 of 100 cases (Kolmogorov's
+law). Right: the share of trials whose true centre lies in sets of nominal 68 % and 95 %, with exact binomial 95 %
+intervals. If the nominal level is true, the band holds the share with a probability of 95 %. Fits that are not ok count
+as outside.
 
 Only cells with σ²/v < 0.02 count, where the likelihood is nearly quadratic.
 

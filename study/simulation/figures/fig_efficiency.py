@@ -1,12 +1,14 @@
 """Efficiency: median error over the Cramér-Rao bound against relative noise, per estimator.
 
-One panel per cap angle. The unit is the median of an estimator with Gaussian errors at the Cramér-Rao bound. That
-bound treats the directions as known. The dashed line is the attainable bound, which does not: an estimator on it is
-efficient. Medians are of all trials, whatever the fit's status, so that curves compare the same trials; a fit without
-a number counts as infinite. Of a run with many estimators five are drawn, the default and the paper's first; the stamp
-names the others, which `study summary` has. Marks below the curves are where theory puts the changes: GDKE's bias
-exceeds its scatter at s* = r √(Kₐ/N) / m₁, UGDK leaves the bound at σ² = v/2, and UGDK's matrix begins to fail at
-κ = (v/σ²) √(N/2) = 3, with v = r²Kₐ the variance of the points along the axis.
+One panel per cap angle. The unit is the median of an estimator with Gaussian errors at the Cramér-Rao bound. That bound
+treats the directions as known. The dashed line is the attainable bound, which does not: an estimator on it is
+efficient. Medians are of all trials, whatever the fit's status, so curves compare the same trials. A fit without a
+number counts as infinite. Of a run with many estimators five are drawn, the default and the paper's first; the stamp
+names the others, which `study summary` has.
+
+Marks below the curves are the changes that theory predicts. GDKE's bias exceeds its scatter at s* = r √(Kₐ/N) / m₁.
+UGDK leaves the bound at σ² = v/2, with v = r²Kₐ the variance of the points along the axis. UGDK's matrix begins to fail
+at κ = (v/σ²) √(N/2) = 3.
 
 Look at: GDKE leaves the bound first, by a factor that grows as √N. To subtract the known noise (UGDK) costs more than
 to estimate it from the same points (ALS). Past κ = 3 the noise hides the sphere, and no estimator works; those whose
@@ -107,7 +109,7 @@ def draw(frame: Frame) -> Figure:
     bound = Line2D([], [], color="black", linewidth=0.8, label="Cramér-Rao bound")
     handles = [*map(shared.handle, names), attainable, bound]
     title = (
-        "ticks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
+        "marks below: where, by theory, GDKE leaves the bound ($s^*$), UGDK leaves it ($σ^2=v/2$), UGDK fails ($κ=3$)"
     )
     place: style.Marks = {"loc": "outside upper center", "ncols": min(len(handles), 5)}
     figure.legend(handles=handles, title=title, title_fontsize=style.SMALL, **place)
@@ -138,8 +140,9 @@ def _panel(ax: Axes, frame: Frame, angle: float) -> None:
     for key, words, side in (("gdke", "$s^*$", "left"), ("ugdk", "$σ^2=v/2$", "right"), ("fails", "$κ=3$", "left")):
         name = "ugdk" if key == "fails" else key
         if name in present and low <= marks[key] <= high:
-            at, color = (marks[key], 0.0), style.color(name)
-            ax.axvline(marks[key], 0.0, 0.09, color=color, linewidth=1.2, zorder=1)
+            at, color = (marks[key], 0.035), style.color(name)
+            ax.axvline(marks[key], 0.035, 0.125, color=color, linewidth=1.2, zorder=1)  # clear of the ticks of the axis
+            side = "right" if marks[key] > high / 3.0 else side  # there the words would leave the panel
             away = 2 if side == "left" else -2
             ax.annotate(words, at, (away, 2), ha=side, color=color, fontsize=style.SMALL, **small)
     ax.set_title(f"$φ$ = {angle:g}°, $N$ = {frame.samples:,}", loc="left")

@@ -2,10 +2,10 @@
 
 A row of panels per estimator, a panel per number of samples N; in each, relative noise to the right and the cap's
 half-angle upwards. Relative noise is shown from 10⁻⁴, below which all are efficient but for rounding, to 10², above
-which nothing changes any more. The unit is the median of an estimator with Gaussian errors at the bound. White is
-efficient, red is worse; pale blue beats the bound by being biased: do not read it as good. Medians are of all trials,
-whatever the fit's status, so that panels compare the same trials; a fit without a number counts as infinite. In hatched
-cells more than half of the fits have no number, or the bound itself is infinite.
+which nothing changes. The unit is the median of an estimator with Gaussian errors at the bound. White is efficient, red
+is worse. Pale blue beats the bound by being biased: do not read it as good. Medians are of all trials, whatever the
+fit's status, so panels compare the same trials. A fit without a number counts as infinite. In hatched cells more than
+half of the fits have no number, or the bound itself is infinite.
 
 Look at: white ends where the noise reaches the cap's height, at small angles first. GDKE and LLS leave the bound at
 less noise, and at even less with more samples, because a bias does not average out.

@@ -1,15 +1,15 @@
 """When the model is wrong: median error under each law of the noise, over that under white noise of the same σ.
 
-A column of panels per cap angle, a row per law of the directions. The unit is the estimator's own median with normal
-noise, in the same directions, so 1 is where nothing is lost. An estimator's ± is that of white noise: where the error
-is three times as large, the ± is a third of what it should be. Medians are of all trials, whatever the fit's status; a
-fit without a number counts as infinite. Bars are 95 % intervals, as if the laws had draws of their own; they have the
-same normal numbers behind them, so differences are more precise than the bars.
+A column of panels per cap angle, a row per law of the directions. The unit is the estimator's own median with white
+noise, in the same directions; 1 means that nothing is lost. An estimator's ± is that of white noise: if the error is
+three times as large, the ± is a third of what it should be. Medians are of all trials, whatever the fit's status; a fit
+without a number counts as infinite. Bars are 95 % intervals, as if the laws had draws of their own. They have the same
+normal numbers behind them, so differences are more precise than the bars.
 
 Look at: tails do no harm (Laplace), nor does noise along the radius alone, as the error across it does not count. Noise
-that remembers costs most on a path, and on large caps in any order: there the error is that of a mean. An error of form
-of the size of σ costs most where its length is some .4 of the cap: it looks like another sphere. GDKE loses less on a
-small cap, because its bias is there in any case.
+with memory (AR(1), with its correlation) costs most on a path, and on large caps in any order: there the error is that
+of a mean. An error of form (its length in half-angles of the cap, its size in σ) costs most if its length is some 0.4
+of the cap: it looks like another sphere. GDKE loses less on a small cap, because its bias is there in any case.
 """
 
 import numpy as np
@@ -24,6 +24,8 @@ from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
 _MOST = 4
 """Angles and laws of directions that are shown, the first ones."""
+_WORDS = {LAW.default: "white", "laplace": "Laplace", "memory": "AR(1)"}
+"""What a law is called in the figure, if not by its name."""
 _DODGE = 0.14
 """Distance between the marks of two estimators at one place."""
 
@@ -74,11 +76,11 @@ def draw(frame: Frame) -> Figure:
     angles = list(frame.medians["angle"].unique())[:_MOST]
     directions = list(frame.medians["directions"].unique())[:_MOST]
     laws, names = (list(frame.medians[column].unique()) for column in ("law", "estimator"))
-    height = 1.25 + 1.9 * len(directions)
+    height = 1.35 + 1.9 * len(directions)
     figure = Figure(figsize=(style.PAGE, height))
     axes = figure.subplots(len(directions), len(angles), sharex=True, sharey=True, squeeze=False)
     figure.subplots_adjust(
-        left=0.105, right=0.99, bottom=0.85 / height, top=1.0 - 0.5 / height, wspace=0.06, hspace=0.2
+        left=0.105, right=0.99, bottom=0.95 / height, top=1.0 - 0.5 / height, wspace=0.06, hspace=0.2
     )
     for row, law in zip(axes, directions, strict=True):
         for ax, angle in zip(row, angles, strict=True):
@@ -86,10 +88,17 @@ def draw(frame: Frame) -> Figure:
             part = part.assign(at=part["law"].map(laws.index))
             shared.side_by_side(ax, part, names, _DODGE, 3.2, linestyle="")
             ax.set_title(f"$φ$ = {angle:g}°, directions: {law}", loc="left")
-            ax.set_xticks(range(len(laws)), laws, rotation=50, ha="right", rotation_mode="anchor")
+            ax.set_xticks(range(len(laws)), list(map(_named, laws)), rotation=50, ha="right", rotation_mode="anchor")
         row[0].set_ylabel("median error,\nwhite noise = 1")
     largest = float(np.nanmax(shared.finite(frame.medians["ratio"])))
     shared.plain_ticks(axes[0, 0], (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0), 0.0, max(3.0, 1.2 * largest))
     figure.legend(handles=list(map(shared.handle, names)), loc="upper center", ncols=8, columnspacing=1.2)
     style.stamp(figure, f"$N$ = {frame.samples:,}, $σ/r$ = {frame.noise:g} · {frame.stamp}")
     return figure
+
+
+def _named(law: str) -> str:
+    """A law of the noise in words: ``memory(0.9)`` is AR(1), 0.9; a form has its length and its size in σ."""
+    name, _, numbers = law.partition("(")
+    words = [_WORDS.get(name, name), *numbers.removesuffix(")").split(", ")]
+    return ", ".join(filter(None, words)) + " σ" * (name == "form")

@@ -1,7 +1,7 @@
 """Regret: error of each estimator over that of the best estimator in each cell of a grid.
 
 One row per estimator, the best on top; a point per cell, in a lane for each number of samples, few samples above. Left
-the median error, right its 95 % quantile; a cross is the geometric mean over all cells, written beside it. Points at
+is the median error, right its 95 % quantile. A cross is the geometric mean over all cells, written beside it. Points at
 the right edge lie beyond it.
 
 Look at: an estimator that is safe to use without knowing the cell has all of its points near 1, in both panels. If its
@@ -59,33 +59,28 @@ def draw(frame: Frame) -> Figure:
     figure.axes[0].set_ylim(len(names) - 0.5, -0.5)
     sizes = sorted(frame.cells["samples"].unique())
     handles = [
-        Line2D([], [], color=_shade(place, len(sizes)), marker="o", linewidth=0, markersize=3.5, label=f"$N$ = {n:,}")
-        for place, n in enumerate(sizes)
+        Line2D([], [], color=color, marker="o", linewidth=0, markersize=3.5, label=f"$N$ = {n:,}")
+        for n, color in zip(sizes, style.shades(len(sizes)), strict=True)
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(sizes))
+    figure.legend(handles=handles, loc="outside upper center", ncols=min(len(sizes), 6))
     style.stamp(figure, frame.stamp)
     return figure
-
-
-def _shade(place: int, count: int) -> tuple[float, float, float]:
-    """Colour of a number of samples: light for few, dark for many."""
-    share = place / max(count - 1, 1)
-    light, dark = np.array([0.62, 0.79, 0.88]), np.array([0.03, 0.19, 0.42])
-    red, green, blue = (1.0 - share) * light + share * dark
-    return float(red), float(green), float(blue)
 
 
 def _panel(ax: Axes, frame: Frame, name: str, names: list[str]) -> None:
     """Draw the cells and the means of one quantile."""
     sizes = sorted(frame.cells["samples"].unique())
+    colors = style.shades(len(sizes))
     for row, estimator in enumerate(names):
         mine = frame.cells[frame.cells["estimator"] == estimator]
         for place, samples in enumerate(sizes):
             ratios = mine[mine["samples"] == samples][name].to_numpy()
             ratios = ratios[np.logical_not(np.isnan(ratios))]
             lane = np.full(len(ratios), row + 0.64 * ((place + 0.5) / len(sizes) - 0.5))
-            shown, color = np.minimum(ratios, _EDGE), _shade(place, len(sizes))
-            ax.plot(shown, lane, "o", color=color, markersize=2.4, markeredgewidth=0.0, alpha=0.8, clip_on=False)
+            shown = np.minimum(ratios, _EDGE)
+            ax.plot(
+                shown, lane, "o", color=colors[place], markersize=2.4, markeredgewidth=0.0, alpha=0.8, clip_on=False
+            )
         mean = float(frame.means.loc[frame.means["estimator"] == estimator, name].iloc[0])
         ax.plot(min(mean, _EDGE), row, "+", color=style.INK, markersize=9, markeredgewidth=1.3, zorder=4)
         at = ("axes fraction", "data"), "offset points"
@@ -95,5 +90,6 @@ def _panel(ax: Axes, frame: Frame, name: str, names: list[str]) -> None:
     ax.set_xticks([1, 2, 3, 5, 10], ["1", "2", "3", "5", "10"])
     ax.minorticks_off()
     ax.grid(visible=False, axis="y")
-    ax.set_xlabel("over the best in the cell")
+    cut = f"\nat the right edge: above {_EDGE:g}" if (frame.cells[name] > _EDGE).any() else ""
+    ax.set_xlabel(f"over the best in the cell{cut}")
     ax.set_title(_TITLES[name], loc="left")

@@ -1,18 +1,18 @@
 """Robustness: median error against the share of outliers, and against the tails of the noise, per estimator.
 
-One row of panels per cap angle. Left, the noise is normal and a share of the samples is displaced in random directions;
-right, there are no outliers, and the laws of the noise stand in the order of their excess kurtosis, all with the same
+One row of panels per cap angle. Left, the noise is normal and a share of the samples is displaced in random directions.
+Right, there are no outliers, and the laws of the noise stand in the order of their excess kurtosis, all with the same
 covariance σ² I. The unit is the median of an estimator with Gaussian errors at the Gaussian bound of the same σ, so 1
 is efficient with normal noise. Medians are of all trials, whatever the fit's status; a fit without a number counts as
-infinite. Bars are 95 % intervals of the median; every law has the same normal numbers behind it, so that differences
-between laws are more precise than the bars.
+infinite. Bars are 95 % intervals of the median. Every law has the same normal numbers behind it, so differences between
+laws are more precise than the bars.
 
-The dashed line is the error of an efficient estimator that takes the outliers for noise: a share p of displacements by
+The dashed line is the error of an efficient estimator that takes the outliers for noise. A share p of displacements by
 s σ makes the variance of a coordinate σ² (1 + p s²/d).
 
-Look at: on the left, least-squares fits follow the dashed line, as if all samples had become noisier. The biased
-ones (GDKE, LLS) leave it on a cap, because their bias grows as the variance does. On the right, on an axis of its own,
-next to nothing changes: the error of least squares depends on the covariance alone.
+Look at: on the left, least-squares fits follow the dashed line, as if all samples had become noisier. The biased ones
+(GDKE, LLS) leave it on a cap, because their bias grows as the variance does. On the right, on an axis of its own, next
+to nothing changes: the error of least squares depends on the covariance alone.
 """
 
 import math

@@ -17,7 +17,7 @@ import json
 import math
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,17 +29,15 @@ from study import style
 from study.files import stored_csv
 from study.fits import Status
 from study.simulation.claims import Verdict
-from study.simulation.claims.readings import Readings
 from study.simulation.experiment.conditions import LABELS
-from study.simulation.figures import Gallery, Tables, gathered
+from study.simulation.figures import Tables, gathered
 from study.simulation.report import html, words
 from study.simulation.report.html import Content, Section
 from study.simulation.report.material import Material, answer
 from study.simulation.report.runs import overview_section, posterior_section, run_id, run_section
 from study.simulation.report.words import count, readable
-from study.simulation.runs.run_folder import Run
 from study.simulation.statistics import MEASURES, share
-from study.text import one_line
+from study.text import columns, one_line
 
 _DIGITS, _ERROR_DIGITS = 5, 3
 
@@ -383,33 +381,26 @@ SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
 """The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
 
 
-def render(
-    runs: Sequence[Run],
-    claims: pd.DataFrame,
-    bench: pd.DataFrame | None = None,
-    gallery: Gallery | None = None,
-    readings: Readings | None = None,
-) -> str:
+def render(material: Material) -> str:
     """Write the page about runs: one HTML document that needs no other file.
 
     Args:
-        runs: finished runs, at least one, no two of the same name.
-        claims: the claims table; columns as `study.simulation.runs.schemas.CLAIMS`, perhaps without rows.
-        bench: the table that `make bench` stores, if it is to be shown; see `study.simulation.report.page`.
-        gallery: takes the figures, if the caller wants to write them.
-        readings: verdicts under other readings of the paper, if they are to be shown.
+        material: the runs with their claims, figures and findings.
 
     Returns:
         The document. The same runs and claims give the same bytes.
-
-    Raises:
-        RunError: if a run did not finish, is given twice, or a table cannot be read.
     """
-    material = Material(runs, claims, bench, gallery, readings)
+    claims = material.claims
     names, sets = ", ".join(tables.name for tables in material.runs), sum(tables.trials for tables in material.runs)
     parts: dict[str, object] = {"findings": material.findings, "tally": tally(claims) if len(claims) else None}
     parts |= {"lead": material.lead, "sections": [section for make in SECTIONS for section in make(material)]}
     return html.rendered("template.html", names=names, sets=count(sets), digests=Markup(digests()), **parts)
+
+
+def printed(material: Material) -> Iterator[str]:
+    """The findings for a terminal, numbered, in lines of at most 100 characters."""
+    words = [one_line(f"{finding.head} {finding.rest}").replace("`", "") for finding in material.findings]
+    return columns(([str(number), line] for number, line in enumerate(words, start=1)), align="><", width=100)
 
 
 def save(page: str, path: Path) -> Path:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from study import style
 from study.fits import ESTIMATORS
 from study.simulation import figures
-from study.simulation.figures import FIGURES, Tables
+from study.simulation.figures import FIGURES, Tables, fig_misfit
 from tests.configs import config
 
 REDRAW = """
@@ -216,6 +216,49 @@ def test_every_estimator_has_a_color_of_its_own():
     rgb = {name: np.array(matplotlib.colors.to_rgb(style.color(name))) for name in names}
     for one, other in itertools.combinations(rgb, 2):
         assert np.linalg.norm(rgb[one] - rgb[other]) > 0.1, f"{one} and {other}"
+
+
+LESS_RED = np.array([[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]])
+LESS_GREEN = np.array(
+    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+)
+"""Linear RGB as a protanope and a deuteranope see it (Machado, Oliveira & Fernandes 2009, severity 1)."""
+
+
+def lab(color, seen):
+    """A colour in CIE L*a*b*, white D65, as somebody sees it."""
+    rgb = np.array(matplotlib.colors.to_rgb(color))
+    linear = seen @ np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    xyz = to_xyz @ np.clip(linear, 0.0, 1.0) / [0.9505, 1.0, 1.089]
+    x, y, z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16.0 / 116.0)
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+@pytest.mark.parametrize("seen", [np.eye(3), LESS_RED, LESS_GREEN], ids=["all", "protanope", "deuteranope"])
+def test_the_colour_blind_tell_estimators_apart(seen):
+    """Those that figures compare are 10 steps of CIE 1976 apart, several times what an eye can just tell."""
+    variants = {name for name in style._LOOKS if "_" in name or name == "hinge"}
+    for one, other in itertools.combinations(set(style._LOOKS) - variants, 2):
+        away = np.linalg.norm(lab(style.color(one), seen) - lab(style.color(other), seen))
+        assert away > 10.0, f"{one} and {other}"
+
+
+def test_shades_go_from_light_to_dark():
+    """Each number of samples is darker than the one before, by as much."""
+    for count in (1, 2, 7):
+        light = [lab(color, np.eye(3))[0] for color in style.shades(count)]
+        assert len(light) == count
+        assert np.all(np.diff(light) < -5.0)
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [("normal", "white"), ("radial", "radial"), ("memory(0.9)", "AR(1), 0.9"), ("form(0.4, 1)", "form, 0.4, 1 σ")],
+)
+def test_laws_in_words(law, words):
+    """The labels of the figure on misfits."""
+    assert fig_misfit._named(law) == words
 
 
 def test_every_registered_estimator_has_a_fixed_look():

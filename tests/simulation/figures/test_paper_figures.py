@@ -166,7 +166,13 @@ def test_what_is_off_the_scale_is_counted(random_tables):
     off = frame.panels.set_index("estimator")["off_scale"]
     assert off["ugdk"] == 3
     assert off["mle"] == 0
-    assert "3 off the scale" in "\n".join(text.get_text() for ax in fig2_error.draw(frame).axes for text in ax.texts)
+    figure = fig2_error.draw(frame)
+    texts = [text for ax in figure.axes for text in ax.texts]
+    assert "3 off the scale" in "\n".join(text.get_text() for text in texts)
+    figure.draw_without_rendering()
+    tops = [text.get_window_extent().y1 for text in texts if text.get_weight() == "bold"]
+    assert len(tops) == len(frame.panels)
+    np.testing.assert_allclose(tops, tops[0], atol=1.0)  # in pixels: names stand in one line, whatever is below them
 
 
 def test_reasons_fig2_error(power_tables, random_tables, refused):

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from study.simulation.claims.claim import Verdict
+from study.simulation.report.material import Material
 from study.simulation.report.page import render
 from study.simulation.runs import schemas
 from tests.configs import config
@@ -75,7 +76,7 @@ def claims(make_claims, circles):
 @pytest.fixture(scope="session")
 def page(circles, random, claims):
     """The page about two runs."""
-    return render([circles, random], claims)
+    return render(Material([circles, random], claims))
 
 
 class Document(html.parser.HTMLParser):

@@ -6,6 +6,7 @@ import pytest
 
 from study.simulation.claims.claim import Verdict
 from study.simulation.figures import FIGURES
+from study.simulation.report.material import Material
 from study.simulation.report.page import render
 from tests.configs import config
 
@@ -92,7 +93,7 @@ def long_words(make_run, make_claims, tmp_path_factory):
     run = make_run(text, tmp_path_factory.mktemp("long") / ("b" * 100) / name)
     words = dict.fromkeys(("section", "statement", "quantity", "finding", "criterion", "remark", "reads"), "w" * 150)
     claims = make_claims(("partly", words | {"figure": "f" * 80}), ("not evaluated", words | {"runs": name}))
-    return render([run], claims)
+    return render(Material([run], claims))
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -112,7 +113,7 @@ def test_wide_tables(look, many, claims, monkeypatch, width, media):
     monkeypatch.setattr("study.simulation.figures.FIGURES", {})
     monkeypatch.setattr("study.simulation.report.runs._LONG", 1000)  # not folded ...
     monkeypatch.setattr("study.simulation.report.html.PRINTED", 1000)  # ... and printed
-    assert look(render([many], claims), width, media) == []
+    assert look(render(Material([many], claims)), width, media) == []
 
 
 @pytest.mark.parametrize(("width", "media"), [(375, "screen"), (1280, "screen"), (PAPER, "print")])
@@ -145,7 +146,7 @@ def whole(circles, random, many, make_claims):
     with pytest.MonkeyPatch.context() as patch:
         figures = {f"figure_{i}": FIGURES["fig3_gdke_ellipse"] for i in range(12)}
         patch.setattr("study.simulation.figures.FIGURES", figures)
-        return render([circles, random, many], claims)
+        return render(Material([circles, random, many], claims))
 
 
 def test_claims_on_a_phone(tab, show, whole):

@@ -13,6 +13,7 @@ import pytest
 
 from study.fits import Status
 from study.simulation.figures import Tables
+from study.simulation.report.material import Material
 from study.simulation.report.page import packed, render
 from study.simulation.statistics import MEASURES
 
@@ -77,7 +78,7 @@ def file(circles, random, many, claims, tmp_path_factory):
     """The page about three runs; the third is a grid of three conditions and nine estimators."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("study.simulation.figures.FIGURES", {})
-        text = render([circles, random, many], claims)
+        text = render(Material([circles, random, many], claims))
     path = tmp_path_factory.mktemp("explorer") / "page.html"
     path.write_text(text, encoding="utf-8")
     return path

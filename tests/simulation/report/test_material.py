@@ -18,7 +18,7 @@ from study.simulation.figures.figure import Frame
 from study.simulation.report import material, words
 from study.simulation.report.html import coded
 from study.simulation.report.material import Material, answer, draw_lead
-from study.simulation.report.page import COLUMNS, read_bench, render, speed_section
+from study.simulation.report.page import COLUMNS, printed, read_bench, render, speed_section
 from study.simulation.report.runs import posterior_section
 from study.simulation.statistics import MEASURES
 from tests.configs import config, log_uniform, uniform
@@ -34,7 +34,7 @@ def test_a_top_that_fails(circles, make_run, claims, monkeypatch, read):
         raise ZeroDivisionError("no ink")
 
     monkeypatch.setattr(material, "draw_lead", broken)
-    document = read(render([noises], claims))
+    document = read(render(Material([noises], claims)))
     assert "lead: failed: ZeroDivisionError('no ink') at " in document.text
     assert "fig_efficiency" in [tag["id"] for tag in document.of("figure")]
     assert "lead" not in [tag["id"] for tag in document.of("figure")]
@@ -43,7 +43,7 @@ def test_a_top_that_fails(circles, make_run, claims, monkeypatch, read):
 def test_the_page_has_the_pictures_that_are_written(random, claims, tmp_path):
     """Each figure is drawn once: the PNGs on the page are the bytes of the files, which `study figures` writes too."""
     gallery = figures.gallery()
-    text = render([random], claims, gallery=gallery)
+    text = render(Material([random], claims, gallery=gallery))
     written = {path.name: path.read_bytes() for path in gallery.save(tmp_path / "page")}
     alone, _ = figures.draw_all([random], tmp_path / "alone")
     assert written == {path.name: path.read_bytes() for path in alone}
@@ -115,6 +115,18 @@ def test_numbers_in_words():
     ]
     assert words.power(-0.5022) == "−0.50"
     assert words.values(finding(1.5, math.nan, math.inf))[::2] == [1.5, math.inf]
+
+
+def test_findings_for_a_terminal():
+    """They are numbered, in lines of at most 100 characters, without the marks of code; without findings, no line."""
+    found = [material.Headline("Use `als`.", "It " + "is good " * 30 + "`always`."), material.Headline("No.", "2 %.")]
+    lines = list(printed(SimpleNamespace(findings=found)))
+    assert lines[0].startswith("1  Use als. It is good ")
+    assert lines[-1] == "2  No. 2 %."
+    assert max(map(len, lines)) <= 100
+    words = " ".join(" ".join(lines[:-1]).split())
+    assert words == "1 Use als. It " + "is good " * 30 + "always."
+    assert list(printed(SimpleNamespace(findings=[]))) == []
 
 
 @pytest.mark.parametrize(
@@ -251,7 +263,7 @@ def test_a_study_that_kept_its_summary_alone(make_run):
     """Has its page, too: trials and samples are counted from the summary, and what is not known is said."""
     top = {"name": "alone", "estimators": ["gdke", "ugdk"], "keep": "summary"}
     run = make_run(config(top, trials=30, samples=[10, 20], noise=0.05, angle=[60, 90]))
-    page = render([run], judge_all([run], None))
+    page = render(Material([run], judge_all([run], None)))
     assert "which trials were worst is not known" in page
     assert "SHA-256 of summary.parquet" in page
     record = Material([run], judge_all([run], None)).runs[0]

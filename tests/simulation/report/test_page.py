@@ -19,6 +19,7 @@ from study.simulation.claims.readings import read as read_choices
 from study.simulation.experiment.config import shipped_config
 from study.simulation.figures import FIGURES, NotApplicable, Tables
 from study.simulation.report import html
+from study.simulation.report.material import Material
 from study.simulation.report.page import render, save
 from study.simulation.report.words import timed
 from study.simulation.runs.run_folder import Run
@@ -163,10 +164,10 @@ def test_claims_link_to_what_is_on_the_page(document, page, circles):
 @pytest.mark.usefixtures("no_figures")
 def test_no_claims(random, make_claims, read):
     """Without claims, or without one that could be judged, the page says what would feed them."""
-    document = read(render([random], make_claims()))
+    document = read(render(Material([random], make_claims())))
     assert "No claim of the paper was judged" in document.text
     rows = [(Verdict.NOT_EVALUATED, {"reads": f"{name}/errors"}) for name in ("paper", "mgdk", "random", "paper")]
-    document = read(render([random], make_claims(*rows)))
+    document = read(render(Material([random], make_claims(*rows))))
     words = "These runs can judge none of the claims. Missing are runs of configs/paper.toml, configs/mgdk.toml."
     assert words in document.text
     assert "4 claims: 4 not evaluated" in document.text
@@ -175,7 +176,7 @@ def test_no_claims(random, make_claims, read):
 @pytest.mark.usefixtures("no_figures")
 def test_an_unknown_verdict_is_shown_as_it_is(random, make_claims, read):
     """A verdict that a later version adds has a badge too."""
-    document = read(render([random], make_claims(("hardly", {}))))
+    document = read(render(Material([random], make_claims(("hardly", {})))))
     assert "1 claim: 1 hardly" in document.text
 
 
@@ -262,7 +263,7 @@ def test_folders_of_any_name(make_run, circles, claims, tmp_path, read):
     """Names with spaces, quotes and tags are quoted for the shell and for the page."""
     folder = tmp_path / "a b; <b>'s"
     shutil.copytree(circles.folder, folder)
-    page = render([Run.open(folder)], claims)
+    page = render(Material([Run.open(folder)], claims))
     document = read(page)
     assert document.faults == []
     assert not document.of("b")
@@ -273,7 +274,7 @@ def test_folders_of_any_name(make_run, circles, claims, tmp_path, read):
 @pytest.mark.usefixtures("no_figures")
 def test_many_conditions(many, claims, read):
     """A table longer than a page is folded, and not printed."""
-    page = render([many], claims)
+    page = render(Material([many], claims))
     document = read(page)
     assert document.faults == []
     assert "The table of all 44 conditions" in document.text
@@ -285,7 +286,7 @@ def test_many_conditions(many, claims, read):
 def test_more_conditions_than_a_page_can_hold(circles, claims, monkeypatch, read):
     """Then the file is named that has them."""
     monkeypatch.setattr("study.simulation.report.runs._TOO_LONG", 3)
-    document = read(render([circles], claims))
+    document = read(render(Material([circles], claims)))
     assert "too many conditions for a table; summary.parquet has them" in document.text
 
 
@@ -294,11 +295,12 @@ import sys
 from pathlib import Path
 import pandas as pd
 from study.simulation import figures
+from study.simulation.report.material import Material
 from study.simulation.report.page import render, save
 from study.simulation.runs.run_folder import Run
 figures.FIGURES = {"fig5_methods": figures.FIGURES["fig5_methods"]}
 folder, claims, out = map(Path, sys.argv[1:])
-save(render([Run.open(folder)], pd.read_pickle(claims)), out)
+save(render(Material([Run.open(folder)], pd.read_pickle(claims))), out)
 """
 
 
@@ -314,7 +316,7 @@ def test_equal_runs_equal_bytes(circles, claims, tmp_path, monkeypatch):
     arguments = [circles.folder, tmp_path / "claims", tmp_path / "page.html"]
     command = [sys.executable, "-W", "error", "-c", AGAIN, *map(str, arguments)]
     subprocess.run(command, check=True, env={**os.environ, **changed})
-    assert (tmp_path / "page.html").read_bytes() == render([circles], claims).encode()
+    assert (tmp_path / "page.html").read_bytes() == render(Material([circles], claims)).encode()
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -324,7 +326,7 @@ def test_a_table_that_is_missing(circles, claims, tmp_path, name):
     shutil.copytree(circles.folder, tmp_path / "half")
     (tmp_path / "half" / f"{name}.parquet").unlink()
     with pytest.raises(RunError, match=rf"half/{name}\.parquet: missing; finish the run with `study run .*`$"):
-        render([Run.open(tmp_path / "half")], claims)
+        render(Material([Run.open(tmp_path / "half")], claims))
 
 
 def test_save(tmp_path):
@@ -371,7 +373,7 @@ def test_readings(circles, make_claims, no_figures):
         ],
         columns=list(COLUMNS),
     )
-    text = render([circles], claims, readings=Readings(choices, table))
+    text = render(Material([circles], claims, readings=Readings(choices, table)))
     assert "1 verdicts stand under every reading, 1 change under some." in text
     assert "Read otherwise: it holds if the noise is along the radius." in text
     head, *lines = rows_of(text, "Claims under each reading")
@@ -381,4 +383,4 @@ def test_readings(circles, make_claims, no_figures):
     _, first, *others = rows_of(text, "Choices that the paper leaves open")
     assert len(others) == len(choices) - 1
     assert "1b: along the radius alone" in first[3]
-    assert "The paper read otherwise" not in render([circles], claims)
+    assert "The paper read otherwise" not in render(Material([circles], claims))
