@@ -38,6 +38,8 @@ _HIPS = (
     "hips that motion leaves in doubt: as they are, or by regression from the pelvis' spines, or the file's LHJC, RHJC"
 )
 HipCentres = Annotated[Literal["motion", "regression"], typer.Option("--hips", help=_HIPS)]
+_WIDTHS = "widths of knees and ankles, mm, if the file lacks them, for the chord method of Plug-in Gait"
+Widths = Annotated[str, typer.Option("--widths", metavar="LKneeWidth=105,...", help=_WIDTHS)]
 _PARENT = "labels of three or more markers of the parent segment"
 Parent = Annotated[str, typer.Option("--parent", metavar="A,B,C", help=_PARENT)]
 _CHILD = "labels of markers of the child segment, which rotates about the joint"
@@ -64,11 +66,15 @@ def results_folder(name: str, out: Path | None = None) -> Path:
     return folder
 
 
-def _read(file: Path, unit: str | None, rate: float | None, subject: str | None, frames: str | None) -> "Recording":
+def _read(
+    file: Path, unit: str | None, rate: float | None, subject: str | None, frames: str | None, widths: str = ""
+) -> "Recording":
     """The recording of a file, by the options that all commands have."""
     from study.recordings.formats.read import read_recording
+    from study.recordings.recording import with_widths
 
-    return read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    recording = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    return with_widths(recording, widths) if widths else recording
 
 
 def _print_match(match: "Match", calibrated: bool = False) -> None:
@@ -163,6 +169,7 @@ def joints(
     static: Annotated[Path | None, typer.Option(help=_STATIC)] = None,
     force: Annotated[bool, typer.Option("--force", help=_MERGE)] = False,
     hips: HipCentres = "motion",
+    widths: Widths = "",
     markerset: MarkerSetName = None,
     out: Out = None,
     as_json: Json = False,
@@ -191,7 +198,7 @@ def joints(
     every = [*files, *([] if static is None else [static])]
     if len(every) > 1 and frames is not None:
         raise typer.BadParameter(f"--frames {frames}: a range is of one recording; give one")
-    recordings = [_read(file, unit, rate, subject, frames) for file in every]
+    recordings = [_read(file, unit, rate, subject, frames, widths) for file in every]
     folder, further = results_folder("-".join(one.name for one in recordings), out), dict[str, object]()
     if len(recordings) > 1:
         match, session = fit_session(recordings, static is not None, markerset, hips, force)
@@ -345,6 +352,7 @@ def skeleton(
     force: Annotated[bool, typer.Option("--force", help=_FORCE)] = False,
     refit: Annotated[bool, typer.Option("--refit", help=_REFIT)] = False,
     hips: HipCentres = "motion",
+    widths: Widths = "",
     markerset: MarkerSetName = None,
     out: Out = None,
     write: Annotated[str | None, typer.Option(help=_WRITE)] = None,
@@ -378,6 +386,8 @@ def skeleton(
         raise typer.BadParameter("--refit: there are no shapes to refit without --calibration")
     if calibration is not None and hips != "motion":
         raise typer.BadParameter("--hips regression: a calibration has its hips; give the option to `study joints`")
+    if calibration is not None and widths:
+        raise typer.BadParameter(f"--widths {widths}: a calibration has its joints; give them to `study joints`")
     if calibration is not None and markerset is not None:
         raise typer.BadParameter(f"--markerset {markerset}: a calibration has its own marker set; leave it out")
     if video:
@@ -385,7 +395,7 @@ def skeleton(
     name = printable(file.stem)
     folder = results_folder(name, out)
     further = export.planned_files(write or "", folder, name, file)
-    source = _read(file, unit, rate, subject, frames)
+    source = _read(file, unit, rate, subject, frames, widths)
     match, used = calibrate.with_joints(source, calibration, markerset, hips)
     if not as_json:
         _print_match(match, calibration is not None)
@@ -424,6 +434,7 @@ def gait(
     static: Annotated[Path | None, typer.Option(help=_STATIC)] = None,
     force: Annotated[bool, typer.Option("--force", help=_FORCE)] = False,
     hips: HipCentres = "motion",
+    widths: Widths = "",
     markerset: MarkerSetName = None,
     out: Out = None,
     as_json: Json = False,
@@ -444,12 +455,12 @@ def gait(
     from study.recordings.view import gait as view
     from study.style import save
 
-    if calibration is not None and (static, hips, markerset) != (None, "motion", None):
-        raise typer.BadParameter(
-            "--static, --hips, --markerset: a calibration has its own; give them to `study joints`"
-        )
-    walks = [_read(file, unit, rate, None, None) for file in files]
-    found = find_gait(walks, calibration, markerset, static=static, hips=hips, force=force)
+    if calibration is not None and (static, hips, widths, markerset) != (None, "motion", "", None):
+        words = "--static, --hips, --widths, --markerset: a calibration has its own; give them to `study joints`"
+        raise typer.BadParameter(words)
+    walks = [_read(file, unit, rate, None, None, widths) for file in files]
+    still = None if static is None else _read(static, unit, rate, None, None, widths)
+    found = find_gait(walks, calibration, markerset, static=still, hips=hips, force=force)
     title = ", ".join(dict.fromkeys(walk.name for walk in walks))
     folder = results_folder("-".join(walk.name for walk in walks)[:100] + "-gait", out)
     if not as_json:

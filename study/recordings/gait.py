@@ -176,7 +176,8 @@ def gait_events(motion: ExportedMotion) -> dict[str, tuple[Ints, Ints]]:
     segments, events = legs(skeleton.calibration.markerset), {}
     for side in SIDES:
         heel = points.get(f"{side} heel")
-        toe = points.get(f"{side} fifth metatarsal", points.get(f"{side} first metatarsal"))
+        toes = (points.get(f"{side} {name}") for name in ("fifth metatarsal", "first metatarsal", "toe"))
+        toe = next((label for label in toes if label is not None), None)
         found: list[Ints] = []
         for label, sign in ((heel, 1.0), (toe, -1.0)):
             if label is None:

@@ -216,8 +216,8 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
         Each angle has its standard error in ``<angle>_error``, degrees: that of both poses in the frame, from the
         markers' noise and skin, or from interpolation. The error of the axes themselves, which is the same in all
         frames, is not in it. ``<joint>_flag`` and ``<root>_flag`` are 0 where markers show both segments, 1 where one
-        is bridged, 2 where angles are missing. An angle is NaN where a segment is not known, or the error of one of the
-        joint's angles is above 10° or unknown.
+        is bridged, 2 where all angles are missing. An angle is NaN where a segment is not known, or the error of the
+        angle is above 10° or unknown.
     """
     skeleton = motion.skeleton
     standing = rest_rotations(skeleton.calibration, motion.upright, RestPose.STANDING)
@@ -258,11 +258,11 @@ def _flagged(
 ) -> dict[str, Floats | Ints]:
     """Angles of a joint that are sure enough, their errors (angles, frames), degrees, and the joint's flag."""
     with np.errstate(invalid="ignore"):
-        sure = (errors <= LARGEST_ERROR).all(axis=0)
-    columns: dict[str, Floats | Ints] = {key: np.where(sure, angle, np.nan) for key, angle in angles.items()}
+        sure = dict(zip(angles, errors <= LARGEST_ERROR, strict=True))
+    columns: dict[str, Floats | Ints] = {key: np.where(sure[key], angle, np.nan) for key, angle in angles.items()}
     columns |= places or {}
-    columns |= {f"{key}_error": np.where(sure, row, np.nan) for key, row in zip(angles, errors, strict=True)}
-    return columns | {f"{name}_flag": np.where(sure, flags, Flag.UNKNOWN).astype(int)}
+    columns |= {f"{key}_error": np.where(sure[key], row, np.nan) for key, row in zip(angles, errors, strict=True)}
+    return columns | {f"{name}_flag": np.where(np.any([*sure.values()], axis=0), flags, Flag.UNKNOWN).astype(int)}
 
 
 def _zxy_errors(turn: Floats, covariance: Floats) -> Floats:

@@ -326,6 +326,16 @@ def load_calibration(path: str | Path) -> Calibration:
     raise RecordingError(f"{path}: a damaged calibration ({words}); make it again with `study joints`")
 
 
+def moved_along_axis(place: JointPlace, middle: Floats) -> JointPlace:
+    """A hinge, moved along its axis to where that is nearest to a point (3,) of its parent, metres."""
+    axis = place.axis_in_parent
+    step = float((middle - place.in_parent) @ axis)
+    in_child = place.axis_in_child * np.sign((place.mean_rotation @ place.axis_in_child) @ axis)
+    if np.isnan(in_child).any():  # a child without a pose
+        in_child = place.mean_rotation.T @ axis
+    return replace(place, in_parent=place.in_parent + step * axis, in_child=place.in_child + step * in_child)
+
+
 SLIDES = 0.001
 """Metres: how far skin slides along with a joint, beyond what the stated error covers."""
 _NO_MOTION = 0.001

@@ -306,6 +306,9 @@ _STEMS = {
     "heel": "hee heel cal calc fcc ca",
     "first metatarsal": "mt1 fm1 fmh",
     "fifth metatarsal": "mt5 fm5 vmh d5m 5meta",
+    "toe": "toe mt2 fm2 smh",
+    "thigh marker": "thi",
+    "shank marker": "tib shn shin",
     "hip centre": "hjc",
 }
 """The points of one side of the body, and their labels in common marker sets, behind the letter of a side."""
@@ -449,7 +452,7 @@ class Match:
     def recording(self) -> Recording:
         """The recording with the markers of the set alone, under their names and in the order of the set."""
         chosen = self.source.select(list(self.labels.values()))
-        return Recording(chosen.name, tuple(self.labels), chosen.positions, chosen.rate, chosen.notes)
+        return replace(chosen, markers=tuple(self.labels))
 
     @property
     def joints(self) -> tuple[Joint, ...]:
