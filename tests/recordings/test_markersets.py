@@ -208,6 +208,16 @@ def test_aliases_and_capitals():
     assert stands_in.labels["LSHN"] == "LTIB"
 
 
+def test_the_set_of_a_match_knows_the_same_labels():
+    """A calibration has the set of its match: it once knew no alias, and found no marker LTIB in another recording."""
+    labels = [{"LSHN": "LTIB", "RSHN": "RTIB", "LFWT": "LASI"}.get(m, m) for m in CMU.markers()]
+    found = matched("plug-in-gait", labels)
+    again = markersets.match(found.markerset, found.source)
+    assert found.labels["LASI"] == "LASI"
+    assert found.labels["RASI"] == "RFWT"
+    assert again.labels == found.labels
+
+
 @pytest.mark.parametrize("spell", ["{}", "Subj01_{}", "walker.{}", "Anna {}", "m-{}"])
 @pytest.mark.parametrize("written", [str, str.lower, lambda m: f"{m[0]}_{m[1:]}", lambda m: f"{m[0]}.{m[1:].title()}"])
 def test_labels_are_compared_without_case_signs_and_prefix(spell, written):

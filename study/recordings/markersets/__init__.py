@@ -446,7 +446,11 @@ class Match:
                 across = joint.across if there(joint.across) == joint.across else ()
                 joints.append(joint.model_copy(update={"markers": there(joint.markers), "across": across}))
         segments = [Segment(name=s.name, markers=there(s.markers), parent=s.parent) for s in whole.segments]
-        return MarkerSet(name=whole.name, about=whole.about, segments=tuple(segments), joints=tuple(joints))
+        known = {point for part in segments for point in part.markers}
+        known |= {point for joint in joints for point in joint.across}
+        aliases = {marker: names for marker, names in whole.aliases.items() if marker in known}
+        parts = {"segments": tuple(segments), "joints": tuple(joints), "aliases": aliases}
+        return MarkerSet.model_validate({"name": whole.name, "about": whole.about} | parts)
 
     @cached_property
     def recording(self) -> Recording:

@@ -340,7 +340,8 @@ def _placed(
     shown = skeleton.segment_flags[[i, j]] == Flag.SEEN
     both = shown.all(axis=0) & ~np.isnan(local[0])
     in_child = np.median(local[:, both], axis=1) if both.any() else center
-    if not shape.has_own_pose and len(shape.markers) == 2:
+    two = not shape.has_own_pose and len(shape.markers) == 2 and {*shape.markers} <= {*trial.markers.markers}
+    if two and shown[0].any():
         x = trial.markers.select(shape.markers, np.flatnonzero(shown[0])).positions
         in_child = _beside_two(shape.places, place.in_child, x, world[:, shown[0]])
     place = replace(place, status=status, reason=reason, floor=float("nan"), covariance=covariance)
@@ -363,6 +364,8 @@ def _beside_two(places: Floats, before: Floats, x: Floats, joint: Floats) -> Flo
     own = (places[1] - places[0]) / np.linalg.norm(places[1] - places[0])
     aside = before - places[0]
     aside = aside - (aside @ own) * own
+    if not np.linalg.norm(aside) > 0.0:
+        aside = np.cross(own, np.eye(3)[np.abs(own).argmin()])
     return np.asarray(places[0] + np.nanmedian(along) * own + np.nanmedian(beside) * aside / np.linalg.norm(aside))
 
 
