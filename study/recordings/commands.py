@@ -5,9 +5,11 @@ case-study` repeats the paper's precision study. `study recording` and `study ma
 fetch` downloads a recording, and `study synthetic` makes one of a body whose joints are known.
 """
 
+import functools
+import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -31,7 +33,9 @@ _UNIT = "m, cm, mm, in or ft, if the file lacks its unit or has a wrong one"
 Unit = Annotated[str | None, typer.Option("--unit", help=_UNIT)]
 _RATE = "frames per second, if the file lacks its rate or has a wrong one"
 Rate = Annotated[float | None, typer.Option("--rate", help=_RATE)]
-Subject = Annotated[str | None, typer.Option("--subject", help="the subject to read, if the file has several")]
+Subject = Annotated[
+    str | None, typer.Option("--subject", help="the subject to read, if the file has several; all: one after another")
+]
 _FRAMES = "read these frames alone, from 1, both ends included; `study recording` says which are whole"
 FrameRange = Annotated[str | None, typer.Option("--frames", metavar="1-499", help=_FRAMES)]
 _HIPS = (
@@ -40,6 +44,10 @@ _HIPS = (
 HipCentres = Annotated[Literal["motion", "regression"], typer.Option("--hips", help=_HIPS)]
 _WIDTHS = "widths of knees and ankles, mm, if the file lacks them, for the chord method of Plug-in Gait"
 Widths = Annotated[str, typer.Option("--widths", metavar="LKneeWidth=105,...", help=_WIDTHS)]
+_ERROR = "standard error above which a joint is missing in a frame, metres"
+LargestError = Annotated[float, typer.Option("--largest-error", help=_ERROR)]
+_ANGLE = "standard error above which an angle is missing in a frame, degrees"
+LargestAngleError = Annotated[float, typer.Option("--largest-angle-error", help=_ANGLE)]
 _PARENT = "labels of three or more markers of the parent segment"
 Parent = Annotated[str, typer.Option("--parent", metavar="A,B,C", help=_PARENT)]
 _CHILD = "labels of markers of the child segment, which rotates about the joint"
@@ -83,11 +91,55 @@ def _print_match(match: "Match", calibrated: bool = False) -> None:
     echo(match.lines(calibrated))
 
 
+def _each_subject(command: Callable[..., None]) -> Callable[..., None]:
+    """A command that does ``--subject all``: each subject of the first file, with a folder of its own in that of --out.
+
+    A calibration is that of the subject, in the folder of its name. A subject that cannot be used is told, and the next
+    one follows; the first fault ends the command.
+    """
+
+    @functools.wraps(command)
+    def run(*arguments: object, **named: object) -> None:
+        call = inspect.signature(command).bind(*arguments, **named)
+        call.apply_defaults()
+        options = call.arguments
+        if options["subject"] != "all":
+            return command(**options)
+        if options["as_json"]:
+            raise typer.BadParameter("--subject all: there is one JSON object for each subject; give one subject")
+        file, given = options["file"] if "file" in options else options["files"][0], options.get("calibration")
+        from study.recordings.formats.read import subjects_of
+        from study.recordings.markersets import MarkerSetError
+        from study.recordings.recording import RecordingError
+
+        faults: list[Exception] = []
+        names: list[str | None] = [*subjects_of(file)]
+        for name in names or [None]:
+            own = options | {"subject": name}
+            if name is not None:
+                typer.echo(f"subject {name}:")
+                if "out" in options:
+                    own["out"] = results_folder(file.stem, options["out"]) / results_folder(name).name
+                if given is not None and (given / results_folder(name).name).is_dir():
+                    own["calibration"] = given / results_folder(name).name
+            try:
+                command(**own)
+            except (RecordingError, MarkerSetError) as fault:
+                complain(str(fault))
+                faults.append(fault)
+        if faults:
+            raise faults[0]
+        return None
+
+    return run
+
+
 def complain(words: str) -> None:
     """Print a line on standard error."""
     typer.echo(words, err=True)
 
 
+@_each_subject
 def case_study(
     file: File,
     markerset: MarkerSetName = None,
@@ -164,6 +216,7 @@ _STATIC = "a trial that gives the shapes of the segments, such as a static one"
 _MERGE = "merge trials even if they seem to show different subjects"
 
 
+@_each_subject
 def joints(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=_FILES)],
     static: Annotated[Path | None, typer.Option(help=_STATIC)] = None,
@@ -265,6 +318,7 @@ def markersets(
         typer.echo(shipped_text(name), nl=False)
 
 
+@_each_subject
 def recording(
     file: File,
     as_json: Json = False,
@@ -346,6 +400,7 @@ _WRITE = (
 _REST = "the pose of .bvh and .glb in which all rotations are zero: a T-pose, or one of the recording"
 
 
+@_each_subject
 def skeleton(
     file: File,
     calibration: Annotated[Path | None, typer.Option(help=_CALIBRATION)] = None,
@@ -358,6 +413,8 @@ def skeleton(
     write: Annotated[str | None, typer.Option(help=_WRITE)] = None,
     rest: Annotated[Literal["t-pose", "recorded"], typer.Option(help=_REST)] = "t-pose",
     video: Annotated[bool, typer.Option("--video", help="also write motion.mp4")] = False,
+    largest_error: LargestError = 0.05,
+    largest_angle_error: LargestAngleError = 10.0,
     as_json: Json = False,
     unit: Unit = None,
     rate: Rate = None,
@@ -402,11 +459,11 @@ def skeleton(
         echo([*used.lines(), *(anatomy.regression_hint(used, source) if calibration is None else [])])
     remarks = [] if calibration is None else calibrate.require_same_subject(used, match.recording, refit, force)
     used = refit_shapes(used, match.recording) if refit else used
-    drawn = draw.draw_skeleton(used, match.recording)
+    drawn = draw.draw_skeleton(used, match.recording, largest_error=largest_error)
     shown = scene.skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
         echo([*scene.skeleton_lines(shown), *tree.angle_lines(used)])
-    motion = tree.ExportedMotion(drawn, match.source, shown, file, tree.RestPose(rest))
+    motion = tree.ExportedMotion(drawn, match.source, shown, file, tree.RestPose(rest), largest_angle_error)
 
     def written() -> Iterator[Path]:
         if calibration is None:
@@ -428,6 +485,7 @@ def skeleton(
 _WALKS = "walks of one subject: .c3d, .trc, .csv, .tsv or .txt"
 
 
+@_each_subject
 def gait(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=_WALKS)],
     calibration: Annotated[Path | None, typer.Option(help=_CALIBRATION)] = None,
@@ -436,10 +494,12 @@ def gait(
     hips: HipCentres = "motion",
     widths: Widths = "",
     markerset: MarkerSetName = None,
+    largest_angle_error: LargestAngleError = 10.0,
     out: Out = None,
     as_json: Json = False,
     unit: Unit = None,
     rate: Rate = None,
+    subject: Subject = None,
 ) -> None:
     """Report the angles of legs over the gait cycle.
 
@@ -458,9 +518,10 @@ def gait(
     if calibration is not None and (static, hips, widths, markerset) != (None, "motion", "", None):
         words = "--static, --hips, --widths, --markerset: a calibration has its own; give them to `study joints`"
         raise typer.BadParameter(words)
-    walks = [_read(file, unit, rate, None, None, widths) for file in files]
-    still = None if static is None else _read(static, unit, rate, None, None, widths)
-    found = find_gait(walks, calibration, markerset, static=still, hips=hips, force=force)
+    walks = [_read(file, unit, rate, subject, None, widths) for file in files]
+    still = None if static is None else _read(static, unit, rate, subject, None, widths)
+    limit = largest_angle_error
+    found = find_gait(walks, calibration, markerset, static=still, hips=hips, force=force, largest_angle_error=limit)
     title = ", ".join(dict.fromkeys(walk.name for walk in walks))
     folder = results_folder("-".join(walk.name for walk in walks)[:100] + "-gait", out)
     if not as_json:

@@ -239,12 +239,11 @@ def name_points(
     Raises:
         RecordingError: if there are several subjects and none is chosen, or the chosen one is missing.
     """
-    heads = [printable(prefix.strip()) for prefix in prefixes]
-    parts = [_split(printable(label.strip()), heads) for label in labels]
+    parts = _parts(labels, prefixes)
     counts = Counter(owner for owner, _ in parts if owner)
     listed = ", ".join(f"{owner} ({count} markers)" for owner, count in counts.items())
     if subject is None and len(counts) > 1:
-        raise RecordingError(f"it holds {len(counts)} subjects: {listed}; choose one with --subject")
+        raise RecordingError(f"it holds {len(counts)} subjects: {listed}; choose one with --subject, or --subject all")
     if subject is not None and subject not in counts:
         raise RecordingError(f"no subject {subject!r} in it; there are {listed or 'none, the labels have no prefix'}")
     # of one subject alone, points without a prefix are taken, too, such as a prop or an unlabelled reflection
@@ -260,6 +259,17 @@ def name_points(
         for number, i in enumerate(places, start=1):
             names[i] = f"{name}#{number}"
     return rows, names, notes
+
+
+def _parts(labels: Sequence[str], prefixes: Sequence[str]) -> list[tuple[str, str]]:
+    """The subject and the marker of each label; "" for no subject."""
+    heads = [printable(prefix.strip()) for prefix in prefixes]
+    return [_split(printable(label.strip()), heads) for label in labels]
+
+
+def subjects(contents: "FileContents") -> list[str]:
+    """Names of the subjects whose markers a file has, in its order; none if its labels have no prefix."""
+    return list(dict.fromkeys(owner for owner, _ in _parts(contents.labels, contents.prefixes) if owner))
 
 
 def printable(text: str) -> str:

@@ -115,6 +115,17 @@ def test_unknown_frames(gappy):
     np.testing.assert_allclose(table["time"], np.arange(300) / 60.0)
 
 
+def test_another_limit_of_errors(gappy):
+    """With a smaller limit the angles below it stay as they are, and those above are missing."""
+    table, strict = joint_angles(gappy), joint_angles(replace(gappy, largest_angle_error=1.5))
+    name = "neck_rotation"
+    above = (table[f"{name}_error"] > 1.5).to_numpy()
+    assert 0.0 < above.mean() < 1.0
+    kept = table[name].where(~above)
+    np.testing.assert_array_equal(strict[name], kept)
+    assert strict[f"{name}_error"].max() <= 1.5
+
+
 def test_a_motion_file(gappy, tmp_path):
     """Its header counts its rows and columns; its rows have a number everywhere, the last known one in a gap."""
     table = joint_angles(gappy).dropna(axis=1, how="all")
