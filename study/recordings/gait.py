@@ -19,6 +19,8 @@ from scipy import signal
 
 from study.arrays import Floats, Ints
 from study.recordings.export.tree import ExportedMotion, clinical_joints, joint_angles
+from study.recordings.joints.estimate import ANATOMICAL
+from study.recordings.joints.find import by_words
 from study.recordings.markersets import landmarks
 from study.recordings.recording import RecordingError
 from study.recordings.rigid import to_world
@@ -98,7 +100,8 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
         words = "no anatomical axes, so that zero is a standing pose, and curves of two subjects do not compare"
         notes.append(f"{', '.join(others)}: {words}")
     doubted = [place for place in calibration.joints if place.joint.name in legs_of and not place.usable]
-    notes += [f"{place.joint.name} is doubted: {place.reason}" for place in doubted]
+    words = ((p.joint.name, "doubted: " * (p.status not in ANATOMICAL) + p.reason) for p in doubted)
+    notes += by_words(words)
     return Gait(pd.concat(cycles, ignore_index=True), pd.concat(curves, ignore_index=True), tuple(notes))
 
 

@@ -384,3 +384,10 @@ def test_landmarks_are_matched_and_used_by_hinges_alone():
         assert next(joint for joint in found.joints if joint.name == "left_knee").across == across
         assert set(across) <= set(found.recording.markers)
         assert not {"LLFC", "LMFC"} & set(found.markerset.markers())
+
+
+def test_points_of_the_body_that_no_segment_has_are_named_apart():
+    """Malleoli that a set lacks place ankles and axes nevertheless, so they are not named as of no use."""
+    lines = matched("plug-in-gait", [*PIG_TOP, *PIG_LEG, "LMED", "sword"]).lines()
+    assert "not in the marker set, but points of the body: LMED" in lines
+    assert "not in the marker set: sword" in lines

@@ -250,7 +250,7 @@ class Calibration:
     def reasons(self) -> Iterator[str]:
         """Lay out the reasons to doubt joints, a line for each with the joints that it holds for."""
         doubted = (place for place in self.joints if place.status not in USABLE)
-        return _by_words((place.joint.name, words) for place in doubted for words in place.reason.split("; "))
+        return by_words((place.joint.name, words) for place in doubted for words in place.reason.split("; "))
 
     def beside(self) -> Iterator[str]:
         """Lay out the distances of knees from the middle of their epicondyles, if the file has these."""
@@ -260,7 +260,7 @@ class Calibration:
 
     def warnings(self) -> Iterator[str]:
         """Lay out what is unlike any body's, a line for each warning with the joints that it holds for."""
-        return _by_words((place.joint.name, f"warning: {words}") for place in self.joints for words in place.warnings)
+        return by_words((place.joint.name, f"warning: {words}") for place in self.joints for words in place.warnings)
 
     def lines(self) -> Iterator[str]:
         """Lay out status, error and floor of each joint as phase 1 left them, in millimetres, then the warnings."""
@@ -271,7 +271,7 @@ class Calibration:
         yield from self.warnings()
 
 
-def _by_words(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
+def by_words(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
     """A line for each different text, with the names that have it."""
     names = defaultdict(list)
     for name, words in pairs:

@@ -482,7 +482,9 @@ class Match:
                 lines.append(f"segment {segment} lacks {', '.join(missed)}")
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
         outputs = [label for label in self.extra if is_output(label)]
-        others = [label for label in self.extra if label not in outputs]
+        points = [label for label in landmarks(self.source.markers).values() if label in self.extra]
+        others = [label for label in self.extra if label not in (*outputs, *points)]
+        lines += [f"not in the {what}, but points of the body: {_listed(points, _LISTED)}"] * bool(points)
         lines += [f"not in the {what}: {_listed(others, _LISTED)}"] * bool(others)
         lines += [f"of another program's model, not markers: {_listed(outputs, _FEW)}"] * bool(outputs)
         unused = [] if calibrated else clusters(self.extra)
