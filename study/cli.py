@@ -20,12 +20,12 @@ from study.recordings.commands import (
     gait,
     joint,
     joints,
-    live,
     markersets,
     recording,
     skeleton,
     synthetic,
 )
+from study.recordings.live_commands import live
 from study.simulation import commands
 from study.simulation.commands import CONFIG_HELP, RUNS, Folder, Jobs, opened, run_folder, with_plugins
 from study.text import did_you_mean, json_text

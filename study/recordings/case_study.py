@@ -45,6 +45,8 @@ _WIDE = 2.0
 """A joint is an outlier if it scatters more than the median joint by this factor."""
 _ALONG = 0.6
 """Share of the scatter along a hinge's axis above which the hinge is its reason."""
+_EXPLAINED = 0.5
+"""Share of an outlier's scatter above which what the noise explains of it is its reason."""
 
 
 def without_hinge_axes(scatter: pd.DataFrame) -> pd.DataFrame:
@@ -82,21 +84,28 @@ def power_law(scatter: pd.DataFrame, axis: str) -> dict[str, object]:
 def with_outliers(joints: pd.DataFrame, scatter: pd.DataFrame) -> pd.DataFrame:
     """The table of joints with the columns ``median``, ``outlier`` and ``reason``.
 
-    Outliers are counted as in the paper: at the largest N, with the axis of each hinge kept.
+    Outliers are counted as in the paper: at the largest N, with the axis of each hinge kept. Markers that leave their
+    spheres by σ, root mean square, while a joint rotates by θ about the axis that moves least, scatter its centre by
+    σ/(θ √N), where all of them leave their spheres alike, as with skin.
     """
     largest = scatter["samples"].max()
     rows = scatter[(scatter["way"] == "random") & ~scatter["dropped"] & (scatter["samples"] == largest)]
     medians = rows.set_index("joint")["median"].reindex(joints["joint"]).to_numpy()
-    reasons = []
-    for row in joints.to_dict("records"):
-        along, cap, condition = row["along"], row["cap"], row["condition"]
+    outliers, reasons = medians > _WIDE * np.nanmedian(medians), []
+    for row, median, outlier in zip(joints.to_dict("records"), medians, outliers, strict=True):
+        along, cap, condition, noise, moved = (row[key] for key in ("along", "cap", "condition", "noise", "moved"))
+        expected = noise / (np.radians(moved) * np.sqrt(largest)) if moved > 0.0 else 0.0
+        leaves = (
+            f"its markers leave their spheres by {1000 * noise:.1f} mm, and it moves by {moved:.1f}° about one axis"
+        )
         causes = {
             f"a hinge: {along:.0%} of the scatter is along its axis": row["hinge"] and along > _ALONG,
             f"its range of motion is small: {cap:.0f}°": cap < _SMALL_CAP,
             f"ρ = {condition:.2f}: noise hides the motion in one direction": condition > _HIDDEN,
+            f"{leaves}: a scatter of {1000 * expected:.0f} mm": outlier and expected > _EXPLAINED * median,
         }
         reasons.append("; ".join(words for words, holds in causes.items() if holds))
-    return joints.assign(median=medians, outlier=medians > _WIDE * np.nanmedian(medians), reason=reasons)
+    return joints.assign(median=medians, outlier=outliers, reason=reasons)
 
 
 SETS = 4
@@ -165,6 +174,7 @@ class JointSamples:
         spread = np.nanvar(centers, axis=0).sum()
         along = np.nanvar(centers @ self.least) / spread if spread > 0 else np.nan
         row: dict[str, object] = {"cap": float(np.degrees(max(caps))), "condition": self.condition, "hinge": self.hinge}
+        row |= {"noise": float(np.sqrt(self.noise_variance)), "moved": float(np.degrees(estimate.fit.rms_angles.min()))}
         row |= {"memory": self.autocorrelation_time, "worth": self.effective_frames}
         return row | {"sets": apart, "along": float(along)}
 
@@ -260,6 +270,7 @@ class CaseStudy:
             ``error``: the scatter and the standard error of the whole recording's centre together; ``doubted``: whether
             phase 1 doubts the joint.
         joints: a row per joint. ``cap``: half-angle of the largest cap, degrees; ``condition``: ρ; ``hinge``;
+            ``noise``: of the markers' coordinates about their spheres; ``moved``: least rms angle, degrees;
             ``memory``: τ in frames; ``worth``: T/τ; ``sets``: largest distance between the medians of two data sets at
             the middle N; ``along``: share of the scatter in the direction in which the markers moved least; ``median``:
             scatter at the largest N; ``outlier``: whether that is more than twice the median joint's; ``reason``.

@@ -1,14 +1,15 @@
 """Commands on recordings.
 
-`study joints` is phase 1, `study skeleton` phase 2; `study joint` and `study live` find joints in a recording or a
-stream, `study case-study` repeats the paper's precision study. `study recording` and `study markersets` are there to
-look, `study fetch` downloads a recording, and `study synthetic` makes one of a body whose joints are known.
+`study joints` is phase 1, `study skeleton` phase 2, `study gait` reports walks; `study joint` finds one joint, `study
+case-study` repeats the paper's precision study. `study recording` and `study markersets` are there to look, `study
+fetch` downloads a recording, and `study synthetic` makes one of a body whose joints are known.
 """
 
+import functools
+import inspect
 import re
-import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,11 +17,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from study.options import ExitCode, Json, echo, unchanged
-from study.text import did_you_mean, json_text
+from study.text import json_text
 
 if TYPE_CHECKING:
     from study.recordings.export.tree import ExportedMotion
-    from study.recordings.live import LiveJoints
     from study.recordings.markersets import Match
     from study.recordings.recording import Recording
     from study.recordings.skeleton.scene import Scene
@@ -33,13 +33,21 @@ _UNIT = "m, cm, mm, in or ft, if the file lacks its unit or has a wrong one"
 Unit = Annotated[str | None, typer.Option("--unit", help=_UNIT)]
 _RATE = "frames per second, if the file lacks its rate or has a wrong one"
 Rate = Annotated[float | None, typer.Option("--rate", help=_RATE)]
-Subject = Annotated[str | None, typer.Option("--subject", help="the subject to read, if the file has several")]
+Subject = Annotated[
+    str | None, typer.Option("--subject", help="the subject to read, if the file has several; all: one after another")
+]
 _FRAMES = "read these frames alone, from 1, both ends included; `study recording` says which are whole"
 FrameRange = Annotated[str | None, typer.Option("--frames", metavar="1-499", help=_FRAMES)]
 _HIPS = (
     "hips that motion leaves in doubt: as they are, or by regression from the pelvis' spines, or the file's LHJC, RHJC"
 )
 HipCentres = Annotated[Literal["motion", "regression"], typer.Option("--hips", help=_HIPS)]
+_WIDTHS = "widths of knees and ankles, mm, if the file lacks them, for the chord method of Plug-in Gait"
+Widths = Annotated[str, typer.Option("--widths", metavar="LKneeWidth=105,...", help=_WIDTHS)]
+_ERROR = "standard error above which a joint is missing in a frame, metres"
+LargestError = Annotated[float, typer.Option("--largest-error", help=_ERROR)]
+_ANGLE = "standard error above which an angle is missing in a frame, degrees"
+LargestAngleError = Annotated[float, typer.Option("--largest-angle-error", help=_ANGLE)]
 _PARENT = "labels of three or more markers of the parent segment"
 Parent = Annotated[str, typer.Option("--parent", metavar="A,B,C", help=_PARENT)]
 _CHILD = "labels of markers of the child segment, which rotates about the joint"
@@ -66,11 +74,15 @@ def results_folder(name: str, out: Path | None = None) -> Path:
     return folder
 
 
-def _read(file: Path, unit: str | None, rate: float | None, subject: str | None, frames: str | None) -> "Recording":
+def _read(
+    file: Path, unit: str | None, rate: float | None, subject: str | None, frames: str | None, widths: str = ""
+) -> "Recording":
     """The recording of a file, by the options that all commands have."""
     from study.recordings.formats.read import read_recording
+    from study.recordings.recording import with_widths
 
-    return read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    recording = read_recording(file, unit=unit, rate=rate, subject=subject, frames=frames)
+    return with_widths(recording, widths) if widths else recording
 
 
 def _print_match(match: "Match", calibrated: bool = False) -> None:
@@ -79,10 +91,55 @@ def _print_match(match: "Match", calibrated: bool = False) -> None:
     echo(match.lines(calibrated))
 
 
-def _complain(words: str) -> None:
+def _each_subject(command: Callable[..., None]) -> Callable[..., None]:
+    """A command that does ``--subject all``: each subject of the first file, with a folder of its own in that of --out.
+
+    A calibration is that of the subject, in the folder of its name. A subject that cannot be used is told, and the next
+    one follows; the first fault ends the command.
+    """
+
+    @functools.wraps(command)
+    def run(*arguments: object, **named: object) -> None:
+        call = inspect.signature(command).bind(*arguments, **named)
+        call.apply_defaults()
+        options = call.arguments
+        if options["subject"] != "all":
+            return command(**options)
+        if options["as_json"]:
+            raise typer.BadParameter("--subject all: there is one JSON object for each subject; give one subject")
+        file, given = options["file"] if "file" in options else options["files"][0], options.get("calibration")
+        from study.recordings.formats.read import subjects_of
+        from study.recordings.markersets import MarkerSetError
+        from study.recordings.recording import RecordingError
+
+        faults: list[Exception] = []
+        names: list[str | None] = [*subjects_of(file)]
+        for name in names or [None]:
+            own = options | {"subject": name}
+            if name is not None:
+                typer.echo(f"subject {name}:")
+                if "out" in options:
+                    own["out"] = results_folder(file.stem, options["out"]) / results_folder(name).name
+                if given is not None and (given / results_folder(name).name).is_dir():
+                    own["calibration"] = given / results_folder(name).name
+            try:
+                command(**own)
+            except (RecordingError, MarkerSetError) as fault:
+                complain(str(fault))
+                faults.append(fault)
+        if faults:
+            raise faults[0]
+        return None
+
+    return run
+
+
+def complain(words: str) -> None:
+    """Print a line on standard error."""
     typer.echo(words, err=True)
 
 
+@_each_subject
 def case_study(
     file: File,
     markerset: MarkerSetName = None,
@@ -159,11 +216,13 @@ _STATIC = "a trial that gives the shapes of the segments, such as a static one"
 _MERGE = "merge trials even if they seem to show different subjects"
 
 
+@_each_subject
 def joints(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=_FILES)],
     static: Annotated[Path | None, typer.Option(help=_STATIC)] = None,
     force: Annotated[bool, typer.Option("--force", help=_MERGE)] = False,
     hips: HipCentres = "motion",
+    widths: Widths = "",
     markerset: MarkerSetName = None,
     out: Out = None,
     as_json: Json = False,
@@ -192,7 +251,7 @@ def joints(
     every = [*files, *([] if static is None else [static])]
     if len(every) > 1 and frames is not None:
         raise typer.BadParameter(f"--frames {frames}: a range is of one recording; give one")
-    recordings = [_read(file, unit, rate, subject, frames) for file in every]
+    recordings = [_read(file, unit, rate, subject, frames, widths) for file in every]
     folder, further = results_folder("-".join(one.name for one in recordings), out), dict[str, object]()
     if len(recordings) > 1:
         match, session = fit_session(recordings, static is not None, markerset, hips, force)
@@ -214,125 +273,6 @@ def joints(
     echo([json_text(data)] if as_json else paths)
 
 
-_ALL = "all joints of a marker set, by name or file, instead"
-_UDP = "receive datagrams at 127.0.0.1 [default: standard input]"
-
-
-def live(
-    parent: Parent = "",
-    child: Child = "",
-    markerset: Annotated[str | None, typer.Option(help=_ALL)] = None,
-    udp: Annotated[int | None, typer.Option(metavar="PORT", help=_UDP)] = None,
-    unit: Annotated[str, typer.Option(help="of the positions: m, cm, mm, in or ft")] = "mm",
-    every: Annotated[int, typer.Option(min=1, help="frames between two answers")] = 100,
-    as_json: Annotated[bool, typer.Option("--json", help="print each answer as one line of JSON")] = False,
-) -> None:
-    """Find joints in a stream of frames.
-
-    Each line is a frame: {"LASI": [412.1, 680.3, 966.2], "RASI": null, ...}. Prints the joints as they improve, and at
-    the end of the stream or at Ctrl-C; an empty datagram ends one over UDP. Centres are in the parent's axes, which
-    the stream has in the first frame with all of its markers, as for `study joint`. The exit code is 3 if a joint is
-    not ok.
-
-    With --json, a line for each answer: frame, joint, ok, doubt, center, error, noise, moved, samples; axes_frame, the
-    frame in which the parent's axes are the stream's; and parent_markers, the place of each in these axes.
-    """
-    import numpy as np
-
-    from study.recordings.live import FrameError, lines_of_port, read_frame
-    from study.recordings.recording import UNITS, unit_doubt
-
-    if unit not in UNITS:
-        raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
-    joints = _joints(parent, child, markerset)
-    piped = (line.decode("utf-8", "replace") for line in sys.stdin.buffer) if udp is None else ()
-    before, zeros, unchecked = signal.signal(signal.SIGINT, _interrupt_once), "", True
-    try:
-        for number, line in enumerate(piped if udp is None else lines_of_port(udp, _complain), start=1):
-            if not line.strip():
-                continue
-            try:
-                frame = read_frame(line, UNITS[unit])
-            except FrameError as error:
-                _complain(f"line {number} is skipped: {error}")
-                continue
-            places = np.array([place for place in frame.values() if place.any()])
-            if unchecked and len(places) > 2:
-                unchecked = False
-                if doubt := unit_doubt(float(np.linalg.norm(np.ptp(places, axis=0))), unit):
-                    _complain(doubt)
-            joints.add(frame)
-            if joints.zeros and not zeros:
-                zeros = f"frame {joints.frames}: {', '.join(joints.zeros)} at exactly (0, 0, 0): taken for missing"
-                _complain(f"{zeros}, there and later")
-            if joints.frames == every:
-                _print_lacking(joints)
-            if joints.frames % every == 0:
-                _print(joints, as_json)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C that ended the sender first must not take the answer
-    except KeyboardInterrupt:  # the usual end of a stream
-        pass
-    if joints.frames < every:
-        _print_lacking(joints)
-    if joints.frames % every or not joints.frames:
-        _print(joints, as_json)
-    if joints.jumps:
-        _complain(f"{joints.jumps} time{'s' * (joints.jumps != 1)} a marker jumped; what it made wrong is left out")
-    signal.signal(signal.SIGINT, before)
-    if not all(answer.ok for answer in joints.answers().values()):
-        raise typer.Exit(ExitCode.TOO_MANY_FAILURES)
-
-
-def _interrupt_once(number: int, frame: object) -> None:
-    """Interrupt the loop over frames, and nothing after it."""
-    signal.signal(number, signal.SIG_IGN)
-    raise KeyboardInterrupt
-
-
-def _joints(parent: str, child: str, markerset: str | None) -> "LiveJoints":
-    """The joints that a user asks for."""
-    from study.recordings.live import LiveJoints
-    from study.recordings.markersets import load_markerset
-
-    one, other = (tuple(label.strip() for label in labels.split(",") if label.strip()) for labels in (parent, child))
-    if (markerset is None) == (not one + other):
-        raise typer.BadParameter("give --parent and --child for one joint, or --markerset for all of a set")
-    if markerset is None:
-        if twice := [label for label in dict.fromkeys(one + other) if (one + other).count(label) > 1]:
-            words = "is named twice; name each marker once, on the segment that it is on"
-            raise typer.BadParameter(f"{', '.join(twice)} {words}")
-        if len(one) < 3 or not other:
-            raise typer.BadParameter("--parent needs three markers, and --child one or more that are not among them")
-        return LiveJoints([("joint", one, other)])
-    whole, wide = load_markerset(markerset), []
-    for joint in whole.joints:
-        markers = [marker for marker in whole.segment(joint.parent).markers if marker not in whole.optional]
-        if len(markers) > 2:
-            wide.append((joint.name, markers, whole.markers_for(joint)))
-            continue
-        has = f"{len(markers)} marker{'s' * (len(markers) != 1)}"
-        _complain(f"{joint.name} is left out: its parent has {has}; its pose needs 3")
-    if not wide:
-        raise typer.BadParameter(f"--markerset {markerset}: no segment that holds a joint has three markers")
-    return LiveJoints(wide)
-
-
-def _print(joints: "LiveJoints", as_json: bool) -> None:
-    if as_json:
-        echo([json_text(row, indent=None) for row in joints.data()])
-        return
-    for name, answer in joints.answers().items():
-        typer.echo(f"frame {joints.frames}: {name}: {answer.words}")
-
-
-def _print_lacking(joints: "LiveJoints") -> None:
-    """Name the markers that have not come, with the nearest of those that have."""
-    if joints.lacking and joints.frames:
-        names, frames = ", ".join(map(repr, joints.lacking)), f"{joints.frames} frame{'s' if joints.frames > 1 else ''}"
-        remedy = did_you_mean(joints.lacking, joints.labels) if joints.labels else "no frame has any marker"
-        _complain(f"no marker of this name in {frames}: {names}; {remedy}")
-
-
 def fetch(
     library: Annotated[str, typer.Argument(metavar="LIBRARY", help="cmu")],
     name: Annotated[str, typer.Argument(metavar="NAME", help="subject and trial of the recording, such as 60_08")],
@@ -349,11 +289,11 @@ def fetch(
     try:
         path = write.fetch(library, name)
     except write.DownloadError as error:  # a failure, not a mistake of the user
-        _complain(str(error))
+        complain(str(error))
         raise typer.Exit(1) from None
     terms = write.LIBRARIES[library]
     if not as_json:
-        _complain(f"{library}: {terms}")
+        complain(f"{library}: {terms}")
     echo([json_text({"library": library, "name": name, "file": path, "terms": terms}) if as_json else path])
 
 
@@ -378,6 +318,7 @@ def markersets(
         typer.echo(shipped_text(name), nl=False)
 
 
+@_each_subject
 def recording(
     file: File,
     as_json: Json = False,
@@ -427,7 +368,7 @@ def _written_files(motion: "ExportedMotion", folder: Path) -> Iterator[Path]:
     try:
         yield write_file(motion, folder / "skeleton.bvh")
     except RecordingError as error:
-        _complain(f"{folder / 'skeleton.bvh'} is not written: {error}")
+        complain(f"{folder / 'skeleton.bvh'} is not written: {error}")
     yield write_motion(motion.scene, folder / "motion.json")
     yield from save(figure.draw(motion.scene), folder / "fig1_skeleton")
     yield write_viewer(motion.scene, folder / "viewer.html")
@@ -459,17 +400,21 @@ _WRITE = (
 _REST = "the pose of .bvh and .glb in which all rotations are zero: a T-pose, or one of the recording"
 
 
+@_each_subject
 def skeleton(
     file: File,
     calibration: Annotated[Path | None, typer.Option(help=_CALIBRATION)] = None,
     force: Annotated[bool, typer.Option("--force", help=_FORCE)] = False,
     refit: Annotated[bool, typer.Option("--refit", help=_REFIT)] = False,
     hips: HipCentres = "motion",
+    widths: Widths = "",
     markerset: MarkerSetName = None,
     out: Out = None,
     write: Annotated[str | None, typer.Option(help=_WRITE)] = None,
     rest: Annotated[Literal["t-pose", "recorded"], typer.Option(help=_REST)] = "t-pose",
     video: Annotated[bool, typer.Option("--video", help="also write motion.mp4")] = False,
+    largest_error: LargestError = 0.05,
+    largest_angle_error: LargestAngleError = 10.0,
     as_json: Json = False,
     unit: Unit = None,
     rate: Rate = None,
@@ -498,6 +443,8 @@ def skeleton(
         raise typer.BadParameter("--refit: there are no shapes to refit without --calibration")
     if calibration is not None and hips != "motion":
         raise typer.BadParameter("--hips regression: a calibration has its hips; give the option to `study joints`")
+    if calibration is not None and widths:
+        raise typer.BadParameter(f"--widths {widths}: a calibration has its joints; give them to `study joints`")
     if calibration is not None and markerset is not None:
         raise typer.BadParameter(f"--markerset {markerset}: a calibration has its own marker set; leave it out")
     if video:
@@ -505,18 +452,18 @@ def skeleton(
     name = printable(file.stem)
     folder = results_folder(name, out)
     further = export.planned_files(write or "", folder, name, file)
-    source = _read(file, unit, rate, subject, frames)
+    source = _read(file, unit, rate, subject, frames, widths)
     match, used = calibrate.with_joints(source, calibration, markerset, hips)
     if not as_json:
         _print_match(match, calibration is not None)
         echo([*used.lines(), *(anatomy.regression_hint(used, source) if calibration is None else [])])
     remarks = [] if calibration is None else calibrate.require_same_subject(used, match.recording, refit, force)
     used = refit_shapes(used, match.recording) if refit else used
-    drawn = draw.draw_skeleton(used, match.recording)
+    drawn = draw.draw_skeleton(used, match.recording, largest_error=largest_error)
     shown = scene.skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
         echo([*scene.skeleton_lines(shown), *tree.angle_lines(used)])
-    motion = tree.ExportedMotion(drawn, match.source, shown, file, tree.RestPose(rest))
+    motion = tree.ExportedMotion(drawn, match.source, shown, file, tree.RestPose(rest), largest_angle_error)
 
     def written() -> Iterator[Path]:
         if calibration is None:
@@ -538,17 +485,21 @@ def skeleton(
 _WALKS = "walks of one subject: .c3d, .trc, .csv, .tsv or .txt"
 
 
+@_each_subject
 def gait(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=_WALKS)],
     calibration: Annotated[Path | None, typer.Option(help=_CALIBRATION)] = None,
     static: Annotated[Path | None, typer.Option(help=_STATIC)] = None,
     force: Annotated[bool, typer.Option("--force", help=_FORCE)] = False,
     hips: HipCentres = "motion",
+    widths: Widths = "",
     markerset: MarkerSetName = None,
+    largest_angle_error: LargestAngleError = 10.0,
     out: Out = None,
     as_json: Json = False,
     unit: Unit = None,
     rate: Rate = None,
+    subject: Subject = None,
 ) -> None:
     """Report the angles of legs over the gait cycle.
 
@@ -564,12 +515,13 @@ def gait(
     from study.recordings.view import gait as view
     from study.style import save
 
-    if calibration is not None and (static, hips, markerset) != (None, "motion", None):
-        raise typer.BadParameter(
-            "--static, --hips, --markerset: a calibration has its own; give them to `study joints`"
-        )
-    walks = [_read(file, unit, rate, None, None) for file in files]
-    found = find_gait(walks, calibration, markerset, static=static, hips=hips, force=force)
+    if calibration is not None and (static, hips, widths, markerset) != (None, "motion", "", None):
+        words = "--static, --hips, --widths, --markerset: a calibration has its own; give them to `study joints`"
+        raise typer.BadParameter(words)
+    walks = [_read(file, unit, rate, subject, None, widths) for file in files]
+    still = None if static is None else _read(static, unit, rate, subject, None, widths)
+    limit = largest_angle_error
+    found = find_gait(walks, calibration, markerset, static=still, hips=hips, force=force, largest_angle_error=limit)
     title = ", ".join(dict.fromkeys(walk.name for walk in walks))
     folder = results_folder("-".join(walk.name for walk in walks)[:100] + "-gait", out)
     if not as_json:

@@ -19,6 +19,8 @@ from scipy import signal
 
 from study.arrays import Floats, Ints
 from study.recordings.export.tree import ExportedMotion, clinical_joints, joint_angles
+from study.recordings.joints.estimate import ANATOMICAL
+from study.recordings.joints.find import by_words
 from study.recordings.markersets import landmarks
 from study.recordings.recording import RecordingError
 from study.recordings.rigid import to_world
@@ -98,7 +100,8 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
         words = "no anatomical axes, so that zero is a standing pose, and curves of two subjects do not compare"
         notes.append(f"{', '.join(others)}: {words}")
     doubted = [place for place in calibration.joints if place.joint.name in legs_of and not place.usable]
-    notes += [f"{place.joint.name} is doubted: {place.reason}" for place in doubted]
+    words = ((p.joint.name, "doubted: " * (p.status not in ANATOMICAL) + p.reason) for p in doubted)
+    notes += by_words(words)
     return Gait(pd.concat(cycles, ignore_index=True), pd.concat(curves, ignore_index=True), tuple(notes))
 
 
@@ -176,7 +179,8 @@ def gait_events(motion: ExportedMotion) -> dict[str, tuple[Ints, Ints]]:
     segments, events = legs(skeleton.calibration.markerset), {}
     for side in SIDES:
         heel = points.get(f"{side} heel")
-        toe = points.get(f"{side} fifth metatarsal", points.get(f"{side} first metatarsal"))
+        toes = (points.get(f"{side} {name}") for name in ("fifth metatarsal", "first metatarsal", "toe"))
+        toe = next((label for label in toes if label is not None), None)
         found: list[Ints] = []
         for label, sign in ((heel, 1.0), (toe, -1.0)):
             if label is None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from study.recordings.export.tree import ExportedMotion
+from study.recordings.export.tree import LARGEST_ANGLE_ERROR, ExportedMotion
 from study.recordings.formats.read import read_recording
 from study.recordings.gait import Gait, gait_of
 from study.recordings.joints.find import Calibration
@@ -116,6 +116,7 @@ def draw_skeleton(
     *,
     markerset: str | None = None,
     force: bool = False,
+    largest_error: float = draw.LARGEST_ERROR,
 ) -> draw.Skeleton:
     """Draw the skeleton of a recording in every frame: phase 2, as `study skeleton` does.
 
@@ -125,6 +126,7 @@ def draw_skeleton(
             in this recording if None.
         markerset: for joints that are found here; the shipped one that fits best if None.
         force: True to use ``joints`` even if they seem to be another subject's.
+        largest_error: standard error above which a joint is unknown in a frame, metres.
 
     Returns:
         The skeleton: ``center("left_hip")`` is a joint's centre (3, frames), metres, NaN where unknown, ``flags``
@@ -148,7 +150,7 @@ def draw_skeleton(
     """
     placed, calibration = with_joints(_read(recording), joints, markerset)
     require_same_subject(calibration, placed.recording, force=force)
-    return draw.draw_skeleton(calibration, placed.recording)
+    return draw.draw_skeleton(calibration, placed.recording, largest_error=largest_error)
 
 
 def find_gait(
@@ -159,6 +161,7 @@ def find_gait(
     static: Source | None = None,
     hips: Hips = "motion",
     force: bool = False,
+    largest_angle_error: float = LARGEST_ANGLE_ERROR,
 ) -> Gait:
     """Find the gait cycles of walks, and the angles of hips, knees and ankles over them, as `study gait` does.
 
@@ -169,6 +172,7 @@ def find_gait(
         static: as in `find_joints`.
         hips: as in `find_joints`.
         force: True to use ``joints`` even if they seem to be another subject's.
+        largest_angle_error: standard error above which an angle is missing in a frame, degrees.
 
     Returns:
         ``cycles``, a table with a row per cycle; ``curves``, the angles of each cycle at 0 to 100 %, with their errors;
@@ -194,7 +198,8 @@ def find_gait(
         placed, calibration = with_joints(walk, joints, None)
         require_same_subject(calibration, placed.recording, force=force)
         drawn = draw.draw_skeleton(calibration, placed.recording)
-        motions.append(ExportedMotion(drawn, walk, skeleton_scene(drawn, placed.recording)))
+        scene = skeleton_scene(drawn, placed.recording)
+        motions.append(ExportedMotion(drawn, walk, scene, largest_angle_error=largest_angle_error))
     return gait_of(motions)
 
 

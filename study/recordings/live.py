@@ -210,7 +210,8 @@ class GrowingJoint:
             lack = "no frame has a marker of its child and enough of its parent's"
         elif fit.own_status == Status.TOO_FEW_POINTS:
             lack = "too few frames"
-        return LiveAnswer(replace(fit, covariance=covariance), rms_angles(whole, fit), lack)
+        frame = 0 if self.parent.template is None else self.parent.frame
+        return LiveAnswer(replace(fit, covariance=covariance), rms_angles(whole, fit), lack, frame)
 
 
 class LiveAnswer(NamedTuple):
@@ -220,11 +221,13 @@ class LiveAnswer(NamedTuple):
         fit: in the parent's axes, metres.
         angles: root mean square angles of motion (3,), ascending.
         lack: reason why there are too few points, or "".
+        frame: in which the parent's axes are those of the stream; 0 as long as the parent has no shape.
     """
 
     fit: JointFit
     angles: Floats
     lack: str
+    frame: int
 
     @property
     def error(self) -> float:
@@ -261,6 +264,7 @@ class LiveAnswer(NamedTuple):
             "noise": float(self.fit.sigma) if np.isfinite(self.fit.sigma) else None,
             "moved": np.degrees(self.angles).tolist(),
             "samples": int(self.fit.count.sum()),
+            "axes_frame": self.frame or None,
         }
 
     @property
@@ -272,7 +276,8 @@ class LiveAnswer(NamedTuple):
         moved = "-".join(f"{np.degrees(angle):.0f}°" for angle in self.angles[[0, 2]])
         verdict = "ok" if self.ok else f"unsure: {self.doubt}" if self.fit.own_status == Status.OK else self.doubt
         noise = f"noise {1000 * self.fit.sigma:.1f} mm; moved {moved}"
-        return f"({place}) ± {1000 * self.error:.1f} mm; {noise}; {int(self.fit.count.sum())} samples; {verdict}"
+        where = f"({place}) ± {1000 * self.error:.1f} mm in the parent's axes of frame {self.frame}"
+        return f"{where}; {noise}; {int(self.fit.count.sum())} samples; {verdict}"
 
 
 class LiveJoints:
@@ -338,10 +343,10 @@ class LiveJoints:
         return {name: joint.answer() for name, joint in self.joints.items()}
 
     def data(self) -> list[dict[str, object]]:
-        """The answers for other programs: each joint's own, its name, the number of frames, and its parent's axes.
+        """The answers for other programs: each joint's own, its name, the number of frames, and its parent's shape.
 
-        ``parent_markers`` has the place of each of the parent's markers in these axes, metres; ``axes_frame`` is the
-        frame in which they are those of the stream. Both are None as long as the parent has no shape.
+        ``parent_markers`` has the place of each of the parent's markers in its axes, metres; ``axes_frame`` is the
+        frame in which these are the stream's. Both are None as long as the parent has no shape.
         """
         names, rows = list(self._rows), []
         for name, answer in self.answers().items():
@@ -349,7 +354,6 @@ class LiveJoints:
             known = parent.template is not None
             shape = {} if parent.template is None else dict(zip(parent.rows, parent.template.tolist(), strict=True))
             row = {"frame": self.frames, "joint": name} | answer.data()
-            row |= {"axes_frame": parent.frame if known else None}
             rows.append(row | {"parent_markers": {names[k]: place for k, place in shape.items()} if known else None})
         return rows
 

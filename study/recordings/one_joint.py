@@ -243,7 +243,7 @@ def fit_one_joint(recording: Recording, markerset: MarkerSet) -> OneJoint:
     """
     joints = find_joints(markerset, recording.select((*markerset.markers(), *markerset.landmarks())))
     found = with_allowance(joints[JOINT])
-    n = accuracy_columns(found)
+    n = accuracy_columns(joints, found)
     parent, child = joints.poses.get(PARENT), joints.poses.get(CHILD)
     world, axis, turn, frame = np.full((3, recording.frames), np.nan), None, np.nan, 0
     places = np.full((len(markerset.segment(PARENT).markers), 3), np.nan)

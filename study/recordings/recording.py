@@ -9,8 +9,8 @@ import hashlib
 import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +81,8 @@ class Recording:
     """Frames per second."""
     notes: tuple[str, ...] = ()
     """Messages to the user about the reading: markers left out, labels changed, a unit assumed."""
+    widths: Mapping[str, float] = field(default_factory=dict)
+    """Measured widths of joints, such as "left knee", and "marker", the diameter of the markers; metres."""
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float64).view()
@@ -171,7 +173,49 @@ def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
         for note in dict.fromkeys(recording.notes):
             noted[note].append(recording.name)
     notes = tuple(f"{', '.join(names)}: {note}" for note, names in noted.items())
-    return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, notes)
+    widths = {part: width for recording in recordings for part, width in recording.widths.items()}
+    return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, notes, widths)
+
+
+_WIDTHS = {
+    f"{word}{part}width": f"{side} {part}"
+    for side in ("left", "right")
+    for word in (side, side[0])
+    for part in ("knee", "ankle")
+} | {"markerdiameter": "marker"}
+"""Plug-in Gait's names of widths, in small letters, and those that they have here."""
+_PLAUSIBLE = dict.fromkeys(_WIDTHS.values(), (0.03, 0.25)) | {"marker": (0.002, 0.06)}
+"""Least and greatest width, metres."""
+
+
+def measured_widths(numbers: Mapping[str, float]) -> dict[str, float]:
+    """The widths of knees and ankles, metres, among numbers in millimetres by Plug-in Gait's names, as LKneeWidth.
+
+    Left out are other names, and numbers that are no width of a joint: a program writes 0 for one not measured.
+    """
+    named = {_WIDTHS[name.lower()]: 0.001 * number for name, number in numbers.items() if name.lower() in _WIDTHS}
+    return {part: width for part, width in named.items() if _PLAUSIBLE[part][0] <= width <= _PLAUSIBLE[part][1]}
+
+
+def with_widths(recording: Recording, text: str) -> Recording:
+    """The recording with widths such as ``LKneeWidth=105,LAnkleWidth=72``, in millimetres.
+
+    Raises:
+        RecordingError: one line, without the file's name, if a part of the text is no such width.
+    """
+    widths: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, number = part.partition("=")
+        try:
+            found = measured_widths({name.strip(): float(number)})
+        except ValueError:
+            found = {}
+        if not found:
+            names = "LKneeWidth, RKneeWidth, LAnkleWidth, RAnkleWidth or MarkerDiameter"
+            words = f"give {names} and millimetres, such as LKneeWidth=105"
+            raise RecordingError(f"--widths {part.strip()}: {words}")
+        widths |= found
+    return replace(recording, widths=dict(recording.widths) | widths)
 
 
 def name_points(
@@ -195,12 +239,11 @@ def name_points(
     Raises:
         RecordingError: if there are several subjects and none is chosen, or the chosen one is missing.
     """
-    heads = [printable(prefix.strip()) for prefix in prefixes]
-    parts = [_split(printable(label.strip()), heads) for label in labels]
+    parts = _parts(labels, prefixes)
     counts = Counter(owner for owner, _ in parts if owner)
     listed = ", ".join(f"{owner} ({count} markers)" for owner, count in counts.items())
     if subject is None and len(counts) > 1:
-        raise RecordingError(f"it holds {len(counts)} subjects: {listed}; choose one with --subject")
+        raise RecordingError(f"it holds {len(counts)} subjects: {listed}; choose one with --subject, or --subject all")
     if subject is not None and subject not in counts:
         raise RecordingError(f"no subject {subject!r} in it; there are {listed or 'none, the labels have no prefix'}")
     # of one subject alone, points without a prefix are taken, too, such as a prop or an unlabelled reflection
@@ -216,6 +259,17 @@ def name_points(
         for number, i in enumerate(places, start=1):
             names[i] = f"{name}#{number}"
     return rows, names, notes
+
+
+def _parts(labels: Sequence[str], prefixes: Sequence[str]) -> list[tuple[str, str]]:
+    """The subject and the marker of each label; "" for no subject."""
+    heads = [printable(prefix.strip()) for prefix in prefixes]
+    return [_split(printable(label.strip()), heads) for label in labels]
+
+
+def subjects(contents: "FileContents") -> list[str]:
+    """Names of the subjects whose markers a file has, in its order; none if its labels have no prefix."""
+    return list(dict.fromkeys(owner for owner, _ in _parts(contents.labels, contents.prefixes) if owner))
 
 
 def printable(text: str) -> str:
@@ -262,6 +316,8 @@ class FileContents:
     """Prefixes of labels, if the file gives them."""
     notes: tuple[str, ...] = ()
     """Messages to the user about the reading."""
+    widths: Mapping[str, float] = field(default_factory=dict)
+    """As those of a `Recording`."""
     usual_unit: str | None = None
     """The unit to assume, with a note, if neither the file nor a user gives one."""
 
@@ -312,7 +368,7 @@ def assemble(
     if len(some):
         box = np.nanmax(positions[:, :, some], axis=0) - np.nanmin(positions[:, :, some], axis=0)
         notes += filter(None, [unit_doubt(float(np.median(np.linalg.norm(box, axis=0))), used)])
-    return Recording(name, tuple(markers), positions, float(rate), tuple(notes))
+    return Recording(name, tuple(markers), positions, float(rate), tuple(notes), contents.widths)
 
 
 def unit_doubt(extent: float, unit: str) -> str:
@@ -390,6 +446,10 @@ def describe(recording: Recording) -> list[str]:
     size = f"{count} markers, {frames:,} frames at {recording.rate:g} Hz, {recording.duration:.2f} s"
     lines = [f"{recording.name}: {size}, {1 - seen.mean():.1%} of the samples missing"]
     lines += [f"note: {note}" for note in recording.notes]
+    if recording.widths:
+        lines.append(
+            "widths: " + ", ".join(f"{part} {1000 * width:.4g} mm" for part, width in recording.widths.items())
+        )
     if never := [recording.markers[row] for row in np.flatnonzero(~seen.any(axis=1))]:
         lines.append(f"without any sample: {', '.join(never)}")
     stretches = whole_frames(seen)

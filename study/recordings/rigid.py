@@ -378,6 +378,24 @@ def cap_angle(y: Floats, used: Bools, center: Floats) -> float:
     return float(np.nanquantile(np.arccos(cosine), _QUANTILE))
 
 
+def implied_angles(values: Floats) -> Floats:
+    """Root mean square angles about three axes (3,), radians, by the singular values of the mean of rotations (3,).
+
+    Rotation about one axis shrinks the mean in the directions of the other two.
+    """
+    s = values
+    squares = [s[0] - s[1] - s[2] + 1.0, s[1] - s[0] - s[2] + 1.0, s[2] - s[0] - s[1] + 1.0]
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+
+def rms_rotation(rotation: Floats) -> Floats:
+    """Root mean square angles of rotations (3, 3, frames) about three axes (3,), radians; NaN without a known one."""
+    known = rotation[:, :, ~np.isnan(rotation[0, 0])]
+    if not known.shape[2]:
+        return np.full(3, np.nan)
+    return implied_angles(np.linalg.svd(known.mean(axis=2), compute_uv=False))
+
+
 def rotation_range(rotation: Floats) -> float:
     """Angle about the mean orientation within which 95 % of rotations lie.
 

@@ -29,12 +29,20 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.recordings.joints.estimate import SHORT_TEXTS, USABLE, JointStatus, PlaceDifference, largest_error
-from study.recordings.joints.find import SLIDES, Calibration, JointPlace, SegmentShape, allowance, find_joints
+from study.recordings.joints.find import (
+    SLIDES,
+    Calibration,
+    JointPlace,
+    SegmentShape,
+    allowance,
+    find_joints,
+    moved_along_axis,
+)
 from study.recordings.joints.report import joint_table, millimetres
 from study.recordings.markersets import MarkerSet, Match, match, place_markerset
 from study.recordings.recording import Recording, RecordingError, one_after_another
 from study.recordings.rigid import across, fit_rigid_motion
-from study.recordings.skeleton.anatomy import Hips, points_of_the_body, with_anatomy
+from study.recordings.skeleton.anatomy import DrawnTrial, Hips, points_of_the_body, with_anatomy
 from study.recordings.skeleton.calibrate import hull_distances, require_same_subject, with_checks, with_doubts
 from study.recordings.skeleton.draw import draw_skeleton
 from study.text import columns
@@ -273,12 +281,7 @@ def hinges_placed(merged: Calibration, static: Calibration, recording: Recording
         middle = change_between(shape_points(static, static.shape(parent)), onto).place(middle)
         if np.isnan(middle).any() or np.isnan(place.in_parent).any():
             continue
-        step = float((middle - place.in_parent) @ axis)
-        in_child = place.axis_in_child * np.sign((place.mean_rotation @ place.axis_in_child) @ axis)
-        if np.isnan(in_child).any():  # a child without a pose
-            in_child = place.mean_rotation.T @ axis
-        in_parent, in_child = place.in_parent + step * axis, place.in_child + step * in_child
-        places[k] = replace(place, in_parent=in_parent, in_child=in_child)
+        places[k] = moved_along_axis(place, middle)
     return replace(merged, joints=tuple(places))
 
 
@@ -330,10 +333,11 @@ def fit_session(
     still = named[-1] if static else None
     merged = calibrate_session(together.markerset, named[: len(named) - static], still, force=force)
     if merged.calibration.has_poses:
-        for trial, source in reversed(list(zip(named, trials, strict=True))):
+        for trial, own in reversed(list(zip(named, trials, strict=True))):
+            source = replace(own, widths=together.source.widths)  # any trial may have them
             drawn = draw_skeleton(merged.calibration, trial)
             if {"left asis", "right asis"} <= points_of_the_body(drawn, source).keys():
-                anatomy = with_anatomy(merged.calibration, drawn, source, hips)
+                anatomy = with_anatomy(merged.calibration, DrawnTrial(drawn, trial), source, hips)
                 return together, replace(merged, calibration=anatomy)
     return together, merged
 

@@ -1,9 +1,11 @@
 import itertools
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
-from study.recordings.case_study import case_study, draw, printed
+from study.recordings.case_study import case_study, draw, printed, with_outliers
 from study.recordings.joints.find import find_joints
 from study.recordings.markersets import load_markerset
 from study.recordings.recording import RecordingError
@@ -105,6 +107,36 @@ def test_labels_of_the_axes_do_not_overlap(few, numbers):
         boxes = sorted((box for box in boxes if low <= (box.x0 + box.x1) / 2 <= high), key=lambda box: box.x0)
         assert len(boxes) >= 2
         assert all(one.x1 < other.x0 for one, other in itertools.pairwise(boxes))
+def table_of(noise, median):
+    """A joint whose markers leave their spheres by a noise, and moves by 4°, among five that scatter by 4 mm."""
+    names = ["waist", *"abcde"]
+    scatter = pd.DataFrame({"joint": names, "median": [median, *[0.004] * 5], "samples": 200, "way": "random"})
+    joints = pd.DataFrame({"joint": names, "along": 0.3, "cap": 60.0, "condition": 0.1, "hinge": False, "moved": 4.0})
+    return with_outliers(joints.assign(noise=[noise, *[0.002] * 5]), scatter.assign(dropped=False)).set_index("joint")
+
+
+@pytest.mark.parametrize(("noise", "explained"), [(0.012, True), (0.004, False)])
+def test_an_outlier_of_noise_and_little_motion(noise, explained):
+    """12 mm over 4° and √200 are 12.2 mm, which explain a scatter of 11 mm; 4 mm do not. Others need no reason."""
+    table = table_of(noise, 0.011)
+    assert list(table.index[table["outlier"]]) == ["waist"]
+    words = "its markers leave their spheres by 12.0 mm, and it moves by 4.0° about one axis: a scatter of 12 mm"
+    assert table.loc["waist", "reason"] == (words if explained else "")
+    assert (table.loc[list("abcde"), "reason"] == "").all()
+
+
+def test_the_scatter_by_noise_is_that_of_fits():
+    """Markers that leave a sphere together by σ, while it rotates by θ, scatter the centre by σ/(θ √N), within 15 %.
+
+    A marker at the end of an arm, rotating about two axes, by 4° about one; 300 fits of 400 points. The standard error
+    of their standard deviation is 4 %.
+    """
+    rng, theta, sigma = np.random.default_rng(3), np.radians(4.0), 0.004
+    angles = rng.normal(0.0, [theta, 6 * theta], (300, 400, 2))
+    arms = 0.3 * Rotation.from_rotvec(np.insert(angles.reshape(-1, 2), 2, 0.0, axis=1)).apply([0.0, 0.0, 1.0])
+    points = arms.reshape(300, 400, 3) * (1.0 + rng.normal(0.0, sigma / 0.3, (300, 400, 1)))
+    centers = np.array([np.linalg.lstsq(np.c_[2 * x, np.ones(400)], (x**2).sum(axis=1))[0][:3] for x in points])
+    assert centers[:, 1].std() == pytest.approx(sigma / (theta * np.sqrt(400)), rel=0.15)
 
 
 def test_the_same_seed_gives_the_same(few):

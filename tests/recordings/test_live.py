@@ -103,6 +103,7 @@ def test_a_joint_improves_in_constant_memory():
     assert errors[1] < errors[0]
     answer = joints.answers()["hip"]
     assert answer.ok
+    assert " mm in the parent's axes of frame 1; noise" in answer.words
     assert answer.words.endswith("9000 samples; ok")
     turn = Rotation.from_rotvec(np.random.default_rng(9).uniform(-0.5, 0.5, (20_000, 3)))
     spread = [np.cov(turn.apply(x / np.linalg.norm(x)).T) for x in THIGH]
@@ -220,6 +221,7 @@ def test_the_centre_is_in_the_axes_of_the_whole_recording():
         joints.add({label: x[k, :, t] for k, label in enumerate(labels) if not np.isnan(x[k, 0, t])})
     (row,) = joints.data()
     assert row["axes_frame"] == 4
+    assert "mm in the parent's axes of frame 4; noise" in joints.answers()["joint"].words
     shape = np.array([row["parent_markers"][label] for label in labels[:4]])
     there = x[:4, :, 3]
     np.testing.assert_allclose(shape, there - there.mean(axis=0), atol=0.004)

@@ -208,6 +208,16 @@ def test_aliases_and_capitals():
     assert stands_in.labels["LSHN"] == "LTIB"
 
 
+def test_the_set_of_a_match_knows_the_same_labels():
+    """A calibration has the set of its match: it once knew no alias, and found no marker LTIB in another recording."""
+    labels = [{"LSHN": "LTIB", "RSHN": "RTIB", "LFWT": "LASI"}.get(m, m) for m in CMU.markers()]
+    found = matched("plug-in-gait", labels)
+    again = markersets.match(found.markerset, found.source)
+    assert found.labels["LASI"] == "LASI"
+    assert found.labels["RASI"] == "RFWT"
+    assert again.labels == found.labels
+
+
 @pytest.mark.parametrize("spell", ["{}", "Subj01_{}", "walker.{}", "Anna {}", "m-{}"])
 @pytest.mark.parametrize("written", [str, str.lower, lambda m: f"{m[0]}_{m[1:]}", lambda m: f"{m[0]}.{m[1:].title()}"])
 def test_labels_are_compared_without_case_signs_and_prefix(spell, written):
@@ -374,3 +384,10 @@ def test_landmarks_are_matched_and_used_by_hinges_alone():
         assert next(joint for joint in found.joints if joint.name == "left_knee").across == across
         assert set(across) <= set(found.recording.markers)
         assert not {"LLFC", "LMFC"} & set(found.markerset.markers())
+
+
+def test_points_of_the_body_that_no_segment_has_are_named_apart():
+    """Malleoli that a set lacks place ankles and axes nevertheless, so they are not named as of no use."""
+    lines = matched("plug-in-gait", [*PIG_TOP, *PIG_LEG, "LMED", "sword"]).lines()
+    assert "not in the marker set, but points of the body: LMED" in lines
+    assert "not in the marker set: sword" in lines

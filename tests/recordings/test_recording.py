@@ -152,7 +152,7 @@ def test_prefixes_and_doubles():
 
 def test_of_several_subjects_one_is_chosen():
     labels = ["male:A", "female:A", "female:B", "*1"]
-    words = r"2 subjects: male \(1 markers\), female \(2 markers\); choose one with --subject"
+    words = r"2 subjects: male \(1 markers\), female \(2 markers\); choose one with --subject, or"
     with pytest.raises(RecordingError, match=words):
         name_points(labels)
     assert name_points(labels, "female") == ([1, 2], ["A", "B"], ["2 points of other subjects are left out"])

@@ -340,3 +340,13 @@ def test_rigid_residual_operator(rng):
 def test_a_marker_at_the_centre_has_no_cap():
     """It lies in no direction from the centre in any frame."""
     assert np.isnan(rigid.cap_angle(np.full((3, 5), 0.2), np.ones(5, dtype=bool), np.full(3, 0.2)))
+
+
+def test_angles_that_a_mean_rotation_implies(rng):
+    """About one axis by θ they are √(2 - 2 |mean e^iθ|), 0, 0; unknown frames do not count."""
+    angles = rng.normal(0.0, 0.3, 500)
+    rotation = Rotation.from_rotvec(angles[:, None] * [0.6, 0.0, 0.8]).as_matrix().transpose(1, 2, 0)
+    rotation[:, :, 7] = np.nan
+    wanted = np.sqrt(2.0 - 2.0 * np.abs(np.exp(1j * np.delete(angles, 7)).mean()))
+    np.testing.assert_allclose(rigid.rms_rotation(rotation), [wanted, 0.0, 0.0], atol=1e-7)
+    assert np.isnan(rigid.rms_rotation(np.full((3, 3, 4), np.nan))).all()

@@ -22,7 +22,7 @@ Rajagopal et al. 2016, Full-body musculoskeletal model; its coordinates have the
 Hierarchy: a node is a joint, rotated as the segment that moves about it; its offset is the bone to it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -152,6 +152,10 @@ def _shortest(vector: Floats, target: Floats) -> Floats:
     return np.asarray(np.eye(3) + k + k @ k / (1.0 + cosine))
 
 
+LARGEST_ANGLE_ERROR = 10.0
+"""Degrees: standard error above which an angle is missing, if no other is given."""
+
+
 @dataclass(frozen=True, eq=False)
 class ExportedMotion:
     """A skeleton with all that is known of it.
@@ -162,6 +166,7 @@ class ExportedMotion:
         scene: the same skeleton with z up, with errors and doubts.
         source: the recording's file, or None.
         rest: the pose in which files with a hierarchy have no rotations.
+        largest_angle_error: standard error above which an angle is missing, degrees.
     """
 
     skeleton: Skeleton
@@ -169,6 +174,7 @@ class ExportedMotion:
     scene: Scene
     source: Path | None = None
     rest: RestPose = RestPose.T_POSE
+    largest_angle_error: float = LARGEST_ANGLE_ERROR
 
     @cached_property
     def upright(self) -> Floats:
@@ -200,10 +206,6 @@ ANATOMICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 _LIMB, _TRUNK = ("flexion", "adduction", "rotation"), ("extension", "bending", "rotation")
 
 
-LARGEST_ERROR = 10.0
-"""Degrees: standard error above which an angle is missing."""
-
-
 def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     """Compute the angles of all joints.
 
@@ -216,8 +218,8 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
         Each angle has its standard error in ``<angle>_error``, degrees: that of both poses in the frame, from the
         markers' noise and skin, or from interpolation. The error of the axes themselves, which is the same in all
         frames, is not in it. ``<joint>_flag`` and ``<root>_flag`` are 0 where markers show both segments, 1 where one
-        is bridged, 2 where angles are missing. An angle is NaN where a segment is not known, or the error of one of the
-        joint's angles is above 10° or unknown.
+        is bridged, 2 where all angles are missing. An angle is NaN where a segment is not known, or the error of the
+        angle is above ``motion.largest_angle_error`` or unknown.
     """
     skeleton = motion.skeleton
     standing = rest_rotations(skeleton.calibration, motion.upright, RestPose.STANDING)
@@ -231,7 +233,8 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     errors = _zxy_errors(turn, world @ skeleton.turning[0] @ world.T)
     places = dict(zip([f"{root}_{axis}" for axis in ("tx", "ty", "tz")], world @ skeleton.origins[0], strict=True))
     columns: dict[str, Floats | Ints] = {"time": np.arange(skeleton.frames) / skeleton.rate}
-    columns |= _flagged(root, dict(zip(names, _zxy(turn), strict=True)), errors, skeleton.segment_flags[0], places)
+    columns |= places
+    columns |= _flagged(motion, root, dict(zip(names, _zxy(turn), strict=True)), errors, skeleton.segment_flags[0])
     between, segments = clinical_joints(skeleton.calibration), legs(skeleton.calibration.markerset)
     shanks = {segments.get("left shank"), segments.get("right shank")}
     for place in skeleton.calibration.joints:
@@ -249,20 +252,19 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
             angles = _ball(joint.name, turn, -1.0 if anatomical and joint.child in shanks else 1.0)
             errors = _zxy_errors(turn, covariance)
         flags = np.maximum(*(skeleton.segment_flags[[parent, child]]))
-        columns |= _flagged(joint.name, angles, errors, flags)
+        columns |= _flagged(motion, joint.name, angles, errors, flags)
     return pd.DataFrame(columns)
 
 
 def _flagged(
-    name: str, angles: dict[str, Floats], errors: Floats, flags: Bytes, places: Mapping[str, Floats] | None = None
+    motion: ExportedMotion, name: str, angles: dict[str, Floats], errors: Floats, flags: Bytes
 ) -> dict[str, Floats | Ints]:
     """Angles of a joint that are sure enough, their errors (angles, frames), degrees, and the joint's flag."""
     with np.errstate(invalid="ignore"):
-        sure = (errors <= LARGEST_ERROR).all(axis=0)
-    columns: dict[str, Floats | Ints] = {key: np.where(sure, angle, np.nan) for key, angle in angles.items()}
-    columns |= places or {}
-    columns |= {f"{key}_error": np.where(sure, row, np.nan) for key, row in zip(angles, errors, strict=True)}
-    return columns | {f"{name}_flag": np.where(sure, flags, Flag.UNKNOWN).astype(int)}
+        sure = dict(zip(angles, errors <= motion.largest_angle_error, strict=True))
+    columns: dict[str, Floats | Ints] = {key: np.where(sure[key], angle, np.nan) for key, angle in angles.items()}
+    columns |= {f"{key}_error": np.where(sure[key], row, np.nan) for key, row in zip(angles, errors, strict=True)}
+    return columns | {f"{name}_flag": np.where(np.any([*sure.values()], axis=0), flags, Flag.UNKNOWN).astype(int)}
 
 
 def _zxy_errors(turn: Floats, covariance: Floats) -> Floats:

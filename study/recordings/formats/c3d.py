@@ -23,7 +23,7 @@ import numpy as np
 
 from study.arrays import Floats
 from study.recordings.formats.text import missing_frames_note
-from study.recordings.recording import FileContents, RecordingError
+from study.recordings.recording import FileContents, RecordingError, measured_widths
 
 _TEXT = -1
 _SIZES = {_TEXT: "", 1: "b", 2: "H", 4: "f"}
@@ -123,6 +123,8 @@ class C3DHeader:
     """True if header, parameters and the file's size agree on numbers of points, frames and analog samples."""
     whole: int
     """Number of frames that the file can hold."""
+    widths: Mapping[str, float]
+    """Of the subject's joints, metres, from the group PROCESSING, in which Vicon's programs keep them."""
 
 
 def read_header(path: Path) -> C3DHeader:
@@ -146,7 +148,8 @@ def read_header(path: Path) -> C3DHeader:
     points, analog, first, last, block = struct.unpack_from(f"{order}4H6xH", header, 2)
     sign = header[{_INTEL: 15, _MIPS: 12}.get(data[3], 13)] & 0x80  # a negative scale: the data are single precision
     frame_bytes = (4 * points + analog) * (4 if sign else 2)  # four numbers a point, one an analog sample
-    (rate,) = struct.unpack_from(f"{order}f", header, 20) if data[3] in (_INTEL, _MIPS) else (0.0,)
+    known = data[3] in (_INTEL, _MIPS)
+    (rate,) = struct.unpack_from(f"{order}f", header, 20) if known else (0.0,)
     frames = max(last - first + 1, 0) if last < LONG else LONG
     held = max(size - max(block - 1, 0) * _BLOCK, 0)
     parameter = int(numbers.get("POINT:FRAMES", 0.0))
@@ -164,7 +167,9 @@ def read_header(path: Path) -> C3DHeader:
     per_frame = numbers.get("ANALOG:RATE", 0.0) / max(numbers.get("POINT:RATE", rate), 1.0)
     agree = agree and abs(numbers.get("ANALOG:USED", 0.0) * per_frame - analog) < 0.5
     plain = sound and agree and held - promised < 2 * _BLOCK
-    return C3DHeader(frames, sound, rate if 0.0 < rate < _FASTEST else 0.0, plain, held // max(frame_bytes, 1))
+    processing = {key.removeprefix("PROCESSING:"): x for key, x in numbers.items() if key.startswith("PROCESSING:")}
+    widths, rate = measured_widths(processing) if known else {}, rate if 0.0 < rate < _FASTEST else 0.0
+    return C3DHeader(frames, sound, rate, plain, held // max(frame_bytes, 1), widths)
 
 
 def _size(count: int) -> str:
@@ -207,7 +212,7 @@ def read_c3d(path: Path) -> FileContents:
         if header.rate and not (rate is not None and 0.0 < rate < _FASTEST):
             notes += (f"its parameter POINT:RATE is no rate: {header.rate:g} Hz of its header is used",)
             rate = header.rate
-        return replace(contents, rate=rate, notes=notes)
+        return replace(contents, rate=rate, notes=notes, widths=header.widths)
     raise RecordingError("a damaged or incomplete C3D file, which no reader can read; get a whole copy of it")
 
 

@@ -11,14 +11,24 @@ optionally TRAJECTORY_TYPES, a line of column headers, and the columns Frame and
 empty, NULL, or 0 in all three.
 """
 
+import contextlib
 import csv
 import re
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 from study.files import regular
 from study.recordings.formats import text as tables
-from study.recordings.recording import FileContents, Recording, RecordingError, assemble, frames_between, printable
+from study.recordings.recording import (
+    FileContents,
+    Recording,
+    RecordingError,
+    assemble,
+    frames_between,
+    printable,
+    subjects,
+)
 
 _MOTIVE = "Format Version"
 _FIRST = 20
@@ -213,24 +223,43 @@ def read_recording(
         array([0.412, 0.68 , 0.966])
     """
     path = Path(path)
-    name = printable(path.stem)
-    try:
-        if path.exists():
-            regular(path)
-        if _is_c3d(path):
-            from study.recordings.formats.c3d import read_c3d  # its libraries come with the extra mocap
-
-            contents = read_c3d(path)
-        else:
-            contents = read_text(path)
-        recording = assemble(contents, name, unit=unit, rate=rate, subject=subject)
+    with _named(path):
+        recording = assemble(_contents(path), printable(path.stem), unit=unit, rate=rate, subject=subject)
         return recording if frames is None else frames_between(recording, frames)
+
+
+def subjects_of(path: Path) -> list[str]:
+    """Names of the subjects in a file, in its order; none if its labels have no prefix.
+
+    Raises:
+        RecordingError: one line with the file, the fault and the remedy.
+    """
+    with _named(path):
+        return subjects(_contents(path))
+
+
+@contextlib.contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Faults of reading a file, as one line with its name."""
+    try:
+        yield
     except ModuleNotFoundError as error:
         raise RecordingError(f"{path}: reading it needs {error.name}: pip install '.[mocap]'") from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
+
+
+def _contents(path: Path) -> FileContents:
+    """The contents of a file of any known format."""
+    if path.exists():
+        regular(path)
+    if not _is_c3d(path):
+        return read_text(path)
+    from study.recordings.formats.c3d import read_c3d  # its libraries come with the extra mocap
+
+    return read_c3d(path)
 
 
 def _is_c3d(path: Path) -> bool:

@@ -41,7 +41,7 @@ from study.arrays import Bools, Floats
 from study.fits.samples import Worded
 from study.recordings.joints.center import SHAPE_ERROR, CenterFit, LocalMarker, center_only, fit_center, reject_outliers
 from study.recordings.joints.poses import PoseNoise, SegmentPoses, long_run_covariance, times
-from study.recordings.rigid import across, mean_rotated_covariance, relative_rotation
+from study.recordings.rigid import across, implied_angles, mean_rotated_covariance, relative_rotation
 
 CENTIMETRE = 0.01
 """Metres: the accuracy that the paper asks for. A larger standard error in some direction makes a centre unsure."""
@@ -75,7 +75,7 @@ class JointStatus(Worded):
     NO_FRAME = 10, "neither of its segments has a pose"
     UNSEEN = 11, "its markers were not seen, or never together with a pose"
     REGRESSION = 12, "not by motion, but by regression or as the file has it"
-    LANDMARK = 13, "not by motion, but midway between the points of the body on both of its sides"
+    LANDMARK = 13, "not by motion, but between points of the body, or by its width"
 
 
 _SHORT = "ok, hinge, sides disagree, ways disagree, implausible, one axis, unsure, insignificant, hidden by noise"
@@ -154,8 +154,7 @@ def symmetric_fit(parent: SegmentPoses, child: SegmentPoses, known_hinge: bool |
         return None
     system = _Agreement(parent, child, 1.0)
     s, u, v = system.spectrum()
-    # angles that the mean rotation implies: rotation about one axis shrinks the other two
-    angles = np.sqrt(np.maximum([s[0] - s[1] - s[2] + 1.0, s[1] - s[0] - s[2] + 1.0, s[2] - s[0] - s[1] + 1.0], 0.0))
+    angles = implied_angles(s)
     if angles.max() < _UNTURNED:
         return None
     along = np.einsum("i,ijt,j->t", u, system.m, v) - s[0]

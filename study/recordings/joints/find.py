@@ -250,7 +250,7 @@ class Calibration:
     def reasons(self) -> Iterator[str]:
         """Lay out the reasons to doubt joints, a line for each with the joints that it holds for."""
         doubted = (place for place in self.joints if place.status not in USABLE)
-        return _by_words((place.joint.name, words) for place in doubted for words in place.reason.split("; "))
+        return by_words((place.joint.name, words) for place in doubted for words in place.reason.split("; "))
 
     def beside(self) -> Iterator[str]:
         """Lay out the distances of knees from the middle of their epicondyles, if the file has these."""
@@ -260,7 +260,7 @@ class Calibration:
 
     def warnings(self) -> Iterator[str]:
         """Lay out what is unlike any body's, a line for each warning with the joints that it holds for."""
-        return _by_words((place.joint.name, f"warning: {words}") for place in self.joints for words in place.warnings)
+        return by_words((place.joint.name, f"warning: {words}") for place in self.joints for words in place.warnings)
 
     def lines(self) -> Iterator[str]:
         """Lay out status, error and floor of each joint as phase 1 left them, in millimetres, then the warnings."""
@@ -271,7 +271,7 @@ class Calibration:
         yield from self.warnings()
 
 
-def _by_words(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
+def by_words(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
     """A line for each different text, with the names that have it."""
     names = defaultdict(list)
     for name, words in pairs:
@@ -324,6 +324,16 @@ def load_calibration(path: str | Path) -> Calibration:
     except (KeyError, TypeError, ValueError) as error:
         words = str(error).splitlines()[0] if str(error) else type(error).__name__
     raise RecordingError(f"{path}: a damaged calibration ({words}); make it again with `study joints`")
+
+
+def moved_along_axis(place: JointPlace, middle: Floats) -> JointPlace:
+    """A hinge, moved along its axis to where that is nearest to a point (3,) of its parent, metres."""
+    axis = place.axis_in_parent
+    step = float((middle - place.in_parent) @ axis)
+    in_child = place.axis_in_child * np.sign((place.mean_rotation @ place.axis_in_child) @ axis)
+    if np.isnan(in_child).any():  # a child without a pose
+        in_child = place.mean_rotation.T @ axis
+    return replace(place, in_parent=place.in_parent + step * axis, in_child=place.in_child + step * in_child)
 
 
 SLIDES = 0.001

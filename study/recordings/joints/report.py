@@ -18,7 +18,7 @@ from study.fits.markers import Incremental, mgdk_so_far
 from study.recordings.joints.estimate import SHORT_TEXTS, SymmetricFit, mean_difference, side_differences
 from study.recordings.joints.find import Calibration, JointPlace
 from study.recordings.recording import Recording
-from study.recordings.rigid import cap_angle, relative_rotation, rotation_range
+from study.recordings.rigid import cap_angle, relative_rotation, rms_rotation, rotation_range
 from study.text import columns, number
 
 
@@ -32,9 +32,10 @@ def joint_table(joints: Calibration) -> pd.DataFrame:
         contradict each other; floor (metres), what skin common to a segment's markers adds unseen (see `Estimate`);
         cov_xx ... cov_zz (m², in the parent's axes); axis_parent_* and axis_child_* of a hinge; radius_mean (metres) of
         the markers' spheres; sigma (metres), noise of one coordinate; rho, share of the smallest extent that is noise;
-        moved_least, moved_most (degrees), root mean square angles of motion about the joint; frames; worth, the
-        effective number of independent frames; apart (metres), distance of the farthest other side's estimate that can
-        be compared (see `side_differences`). NaN where there is none.
+        moved_least, moved_most (degrees), least and greatest root mean square angle by which both segments rotate
+        against each other, or the markers about the joint where a segment has no pose; frames; worth, the effective
+        number of independent frames; apart (metres), distance of the farthest other side's estimate that can be
+        compared (see `side_differences`). NaN where there is none.
     """
     rows: list[dict[str, object]] = []
     for place in joints.joints:
@@ -49,18 +50,21 @@ def joint_table(joints: Calibration) -> pd.DataFrame:
             row |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=True)}
         pairs = combinations_with_replacement(range(3), 2)
         row |= {f"cov_{'xyz'[i]}{'xyz'[j]}": float(place.covariance[i, j]) for i, j in pairs}
-        rows.append(row | accuracy_columns(place))
+        rows.append(row | accuracy_columns(joints, place))
     return pd.DataFrame(rows)
 
 
-def accuracy_columns(place: JointPlace) -> dict[str, float]:
+def accuracy_columns(joints: Calibration, place: JointPlace) -> dict[str, float]:
     """Accuracy of a joint and the data behind it, under the column names of `joint_table`; NaN where there is none."""
     names = ("error", "floor", "radius_mean", "sigma", "rho", "moved_least", "moved_most", "frames", "worth", "apart")
     values, estimate = dict.fromkeys(names, float("nan")), place.estimate
     if estimate is None:
         return values
     apart = max((side.distance for side in side_differences(estimate, place.estimates[1:])), default=np.nan)
+    parent, child = joints.poses.get(place.joint.parent), joints.poses.get(place.joint.child)
     fit, angles = estimate.fit, np.degrees(estimate.fit.rms_angles)
+    if parent is not None and child is not None:
+        angles = np.degrees(rms_rotation(relative_rotation(parent.rotation, child.rotation)))
     values |= {"error": place.standard_error, "floor": estimate.floor, "frames": float(fit.frames), "apart": apart}
     values |= {"worth": float(fit.effective_frames)}
     values |= {"moved_least": float(angles.min()), "moved_most": float(angles.max())}
@@ -92,7 +96,7 @@ def joint_lines(joints: Calibration) -> Iterator[str]:
     titles = ["joint", "status", "from", *(f"{axis} / mm" for axis in "xyz"), "error", "floor", "noise", "range"]
     rows = []
     for place in joints.joints:
-        n = accuracy_columns(place)
+        n = accuracy_columns(joints, place)
         moved = "-" if np.isnan(n["moved_least"]) else f"{n['moved_least']:.0f}°-{n['moved_most']:.0f}°"
         row = [place.joint.name, SHORT_TEXTS[place.status], place.estimate.side if place.estimate else "-"]
         row += [millimetres(float(x)) for x in place.in_parent]

@@ -306,6 +306,9 @@ _STEMS = {
     "heel": "hee heel cal calc fcc ca",
     "first metatarsal": "mt1 fm1 fmh",
     "fifth metatarsal": "mt5 fm5 vmh d5m 5meta",
+    "toe": "toe mt2 fm2 smh",
+    "thigh marker": "thi",
+    "shank marker": "tib shn shin",
     "hip centre": "hjc",
 }
 """The points of one side of the body, and their labels in common marker sets, behind the letter of a side."""
@@ -443,13 +446,17 @@ class Match:
                 across = joint.across if there(joint.across) == joint.across else ()
                 joints.append(joint.model_copy(update={"markers": there(joint.markers), "across": across}))
         segments = [Segment(name=s.name, markers=there(s.markers), parent=s.parent) for s in whole.segments]
-        return MarkerSet(name=whole.name, about=whole.about, segments=tuple(segments), joints=tuple(joints))
+        known = {point for part in segments for point in part.markers}
+        known |= {point for joint in joints for point in joint.across}
+        aliases = {marker: names for marker, names in whole.aliases.items() if marker in known}
+        parts = {"segments": tuple(segments), "joints": tuple(joints), "aliases": aliases}
+        return MarkerSet.model_validate({"name": whole.name, "about": whole.about} | parts)
 
     @cached_property
     def recording(self) -> Recording:
         """The recording with the markers of the set alone, under their names and in the order of the set."""
         chosen = self.source.select(list(self.labels.values()))
-        return Recording(chosen.name, tuple(self.labels), chosen.positions, chosen.rate, chosen.notes)
+        return replace(chosen, markers=tuple(self.labels))
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -475,7 +482,9 @@ class Match:
                 lines.append(f"segment {segment} lacks {', '.join(missed)}")
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
         outputs = [label for label in self.extra if is_output(label)]
-        others = [label for label in self.extra if label not in outputs]
+        points = [label for label in landmarks(self.source.markers).values() if label in self.extra]
+        others = [label for label in self.extra if label not in (*outputs, *points)]
+        lines += [f"not in the {what}, but points of the body: {_listed(points, _LISTED)}"] * bool(points)
         lines += [f"not in the {what}: {_listed(others, _LISTED)}"] * bool(others)
         lines += [f"of another program's model, not markers: {_listed(outputs, _FEW)}"] * bool(outputs)
         unused = [] if calibrated else clusters(self.extra)

@@ -1,4 +1,4 @@
-"""Points of the body on a skeleton: anatomical axes of the segments, and hips by regression where motion shows none.
+"""Points of the body on a skeleton: anatomical axes of the segments, and joints that motion does not show.
 
 Points are known by their labels (`landmarks`): spines of the pelvis, epicondyles, malleoli, heel and metatarsals. Each
 is a place in its segment's axes, the median over the frames of a trial in which both are seen; a static trial shows
@@ -10,7 +10,15 @@ joint coordinate systems, part I; Grood and Suntay 1983 for the angles between t
 - pelvis: z between the anterior spines, x in the plane of these and the middle of the posterior ones (or the sacrum).
 - thigh: y from the middle of the epicondyles to the hip, z in the plane of y and the epicondyles.
 - shank: y from the middle of the malleoli to the knee, z in the plane of y and the malleoli.
-- foot: x from the heel to the middle of the first and fifth metatarsals, z in the plane of x and these.
+- foot: x from the heel to the middle of the first and fifth metatarsals, z in the plane of x and these. Without them
+  x goes to the toe's marker, and y is in the plane of x and the ankle, some 4 cm above. An ankle that is known to 1 cm
+  shows the foot's adduction to some 15° only, but its flexion well.
+
+Plug-in Gait has no medial epicondyle and no medial malleolus, but measured widths. By its chord method the centre of a
+knee is half the knee's width and half a marker's diameter from the lateral marker, in the plane of this marker, the
+thigh's marker and the hip, and sees marker and hip at a right angle; the ankle follows likewise from shank and knee.
+The medial point is as far on the other side. Rotation offsets of a static trial are not read. Source: Davis et al.
+1991, Hum Mov Sci 10:575-587; Vicon, Plug-in Gait Reference Guide.
 
 The regression is Harrington et al. 2007, J Biomech 40:595-602, by the pelvis' width w between the anterior spines and
 its depth d from their middle to that of the posterior ones. From the middle of the anterior spines the hip is
@@ -20,16 +28,17 @@ axis; Harrington's own, left out one by one, are 5.2, 3.6 and 3.2 mm. A centre t
 taken before the regression; it comes without an error and gets the same.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
 from study.arrays import Floats
-from study.recordings.joints.estimate import SHORT_TEXTS, JointStatus
-from study.recordings.joints.find import Calibration, JointPlace
+from study.recordings.joints.estimate import ANATOMICAL, SHORT_TEXTS, JointStatus
+from study.recordings.joints.find import Calibration, JointPlace, moved_along_axis
 from study.recordings.markersets import MarkerSet, landmarks, side, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import across, to_local, to_world
@@ -38,7 +47,8 @@ from study.recordings.skeleton.draw import Flag, Skeleton
 Hips = Literal["motion", "regression"]
 """Centres of hips: by motion alone, or for those that motion leaves in doubt by regression."""
 LANDMARK = 0.01
-"""Standard error of the middle of two points of the body along each axis, metres: markers on skin over bone."""
+"""Standard error of the middle of two points of the body along each axis, metres. Examiners differ by r = 13 to 25 mm,
+root mean square, in where they put one (Della Croce et al. 1999, Med Biol Eng Comput 37:155-161): r/√6 on each axis."""
 _FARTHEST = 2.5
 """Standard errors of their distance beyond which a hinge is not where its points of the body are."""
 SIGMA = 0.0079
@@ -52,9 +62,9 @@ _STEEP = float(np.tan(np.radians(10.0)))
 _PARTS = ("thigh", "shank", "foot")
 _POINTS = {
     "pelvis": ("asis", "psis", "sacrum", "hip centre"),
-    "thigh": ("lateral epicondyle", "medial epicondyle"),
-    "shank": ("lateral malleolus", "medial malleolus"),
-    "foot": ("heel", "fifth metatarsal", "first metatarsal"),
+    "thigh": ("thigh marker", "lateral epicondyle", "medial epicondyle"),
+    "shank": ("shank marker", "lateral malleolus", "medial malleolus"),
+    "foot": ("heel", "toe", "fifth metatarsal", "first metatarsal"),
 }
 """Points of each part of the body; the last two of a part of a leg are the lateral and the medial one at its end."""
 _OWNERS = {point: part for part, points in _POINTS.items() for point in points}
@@ -86,6 +96,8 @@ def legs(markerset: MarkerSet) -> dict[str, str]:
 def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Floats]:
     """Places of points of the body in the axes of their segments, metres (3,).
 
+    A point that is a marker of its segment is in its place there, if the segment is seen in no frame with it.
+
     Args:
         skeleton: of the trial.
         source: the whole recording of the trial, with the file's labels.
@@ -95,9 +107,7 @@ def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Float
     """
     segments, places = legs(skeleton.calibration.markerset), {}
     for point, label in landmarks(source.markers).items():
-        one, _, kind = point.rpartition(" ") if point == "sacrum" else point.partition(" ")
-        part = _OWNERS[kind if kind in _OWNERS else point]
-        name = segments.get(part if part == "pelvis" else f"{one} {part}")
+        name = _owner(point, segments)
         if name is None:
             continue
         number = skeleton.segments.index(name)
@@ -105,7 +115,18 @@ def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Float
         if seen.any():
             rotation, origin = skeleton.rotations[number][:, :, seen], skeleton.origins[number][:, seen]
             places[point] = np.median(to_local(rotation, origin, source.of(label)[:, seen]), axis=1)
+    for point, marker in landmarks(skeleton.calibration.markerset.markers()).items():
+        name = _owner(point, segments)
+        if point not in places and name is not None and marker in (shape := skeleton.calibration.shape(name)).markers:
+            places[point] = shape.places[shape.markers.index(marker)]
     return places
+
+
+def _owner(point: str, segments: Mapping[str, str]) -> str | None:
+    """The segment that a point of the body is on; None if the marker set has none."""
+    one, _, kind = point.rpartition(" ") if point == "sacrum" else point.partition(" ")
+    part = _OWNERS[kind]
+    return segments.get(part if part == "pelvis" else f"{one} {part}")
 
 
 def _frame(first: int, along: Floats, second: int, towards: Floats) -> Floats | None:
@@ -148,15 +169,19 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
         result[segments["pelvis"]] = pelvis[0]
     for name, segment in segments.items():
         one, _, part = name.partition(" ")
-        lateral, medial = (points.get(f"{one} {end}") for end in _POINTS.get(part, ("", ""))[-2:])
+        if part not in _PARTS:
+            continue
+        top, error = above[segment].in_child, above[segment].standard_error
+        lateral, medial, heel, toe = (points.get(f"{one} {end}") for end in (*_POINTS[part][-2:], "heel", "toe"))
         if lateral is None or medial is None:
+            if part == "foot" and heel is not None and toe is not None and error <= LANDMARK:
+                result[segment] = _frame(0, toe - heel, 1, top - heel)
             continue
         middle, outwards = 0.5 * (lateral + medial), _MIRROR[one] * (lateral - medial)  # to the right on both sides
-        heel, top = points.get(f"{one} heel"), above[segment].in_child
         if part == "foot" and heel is not None:
             result[segment] = _frame(0, middle - heel, 2, outwards)
         elif part != "foot" and not np.isnan(top).any():
-            tilted = above[segment].standard_error > _STEEP * np.linalg.norm(top - middle)
+            tilted = error > _STEEP * np.linalg.norm(top - middle)
             result[segment] = None if tilted else _frame(1, top - middle, 2, outwards)
     return {name: axes for name, axes in result.items() if axes is not None}
 
@@ -171,42 +196,107 @@ def hip_by_regression(points: Mapping[str, Floats], one: str) -> Floats | None:
     return middle + axes @ [-back, -down, _MIRROR[one] * aside]
 
 
-def with_anatomy(calibration: Calibration, skeleton: Skeleton, source: Recording, hips: Hips = "motion") -> Calibration:
-    """Add anatomical axes to the segments whose points a trial shows, and hips by regression if they are asked for.
+class DrawnTrial(NamedTuple):
+    """A trial with its skeleton, and its markers under the names of the marker set."""
+
+    skeleton: Skeleton
+    markers: Recording
+
+
+def with_anatomy(calibration: Calibration, trial: DrawnTrial, source: Recording, hips: Hips = "motion") -> Calibration:
+    """Add anatomical axes to the segments whose points a trial shows, and joints by these points.
 
     Args:
         calibration: of the subject.
-        skeleton: of the trial, drawn with it.
+        trial: drawn with it.
         source: the whole recording of the trial, with the file's labels.
         hips: "regression" to place hips that motion leaves in doubt, or does not show, by regression.
     """
-    points = points_of_the_body(skeleton, source)
-    joints = [_with_landmarks(place, skeleton, points) for place in calibration.joints]
-    if hips == "regression":
-        joints = [_with_regression(place, skeleton, points) for place in joints]
-    calibration = replace(calibration, joints=tuple(joints))
+    points, segments = points_of_the_body(trial.skeleton, source), legs(calibration.markerset)
+    places = {place.joint.child: place for place in calibration.joints}
+    regressed = {child: _with_regression(place, trial, points) for child, place in places.items()}
+    places = regressed if hips == "regression" else places
+    for one, part in itertools.product(_MIRROR, _ENDS):  # knees first: ankles follow from them
+        name, above = (segments.get(f"{one} {own}") for own in (part, _ENDS[part][0]))
+        if name is not None and above is not None:
+            top = (regressed if part == "shank" else places)[above]
+            by_width = _medial_by_width(f"{one} {part}", top, points, source.widths)
+            points |= by_width
+            places[name] = _with_landmarks(places[name], f"{one} {part}", trial, points, bool(by_width))
+    calibration = replace(calibration, joints=tuple(places.values()))
     axes = anatomical_axes(calibration, points)
     shapes = (replace(s, anatomy=axes.get(s.segment, s.anatomy)) for s in calibration.shapes)
     return replace(calibration, shapes=tuple(shapes))
 
 
-_ENDS = {"shank": "epicondyle", "foot": "malleolus"}
-"""The points on both sides of the joint above a part of a leg."""
+_ENDS = {"shank": ("thigh", "knee", "epicondyles"), "foot": ("shank", "ankle", "malleoli")}
+"""For a part of a leg the one above, the joint between them, and the points on both sides of that."""
+_MARKER = 0.014
+"""Diameter of a marker, metres, if the file does not have it: Plug-in Gait's."""
 
 
-def _with_landmarks(place: JointPlace, skeleton: Skeleton, points: Mapping[str, Floats]) -> JointPlace:
+def joint_by_chord(above: Floats, aside: Floats, lateral: Floats, far: float) -> Floats | None:
+    """Centre of a joint (3,) by the chord method, metres; None if the points do not show it.
+
+    Args:
+        above: the next joint of the limb (3,).
+        aside: a marker on the side of the limb (3,), which shows in which plane the centre is.
+        lateral: the marker at the joint (3,).
+        far: distance of the centre from that marker, metres.
+    """
+    along, away = above - lateral, lateral - aside
+    length = float(np.linalg.norm(along))
+    if not length > far + _SHORT:
+        return None
+    along = along / length
+    away = away - (away @ along) * along
+    if np.linalg.norm(away) < _SHORT:
+        return None
+    cosine = far / length
+    return np.asarray(lateral + far * (cosine * along + np.sqrt(1.0 - cosine**2) * away / np.linalg.norm(away)))
+
+
+def _medial_by_width(
+    name: str, top: JointPlace, points: Mapping[str, Floats], widths: Mapping[str, float]
+) -> dict[str, Floats]:
+    """The medial epicondyle or malleolus (3,) by the chord method; none if the file has one, or no width.
+
+    Args:
+        name: of the part below the joint, as "left shank".
+        top: the next joint above.
+        points: of the body.
+        widths: of the joints.
+    """
+    one, _, part = name.partition(" ")
+    above, joint, _ = _ENDS[part]
+    aside, lateral, medial = (f"{one} {point}" for point in _POINTS[above])
+    width = widths.get(f"{one} {joint}")
+    if width is None or medial in points or not {aside, lateral} <= points.keys():
+        return {}
+    if not (top.usable or top.status in ANATOMICAL):
+        return {}
+    far = 0.5 * (width + widths.get("marker", _MARKER))
+    center = joint_by_chord(top.in_child, points[aside], points[lateral], far)
+    return {} if center is None else {medial: 2.0 * center - points[lateral]}
+
+
+def _with_landmarks(
+    place: JointPlace, name: str, trial: DrawnTrial, points: Mapping[str, Floats], by_width: bool
+) -> JointPlace:
     """A knee or an ankle, compared with the middle of epicondyles or malleoli, and there if motion leaves it in doubt.
 
-    A hinge is doubted that is farther from there, across its axis, than 2.5 √(error² + (1 cm)²).
+    A hinge is doubted that is farther from there, across its axis, than 2.5 √(error² + (1 cm)²). It is not compared
+    with a middle by width, which is as wrong as the plane of the markers.
     """
-    segments = legs(skeleton.calibration.markerset)
-    names = [name for name, segment in segments.items() if segment == place.joint.child]
-    one, _, part = names[0].partition(" ") if names else ("", "", "")
-    both = [points.get(f"{one} {end} {_ENDS.get(part, '')}") for end in ("lateral", "medial")]
+    one, _, part = name.partition(" ")
+    above, joint, kind = _ENDS[part]
+    both = [points.get(f"{one} {point}") for point in _POINTS[above][-2:]]
     if both[0] is None or both[1] is None:
         return place
-    middle, kind = 0.5 * (both[0] + both[1]), {"shank": "epicondyles", "foot": "malleoli"}[part]
-    if place.axis is not None and place.known:
+    middle = 0.5 * (both[0] + both[1])
+    if place.usable and place.known and place.axis is not None and by_width:
+        return moved_along_axis(place, middle)  # motion does not show where along it
+    if place.axis is not None and place.known and not by_width:
         basis = across(place.axis)
         far = float(np.linalg.norm(basis.T @ (middle - place.in_parent)))
         place = replace(place, beside=far)
@@ -215,13 +305,14 @@ def _with_landmarks(place: JointPlace, skeleton: Skeleton, points: Mapping[str, 
     if place.usable:
         return place
     away = "" if np.isnan(place.beside) else f", {1000 * place.beside:.0f} mm from there across its axis"
-    words = f"midway between the {kind}; by motion: {SHORT_TEXTS[place.status]}{away}"
-    return _placed(place, middle, LANDMARK**2 * np.eye(3), JointStatus.LANDMARK, words, skeleton)
+    source = f"by the {joint}'s width (chord method)" if by_width else f"midway between the {kind}"
+    words = f"{source}; by motion: {SHORT_TEXTS[place.status]}{away}"
+    return _placed(place, middle, LANDMARK**2 * np.eye(3), JointStatus.LANDMARK, words, trial)
 
 
-def _with_regression(place: JointPlace, skeleton: Skeleton, points: Mapping[str, Floats]) -> JointPlace:
+def _with_regression(place: JointPlace, trial: DrawnTrial, points: Mapping[str, Floats]) -> JointPlace:
     """A joint by regression, weighted with motion where both agree, if it is a hip that motion leaves in doubt."""
-    segments = legs(skeleton.calibration.markerset)
+    segments = legs(trial.skeleton.calibration.markerset)
     one = next((one for one in _MIRROR if segments.get(f"{one} thigh") == place.joint.child), None)
     if one is None or place.usable:
         return place
@@ -233,20 +324,50 @@ def _with_regression(place: JointPlace, skeleton: Skeleton, points: Mapping[str,
     center, covariance, both = weighted(center, place.in_parent, place.covariance)
     words += ", weighted with motion by their errors" * both
     reason = f"{words}; by motion: {SHORT_TEXTS[place.status]}"
-    return _placed(place, center, covariance, JointStatus.REGRESSION, reason, skeleton)
+    return _placed(place, center, covariance, JointStatus.REGRESSION, reason, trial)
 
 
 def _placed(
-    place: JointPlace, center: Floats, covariance: Floats, status: JointStatus, reason: str, skeleton: Skeleton
+    place: JointPlace, center: Floats, covariance: Floats, status: JointStatus, reason: str, trial: DrawnTrial
 ) -> JointPlace:
-    """A joint at a place in its parent (3,), metres, that its motion does not give; in its child, at the median."""
+    """A joint at a place in its parent (3,), metres, that its motion does not give; in its child, at the median.
+
+    A child of two markers has its poses by the joint as motion has it. So the joint is placed anew beside the two.
+    """
+    skeleton, shape = trial.skeleton, trial.skeleton.calibration.shape(place.joint.child)
     i, j = (skeleton.segments.index(name) for name in (place.joint.parent, place.joint.child))
     world = to_world(skeleton.rotations[i], skeleton.origins[i], center)
     local = to_local(skeleton.rotations[j], skeleton.origins[j], world)
-    both = (skeleton.segment_flags[[i, j]] == Flag.SEEN).all(axis=0) & ~np.isnan(local[0])
+    shown = skeleton.segment_flags[[i, j]] == Flag.SEEN
+    both = shown.all(axis=0) & ~np.isnan(local[0])
     in_child = np.median(local[:, both], axis=1) if both.any() else center
+    two = not shape.has_own_pose and len(shape.markers) == 2 and {*shape.markers} <= {*trial.markers.markers}
+    if two and shown[0].any():
+        x = trial.markers.select(shape.markers, np.flatnonzero(shown[0])).positions
+        in_child = _beside_two(shape.places, place.in_child, x, world[:, shown[0]])
     place = replace(place, status=status, reason=reason, floor=float("nan"), covariance=covariance)
     return replace(place, in_parent=center, in_child=in_child)
+
+
+def _beside_two(places: Floats, before: Floats, x: Floats, joint: Floats) -> Floats:
+    """Place of a joint (3,) in the axes of a segment of two markers, by its median place along and beside their line.
+
+    Args:
+        places: of the markers (2, 3), metres.
+        before: a place of the joint (3,), which shows to which side of the line it is; the axes leave this open.
+        x: the markers in the world (2, 3, n), metres; NaN where missing.
+        joint: in the world (3, n), metres.
+    """
+    line, away = x[1] - x[0], joint - x[0]
+    line = line / np.linalg.norm(line, axis=0)
+    along = (line * away).sum(axis=0)
+    beside = np.linalg.norm(away - along * line, axis=0)
+    own = (places[1] - places[0]) / np.linalg.norm(places[1] - places[0])
+    aside = before - places[0]
+    aside = aside - (aside @ own) * own
+    if not np.linalg.norm(aside) > 0.0:
+        aside = np.cross(own, np.eye(3)[np.abs(own).argmin()])
+    return np.asarray(places[0] + np.nanmedian(along) * own + np.nanmedian(beside) * aside / np.linalg.norm(aside))
 
 
 def weighted(center: Floats, motion: Floats, covariance: Floats) -> tuple[Floats, Floats, bool]:

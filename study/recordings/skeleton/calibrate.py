@@ -36,7 +36,7 @@ from study.recordings.joints.poses import fit_template
 from study.recordings.markersets import MarkerSet, Match, match, mirrored, place_markerset, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
-from study.recordings.skeleton.anatomy import Hips, with_anatomy
+from study.recordings.skeleton.anatomy import DrawnTrial, Hips, with_anatomy
 from study.recordings.skeleton.draw import LARGEST_ERROR, Skeleton, draw_skeleton
 
 _THICKNESS = 0.05
@@ -215,11 +215,14 @@ def with_checks(
     checked, drawn = _checked(calibration, recording)
     if source is None:
         return checked
-    placed = with_anatomy(checked, drawn, source, hips)
+    placed = with_anatomy(checked, DrawnTrial(drawn, recording), source, hips)
     if all(new.status == was.status for new, was in zip(placed.joints, checked.joints, strict=True)):
         return placed
     threes = zip(placed.joints, checked.joints, calibration.joints, strict=True)
-    joints = tuple(new if new.status != was.status else replace(old, beside=new.beside) for new, was, old in threes)
+    joints = tuple(
+        new if new.status != was.status else replace(new, status=old.status, reason=old.reason, warnings=())
+        for new, was, old in threes
+    )
     return _checked(replace(placed, joints=joints), recording)[0]
 
 

@@ -60,7 +60,7 @@ _SPREAD = 0.3
 _ARM = 3.0
 """Distance from a joint, in the joint's standard errors, from which on a marker shows a direction."""
 LARGEST_ERROR = 0.05
-"""Metres: standard error above which a joint is unknown."""
+"""Metres: standard error above which a joint is unknown, if no other is given."""
 _SURE = 0.01
 """Metres: standard error of a segment's joints up to which its neighbours place it."""
 _POSE = 0.005
@@ -216,7 +216,9 @@ class Skeleton:
         return np.asarray(self.centers[self.joints.index(joint)])
 
 
-def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float = 1.0) -> Skeleton:
+def draw_skeleton(
+    calibration: Calibration, recording: Recording, bridge: float = 1.0, largest_error: float = LARGEST_ERROR
+) -> Skeleton:
     """Run phase 2: place the joints in every frame.
 
     Args:
@@ -224,12 +226,16 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
         recording: markers under the calibration's names; those that it lacks count as always missing.
         bridge: longest time, seconds, between an unseen segment and the nearest frame in which it is seen; beyond, it
             is unknown unless one of its markers is seen.
+        largest_error: standard error above which a joint is unknown, metres.
 
     Raises:
-        RecordingError: if the calibration has no segment whose markers fix its pose, or ``bridge`` is negative.
+        RecordingError: if the calibration has no segment whose markers fix its pose, ``bridge`` is negative, or
+            ``largest_error`` is not above 0.
     """
     if not bridge >= 0.0:
         raise RecordingError(f"bridge = {bridge:g} seconds; it must be 0 or more")
+    if not largest_error > 0.0:
+        raise RecordingError(f"largest_error = {largest_error:g} metres; it must be above 0")
     if not calibration.has_poses:
         words = "no segment of this calibration has a pose; there is no skeleton to draw"
         raise RecordingError(f"{calibration.source}: {words}")
@@ -246,7 +252,7 @@ def draw_skeleton(calibration: Calibration, recording: Recording, bridge: float 
         builder.bridge(segment, round(bridge * recording.rate))
     segments_in_time = builder.rotations, builder.origins, builder.flags, builder.misfits, builder.left_out
     gaps = np.array([builder.gaps[place.joint.name].size for place in calibration.joints])
-    joints_in_time = *builder.joints(), gaps
+    joints_in_time = *builder.joints(largest_error), gaps
     return Skeleton(recording.name, recording.rate, calibration, *segments_in_time, builder.turning, *joints_in_time)
 
 
@@ -469,7 +475,7 @@ class _SkeletonBuilder:
         seen = ~np.isnan(before[:, 0])
         self.left_out[number] = 1.0 - (~np.isnan(after[:, 0])).sum() / max(seen.sum(), 1) if seen.any() else 0.0
 
-    def joints(self) -> tuple[Floats, Bytes, Floats]:
+    def joints(self, largest_error: float) -> tuple[Floats, Bytes, Floats]:
         """Centres of the joints (joints, 3, frames), their flags (joints, frames), and variances.
 
         A joint is placed by its parent if that is seen, else by its child if that is, with the gap of the joint; else
@@ -479,7 +485,7 @@ class _SkeletonBuilder:
         centers, flags = np.full((len(places), 3, n), np.nan), np.full((len(places), n), Flag.UNKNOWN, dtype=np.uint8)
         posed = np.zeros((len(places), 3, n))
         for i, place in enumerate(places):
-            if place.standard_error > LARGEST_ERROR:
+            if place.standard_error > largest_error:
                 continue
             gap, shared = self.gaps[place.joint.name], 0.0
             if len(gap.frames):  # what noise does not explain of the gap is as much the parent's as the child's
@@ -505,7 +511,7 @@ class _SkeletonBuilder:
             if (flags[i] == Flag.BRIDGED).any():
                 remove_leaps(centers[i], posed[i].mean(axis=0) * (flags[i] == Flag.BRIDGED), self._source(place))
             posed[i][:, flags[i] != Flag.UNKNOWN] += shared
-            large = place.standard_error**2 + posed[i].max(axis=0) > LARGEST_ERROR**2
+            large = place.standard_error**2 + posed[i].max(axis=0) > largest_error**2
             centers[i][:, large], flags[i][large], posed[i][:, large] = np.nan, Flag.UNKNOWN, 0.0
         return centers, flags, posed
 

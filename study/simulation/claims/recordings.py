@@ -136,7 +136,9 @@ class TwoAnswers(Claim):
     parent segment.
 
     A marker on a hinge moves on a circle. Two spheres, mirror images in the circle's plane, fit it equally, and
-    every centre on the axis fits nearly as well: so random frames give one answer or the other.
+    every centre on the axis fits nearly as well: so random frames give one answer or the other. Two answers are absent
+    where the markers leave their circles far enough to fix a centre on the axis. Then the fit of every axis spreads a
+    hinge little more than the fit across it, or less.
     """
 
     number, name, section = 26, "two-answers", "9.1"
@@ -145,7 +147,10 @@ class TwoAnswers(Claim):
         share of spreads of a centimetre or more above 200 samples, of hinges and of other joints, every axis fitted as
         in the paper
     """
-    answer = "{0:share} of the spreads of hinges are a centimetre or more, and {1:share} of those of other joints."
+    answer = """
+        {0:share} of the spreads of hinges are a centimetre or more, and {1:share} of those of other joints; with its
+        axis fitted a hinge spreads {2:times} as far as without.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
         spreads = evidence.spreads()
@@ -154,7 +159,10 @@ class TwoAnswers(Claim):
             joints = _per_joint(1.0 - _below(part, "with_axes"))
             words = f"share of spreads of 1 cm or more, above {_MANY} samples, every axis fitted: {len(joints)} {words}"
             numbers.append(Number.share(words, joints, _FEWEST_HINGES))
-        return numbers
+        hinges = many[many["hinge"]]
+        ratios = (hinges["with_axes"] / hinges["spread"]).groupby(hinges["joint"]).median()
+        words = f"median of {len(ratios)} hinges: spread with every axis fitted over that across the axis"
+        return [*numbers, Number.of(words, shared.median(ratios, _FEWEST_HINGES), len(ratios))]
 
     def judge(self, numbers: list[Number]) -> Verdict:
         """Reproduced if the share is larger for hinges than for other joints by two standard errors over

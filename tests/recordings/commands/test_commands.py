@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -446,3 +447,30 @@ def test_options_of_a_synthetic_body(works, tmp_path):
         works("synthetic", *(f"--{name}={value}" for name, value in given.items()), flag, "--out", "a.csv")
         write_recording(synthesize(recipe)[0], tmp_path / "b.csv")
         assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+def test_all_subjects_of_a_file(works, call, refused, read, tmp_path):
+    """Each has a folder of its own, with what it has if it is chosen; a calibration is that of the subject."""
+    people = {name: synthesize(Recipe(120, 60.0, seed=seed))[0] for name, seed in (("Ann", 1), ("Bob", 2))}
+    labels = tuple(f"{name}:{marker}" for name, one in people.items() for marker in one.markers)
+    both = Recording("two", labels, np.concatenate([one.positions for one in people.values()]), 60.0)
+    path = write_recording(both, tmp_path / "two.c3d")
+    said = works("joints", path, "--subject", "all", "--out", "out")
+    assert [line for line in said.splitlines() if line.startswith("subject ")] == ["subject Ann:", "subject Bob:"]
+    for name in people:
+        works("joints", path, "--subject", name, "--out", f"one-{name}")
+        one, other = (tmp_path / folder / "calibration.json" for folder in (f"out/{name}", f"one-{name}"))
+        assert one.read_bytes() == other.read_bytes()
+    works("skeleton", path, "--subject", "all", "--calibration", "out", "--out", "drawn")
+    assert {found.name for found in (tmp_path / "drawn").iterdir()} == set(people)
+    for name in people:
+        table = pd.read_parquet(tmp_path / "drawn" / name / "skeleton.parquet")
+        assert len(table) == 120 * 14
+    refused("joints", path, "--subject", "all", "--json", says="there is one JSON object for each subject")
+    refused("joints", path, says="choose one with --subject, or --subject all")
+    few = both.select([label for label in labels if label.startswith("Bob") or label in ("Ann:C7", "Ann:LSHO")])
+    path = write_recording(replace(few, name="few"), tmp_path / "few.c3d")
+    code, said, complained = call("joints", path, "--subject", "all", "--out", "few")
+    assert code == 2
+    assert "few: no marker set fits" in complained
+    assert (tmp_path / "few" / "Bob" / "joints.parquet").is_file()

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 
-from study.recordings import commands
+from study.recordings import live_commands
 from tests.recordings.hips import CENTRE, PELVIS, hip_motion
 
 JOINT = ("live", "--parent", "A,B,C,D", "--child", "E,F,G")
@@ -147,8 +147,8 @@ def test_ctrl_c_after_the_last_frame(live, monkeypatch):
         os.kill(os.getpid(), signal.SIGINT)
         printed(joints, as_json)
 
-    printed, before = commands._print, signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr(commands, "_print", interrupted)
+    printed, before = live_commands._print, signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(live_commands, "_print", interrupted)
     code, said, complained = live('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")
     assert code == 3
     assert "Traceback" not in complained

@@ -103,7 +103,8 @@ def test_unknown_frames(gappy):
     missing, flag, error = np.isnan(table["neck_rotation"]), table["neck_flag"], table["neck_rotation_error"]
     assert unknown.any()
     assert missing[unknown].all()
-    np.testing.assert_array_equal(missing, flag == Flag.UNKNOWN)
+    every = table[[f"neck_{angle}" for angle in ("extension", "bending", "rotation")]].isna()
+    np.testing.assert_array_equal(every.all(axis=1), flag == Flag.UNKNOWN)
     np.testing.assert_array_equal(missing, np.isnan(error))
     assert error.max() <= 10.0
     numbers = [gappy.skeleton.segments.index(name) for name in ("thorax", "head")]
@@ -112,6 +113,17 @@ def test_unknown_frames(gappy):
     assert (flag == Flag.BRIDGED).any()
     assert error[flag == Flag.BRIDGED].median() > 2 * error[flag == Flag.SEEN].median()
     np.testing.assert_allclose(table["time"], np.arange(300) / 60.0)
+
+
+def test_another_limit_of_errors(gappy):
+    """With a smaller limit the angles below it stay as they are, and those above are missing."""
+    table, strict = joint_angles(gappy), joint_angles(replace(gappy, largest_angle_error=1.5))
+    name = "neck_rotation"
+    above = (table[f"{name}_error"] > 1.5).to_numpy()
+    assert 0.0 < above.mean() < 1.0
+    kept = table[name].where(~above)
+    np.testing.assert_array_equal(strict[name], kept)
+    assert strict[f"{name}_error"].max() <= 1.5
 
 
 def test_a_motion_file(gappy, tmp_path):

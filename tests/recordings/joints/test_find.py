@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from study.recordings.joints.estimate import (
     CENTIMETRE,
@@ -404,3 +405,18 @@ def test_a_place_along_the_axis(axis, place, wanted):
         assert moved is estimate
     else:
         np.testing.assert_allclose(moved.center, wanted, atol=1e-15)
+
+
+def test_the_range_of_a_hinge_is_that_of_its_segments(exact):
+    """The range of knees and elbows is the true relative rotation, also where markers about the joint show less."""
+    _, truth, joints = exact
+    table = joint_table(joints).set_index("joint")
+    for name in ("left_knee", "right_knee", "left_elbow", "right_elbow"):
+        number = truth.joints.index(name)
+        parent, child = (truth.segments.index(names[number]) for names in (truth.parents, truth.children))
+        turn = np.einsum("tji,tjk->tik", truth.rotations[parent], truth.rotations[child])
+        angles = Rotation.from_matrix(turn).as_rotvec() @ truth.axes[number]
+        wanted = np.degrees(np.sqrt(2.0 - 2.0 * np.abs(np.exp(1j * angles).mean())))
+        assert table.loc[name, "moved_most"] == pytest.approx(wanted, abs=0.2)
+    marker = np.degrees(joints["left_knee"].estimate.fit.rms_angles).max()
+    assert marker < table.loc["left_knee", "moved_most"] - 0.5

@@ -115,6 +115,12 @@ def test_gaps_are_bridged_for_a_while_and_then_unknown(still):
     assert error[200] < error[201]
     assert error[599] < error[598]
     assert (skeleton.flags[skeleton.joints.index("left_knee")] == Flag.SEEN).all()
+    strict = draw_skeleton(calibration, hidden, bridge=0.5, largest_error=0.01)
+    lost = (strict.flags[number] == Flag.UNKNOWN) & (ankle == Flag.BRIDGED)
+    assert lost.any()
+    assert (error[lost] > 0.9 * np.sqrt(0.01**2 - strict.calibration["left_ankle"].standard_error ** 2)).all()
+    with pytest.raises(RecordingError, match="largest_error = 0 metres; it must be above 0"):
+        draw_skeleton(calibration, hidden, largest_error=0.0)
 
 
 def test_root_with_two_markers(still):

@@ -165,7 +165,7 @@ def test_two_answers(find, hinges, others, verdict):
     """Hinges that scatter by more than a centimetre, beside the other joints."""
     found = find("two-answers", {}, recordings=hinged(hinges, others))
     assert found.verdict is verdict
-    assert [n.value for n in found.numbers] == pytest.approx([hinges / 6, others / 8])
+    assert [n.value for n in found.numbers] == pytest.approx([hinges / 6, others / 8, 4.0 if hinges > 3 else 1.0])
 
 
 def test_too_few_hinges(find):
