@@ -74,7 +74,7 @@ def conditions() -> Rows:
         default = "required" if one.default is None else f"`{one.default}`"
         default = f"this or `{one.alternative}`" if one.alternative else default
         where = "grid" if not one.law else "random" if not one.axis else "both"
-        yield [f"`{name}`", one.symbol, one.in_full or one.meaning, one.rule, default, where]
+        yield [f"`{name}`", one.symbol, one.in_full or one.meaning, one.must_be, default, where]
 
 
 def estimators() -> Rows:

@@ -15,8 +15,8 @@
     run = study.run("mine.toml")                    # a study: run.errors, run.summary(angle=45), run.plot("fig_map")
     run = study.read_run("results/mine-21aa4797f5") # one that was run before
 
-`study.ESTIMATORS` lists the estimators, `study.register` adds one of your own, and `study.Incremental` fits points as
-they arrive. The command line is `study --help`.
+`study.ESTIMATORS` lists the estimators, `study.register` adds one of your own, `study.register_law` a law of noise or
+of directions, and `study.Incremental` fits points as they arrive. The command line is `study --help`.
 """
 
 from importlib import import_module
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from study.recordings.formats.read import read_recording
     from study.recordings.library import draw_skeleton, find_gait, find_joint, find_joints
     from study.recordings.recording import Recording
+    from study.simulation.experiment.laws import register_law
     from study.simulation.library import StudyRun, read_run, run
 
 
@@ -81,6 +82,7 @@ __all__ = [
     "read_recording",
     "read_run",
     "register",
+    "register_law",
     "run",
 ]
 
@@ -93,6 +95,7 @@ _PLACES = {
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",
     **dict.fromkeys(["draw_skeleton", "find_gait", "find_joint", "find_joints"], "study.recordings.library"),
+    "register_law": "study.simulation.experiment.laws",
     **dict.fromkeys(["StudyRun", "read_run", "run"], "study.simulation.library"),
 }
 """Modules of the names that `study.fits` does not define."""

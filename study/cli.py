@@ -369,7 +369,16 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Studies": (commands.configs, commands.plan, run, commands.status, posterior, commands.coverage, commands.worker),
+    "Studies": (
+        commands.configs,
+        commands.laws,
+        commands.plan,
+        run,
+        commands.status,
+        posterior,
+        commands.coverage,
+        commands.worker,
+    ),
     "Results": (
         *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),
         *(commands.regret, commands.diff, commands.verify, commands.archive, export),
