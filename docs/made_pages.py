@@ -7,6 +7,7 @@ Like those of `docs/number_tables.py`, functions yield rows and paragraphs.
 import inspect
 import json
 import math
+import re
 from functools import partial
 from typing import Any, get_args
 
@@ -18,9 +19,18 @@ import study
 from study.fits.registry import ESTIMATORS
 from study.fits.samples import Status
 from study.simulation.experiment.conditions import CONDITIONS, Choice, Constant, LogUniform, Uniform
-from study.simulation.experiment.config import Posterior, Precision, Study, parse, shipped_configs, summary_line
+from study.simulation.experiment.config import (
+    ChainStatus,
+    Posterior,
+    Precision,
+    Study,
+    parse,
+    shipped_configs,
+    summary_line,
+)
 from study.simulation.experiment.designs import GridDesign, RandomDesign
 from study.simulation.figures import FIGURES
+from study.simulation.runs import schemas
 from study.simulation.statistics import MEASURES
 from study.text import paragraphs
 
@@ -64,7 +74,7 @@ def conditions() -> Rows:
         default = "required" if one.default is None else f"`{one.default}`"
         default = f"this or `{one.alternative}`" if one.alternative else default
         where = "grid" if not one.law else "random" if not one.axis else "both"
-        yield [f"`{name}`", one.symbol, one.in_full or one.meaning, one.rule, default, where]
+        yield [f"`{name}`", one.symbol, one.in_full or one.meaning, one.must_be, default, where]
 
 
 def estimators() -> Rows:
@@ -79,6 +89,33 @@ def statuses() -> Rows:
     """The statuses of a fit."""
     yield ["number", "status", "text"]
     yield from ([str(int(status)), f"`{status.name}`", status.text] for status in Status)
+
+
+_WORDS = {"float64": "number", "string": "text", "dictionary<values=string, indices=int32, ordered=0>": "text, coded"}
+"""Words for types of columns; the others are whole numbers."""
+
+
+def _columns(name: str) -> Rows:
+    """The columns of a table of spheres, without conditions that have a column only where a config gives them."""
+    yield ["column", "type", "unit", "meaning"]
+    for column in schemas.declared(3)[name]:
+        kind = _WORDS.get(str(column.type), f"whole number ({column.type})")
+        meaning = re.sub(r"(\d+ = .*?; )+\d+ = .*", "[status code](#status-codes)", column.meaning)
+        yield [f"`{column.name}`", kind, column.unit or "-", meaning]
+
+
+table_errors, table_summary = partial(_columns, "errors"), partial(_columns, "summary")
+table_failures, table_timings = partial(_columns, "failures"), partial(_columns, "timings")
+table_points, table_precision = partial(_columns, "points"), partial(_columns, "precision")
+table_posterior, table_answers = partial(_columns, "posterior"), partial(_columns, "answers")
+table_draws, table_claims = partial(_columns, "draws"), partial(_columns, "claims")
+"""The columns of each table."""
+
+
+def chain_statuses() -> Rows:
+    """The statuses of a chain."""
+    yield ["number", "status", "text"]
+    yield from ([str(int(status)), f"`{status.name}`", status.text] for status in ChainStatus)
 
 
 def measures() -> Rows:

@@ -12,8 +12,11 @@
     joints = study.find_joints("walk.c3d")          # the joints of a body, with errors and statuses: joints["left_hip"]
     skeleton = study.draw_skeleton("run.c3d", joints)   # skeleton.center("left_hip") (3, frames)
 
-`study.ESTIMATORS` lists the estimators, `study.register` adds one of your own, and `study.Incremental` fits points as
-they arrive. The command line is `study --help`.
+    run = study.run("mine.toml")                    # a study: run.errors, run.summary(angle=45), run.plot("fig_map")
+    run = study.read_run("results/mine-21aa4797f5") # one that was run before
+
+`study.ESTIMATORS` lists the estimators, `study.register` adds one of your own, `study.register_law` a law of noise or
+of directions, and `study.Incremental` fits points as they arrive. The command line is `study --help`.
 """
 
 from importlib import import_module
@@ -43,6 +46,8 @@ if TYPE_CHECKING:
     from study.recordings.formats.read import read_recording
     from study.recordings.library import draw_skeleton, find_gait, find_joint, find_joints
     from study.recordings.recording import Recording
+    from study.simulation.experiment.laws import register_law
+    from study.simulation.library import StudyRun, read_run, run
 
 
 __version__ = "1.0.0"
@@ -60,6 +65,7 @@ __all__ = [
     "Recording",
     "Samples",
     "Status",
+    "StudyRun",
     "__version__",
     "attainable_bound",
     "crlb",
@@ -74,7 +80,10 @@ __all__ = [
     "plan_fit",
     "read_points",
     "read_recording",
+    "read_run",
     "register",
+    "register_law",
+    "run",
 ]
 
 _PLACES = {
@@ -86,6 +95,8 @@ _PLACES = {
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",
     **dict.fromkeys(["draw_skeleton", "find_gait", "find_joint", "find_joints"], "study.recordings.library"),
+    "register_law": "study.simulation.experiment.laws",
+    **dict.fromkeys(["StudyRun", "read_run", "run"], "study.simulation.library"),
 }
 """Modules of the names that `study.fits` does not define."""
 

@@ -27,7 +27,7 @@ from study.recordings.commands import (
 )
 from study.recordings.live_commands import live
 from study.simulation import commands
-from study.simulation.commands import CONFIG_HELP, RUNS, Folder, Jobs, opened, run_folder, with_plugins
+from study.simulation.commands import CONFIG_HELP, Folder, Jobs, opened, run_folder, with_plugins
 from study.text import did_you_mean, json_text
 
 app = typer.Typer(
@@ -108,6 +108,8 @@ _CERTIFIED = "name of an estimator, or minimum_zone [default: mle; without folde
 Certified = Annotated[str | None, typer.Option("--estimator", "-e", callback=_one_name, help=_CERTIFIED)]
 Limit = Annotated[float, typer.Option("--limit", help="largest error that passes, as a share of the radius")]
 PairsOut = Annotated[Path | None, typer.Option("--out", help="folder for the package's own pairs, as files")]
+ToXarray = Annotated[Path | None, typer.Option("--xarray", metavar="FILE", help="NetCDF file for the errors")]
+ToDuckdb = Annotated[Path | None, typer.Option("--duckdb", metavar="FILE", help="database for all tables")]
 Errors = Annotated[Path | None, typer.Option("--table", help="file for the errors of every set, .csv or .parquet")]
 
 
@@ -124,13 +126,8 @@ def run(
 
     The tables are stored, and the folder of each run is printed.
     """
-    from study.simulation.analysis.summary import summarise, up_to_date
     from study.simulation.experiment.config import config_file, read
-    from study.simulation.runs import runner
-    from study.simulation.runs.adaptive import TimeBudget
-    from study.simulation.runs.parts import takes_long
-    from study.simulation.runs.runner import budget_message, failure_message
-    from study.simulation.runs.workers import Workers
+    from study.simulation.library import complete, workers_of
 
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky or dask; --scheduler goes with dask, and only with it")
@@ -138,30 +135,17 @@ def run(
         raise typer.BadParameter(f"--task {task:g}: seconds above 0 go with --backend dask, and only with it")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is a folder for one config, but {len(configs)} are given; leave it out")
-    complaints, code = [], ExitCode.TOO_MANY_FAILURES
+    complaints, code = list[str](), ExitCode.TOO_MANY_FAILURES
     studies = [read(config_file(config)) for config in configs]  # a fault in the last one shows before the first runs
     for config, (study, _) in zip(configs, studies, strict=True):
         if budget is not None and study.precision is None:
             reason = f"{config} has no [precision] and cannot stop early; leave --budget out"
             raise typer.BadParameter(f"--budget {budget:g}: {reason}")
-    for study, text in studies:
-        workers = Workers(backend or ("loky" if jobs > 1 and takes_long(study) else "threads"), jobs, scheduler, task)
-        with _progress(study.run_name()) as advance:
-            folder = out or RUNS / study.run_name()
-            end = None if budget is None else TimeBudget(budget)
-            done = runner.run(study, text, folder, workers, advance, budget=end)
-        if not up_to_date(done):
-            summarise(done)
-        if (words := budget_message(done)) is not None:
-            complaints.append(words)
-            code = ExitCode.BUDGET
-        elif study.posterior is not None:
-            from study.simulation.posterior.run import compute  # imported here, since it loads emcee and scipy.stats
-
-            with _progress("posteriors") as advance:
-                compute(done, workers, advance)
+    for made in studies:
+        done, words = complete(made, out, workers_of(made[0], jobs, backend, scheduler, task), budget, _progress)
         typer.echo(str(done.folder))
-        complaints += [said for said in [failure_message(done)] if said]
+        complaints += words
+        code = ExitCode.BUDGET if done.stopped() is not None else code
     if complaints:
         raise typer.Exit(_complain("\n".join(complaints), code))
 
@@ -344,6 +328,23 @@ def plan_fit(
         echo(plans.plan_in_words(plan, noise, radius, error, of))
 
 
+def export(folder: Folder, xarray: ToXarray = None, duckdb: ToDuckdb = None) -> None:
+    """Write a run's tables for other programs.
+
+    The errors become arrays in NetCDF, with an axis for each condition that varies; all tables become those of a DuckDB
+    database. Parquet, which most programs read, is what the run's folder has.
+    """
+    from study.simulation.library import read_run, write_duckdb, write_netcdf
+
+    if xarray is None and duckdb is None:
+        raise typer.BadParameter("give --xarray FILE or --duckdb FILE; the run's folder has the tables as Parquet")
+    run = read_run(folder)
+    for path, write in ((xarray, write_netcdf), (duckdb, write_duckdb)):
+        if path is not None:
+            write(run, path)
+            typer.echo(str(path))
+
+
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:
     """Draw one trial of a run again.
 
@@ -368,10 +369,19 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Studies": (commands.configs, commands.plan, run, commands.status, posterior, commands.coverage, commands.worker),
+    "Studies": (
+        commands.configs,
+        commands.laws,
+        commands.plan,
+        run,
+        commands.status,
+        posterior,
+        commands.coverage,
+        commands.worker,
+    ),
     "Results": (
         *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),
-        *(commands.regret, commands.diff, commands.verify, commands.archive),
+        *(commands.regret, commands.diff, commands.verify, commands.archive, export),
     ),
     "Points and estimators": (
         *(fit, plan_fit, commands.estimators, commands.check, certify),

@@ -20,7 +20,8 @@ GROUND = {"arrays", "files", "instruction_set", "options", "style", "text", "tom
 WINGS = {"fits": set(), "simulation": {"fits"}, "recordings": {"fits"}}
 """For each wing the others that it may import."""
 ORDER = {
-    "simulation": "experiment statistics runs posterior analysis claims figures coverage report compile_loops commands",
+    "simulation": "experiment statistics runs posterior analysis claims figures coverage report compile_loops commands "
+    "library",
     "recordings": "recording formats rigid markersets joints skeleton one_joint session live export gait view "
     "synthetic case_study library commands live_commands",
 }

@@ -6,10 +6,12 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import study
 from study.fits import registry
+from study.simulation.runs import schemas
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs"))
@@ -99,6 +101,47 @@ def test_the_python_of_the_readme_runs_as_printed(monkeypatch, capsys):
     off = [*fit.center - [10.0, -4.0, 120.0], fit.radius - 25.0] / fit.standard_errors
     assert abs(off).max() < 3.0
     assert "ok" in capsys.readouterr().out
+
+
+TABLES = ROOT / "docs" / "tables.md"
+
+
+def test_the_page_of_tables_has_them_all():
+    """Every table that a run may have stands there, with its columns, which `docs/run_blocks.py` keeps up to date."""
+    text = TABLES.read_text(encoding="utf-8")
+    for name, columns in schemas.declared(3).items():
+        (made,) = re.findall(rf"<!-- made: table_{name} -->\n(.*?)<!-- end -->", text, re.DOTALL)
+        assert re.findall(r"^\| `(\w+)` \|", made, re.MULTILINE) == [column.name for column in columns]
+        assert f"`{name}.parquet`" in text
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """A folder with the run of the page of tables."""
+    folder = tmp_path_factory.mktemp("swept")
+    (text,) = re.findall(r"^```toml\n(.*?)^```", TABLES.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    (folder / "mine.toml").write_text(text, encoding="utf-8")
+    study.run(folder / "mine.toml", folder=folder / "results" / "mine-0")
+    return folder
+
+
+@pytest.mark.parametrize(("package", "language"), [("polars", "python"), ("duckdb", "sql")])
+def test_other_programs_read_the_tables(swept, monkeypatch, package, language):
+    """The page's lines for another program give the medians that pandas gives."""
+    other = pytest.importorskip(package)
+    blocks = re.findall(rf"^```{language}\n(.*?)^```", TABLES.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    (code,) = [block for block in blocks if f"import {package}" in block or language == "sql"]
+    monkeypatch.chdir(swept)
+    if language == "sql":
+        rows = other.sql(code).fetchall()
+    else:
+        printed = []
+        exec(code, {"print": printed.append})
+        rows = printed[0].rows()
+    errors = study.read_run("results/mine-0").errors
+    ratio = (errors["error"] / errors["bound"]).fillna(np.inf)
+    medians = ratio.groupby([errors["angle"], errors["estimator"].astype(str)]).median()
+    assert {row[:2]: row[2] for row in rows} == pytest.approx(medians.to_dict(), rel=1e-12)
 
 
 def test_the_site_lists_every_page():

@@ -303,6 +303,59 @@ ORIGINS: dict[str, Origin] = {}
 _source: list[Origin] = []
 
 
+@dataclass(frozen=True)
+class Registry:
+    """Things of one kind that files and programs may register.
+
+    Attributes:
+        kind: what they are, in a word.
+        call: the function that registers one.
+        origins: of those that are not shipped, by their names.
+        remove: takes one out by its name.
+        tried_on: the data on which one is tried out, in words.
+        fault: tries one out, and says what is wrong with it; empty if nothing is.
+    """
+
+    kind: str
+    call: str
+    origins: dict[str, Origin]
+    remove: Callable[[str], object]
+    tried_on: str
+    fault: Callable[[str], str]
+
+    def enter(self, name: str, origin: Origin, shipped: bool) -> None:
+        """Note the origin of a name; ValueError if the name cannot be used or is taken."""
+        call = f"{self.call}({name!r})"
+        if not re.fullmatch(r"[a-z][a-z0-9_]{0,40}", name) or name == "all":
+            raise ValueError(f"{call}: a name has lower-case letters, digits and underscores, a letter first")
+        before = self.origins.get(name)
+        if shipped or (before is not None and (before.name != origin.name or before.everywhere)):
+            taken = f"by {before.name}" if before is not None else f"by a shipped {self.kind}"
+            raise ValueError(f"{call}: the name is taken {taken}; choose another")
+        self.origins[name] = origin
+
+    def listed(self, names: Iterable[str], key: str) -> list[dict[str, object]]:
+        """The origins of those among some names that are not shipped, as a manifest has them."""
+        by_origin: dict[Origin, list[str]] = {}
+        for name in names:
+            if name in self.origins:
+                by_origin.setdefault(self.origins[name], []).append(name)
+        return [{"from": o.name, "sha256": o.digest, key: names} for o, names in by_origin.items()]
+
+    def only_here(self, names: Iterable[str]) -> list[str]:
+        """Those among some names that worker processes cannot have."""
+        return [name for name in names if name in self.origins and not self.origins[name].everywhere]
+
+
+REGISTRIES: list[Registry] = []
+"""The registries that a file may enter something into."""
+
+
+def source(function: Callable[..., Any]) -> Origin:
+    """The origin of a function that is registered now: the file that is being loaded, or this program."""
+    return _source[-1] if _source else _in_program(function)
+
+
 def register(
     name: str, function: Callable[..., Any], *, needs: str = "", reference: str = "", batched: bool = False
 ) -> None:
@@ -331,21 +384,15 @@ def register(
         raise TypeError(f"register({name!r}): {type(function).__name__} is not a function")
     if needs not in ("", "noise"):
         raise ValueError(f"register({name!r}): needs = {needs!r}: must be 'noise' or left out")
-    origin = _source[-1] if _source else _in_program(function)
+    origin = source(function)
     call = function if batched else SimpleForm(function, needs)
     add(name, Estimator(call, reference, needs), origin)
 
 
 def add(name: str, entry: Estimator, origin: Origin) -> None:
     """Enter an estimator into the registry; ValueError if its name cannot be used or is taken."""
-    if not re.fullmatch(r"[a-z][a-z0-9_]{0,40}", name) or name == "all":
-        raise ValueError(f"register({name!r}): a name has lower-case letters, digits and underscores, a letter first")
-    before = ORIGINS.get(name)
-    if name in ESTIMATORS and (before is None or before.name != origin.name or before.everywhere):
-        taken = f"by {before.name}" if before is not None else "by a shipped estimator"
-        raise ValueError(f"register({name!r}): the name is taken {taken}; choose another")
+    _REGISTRY.enter(name, origin, name in ESTIMATORS and name not in ORIGINS)
     ESTIMATORS[name] = replace(entry, version=origin.digest[:10] or entry.version)
-    ORIGINS[name] = origin
 
 
 def remove(names: Iterable[str]) -> None:
@@ -357,16 +404,12 @@ def remove(names: Iterable[str]) -> None:
 
 def origins(estimators: Iterable[str]) -> list[dict[str, object]]:
     """The origins of those among some estimators that are not shipped, as a manifest has them."""
-    by_origin: dict[Origin, list[str]] = {}
-    for name in estimators:
-        if name in ORIGINS:
-            by_origin.setdefault(ORIGINS[name], []).append(name)
-    return [{"from": o.name, "sha256": o.digest, "estimators": names} for o, names in by_origin.items()]
+    return _REGISTRY.listed(estimators, "estimators")
 
 
 def only_here(estimators: Iterable[str]) -> list[str]:
     """Those among some estimators that worker processes cannot have."""
-    return [name for name in estimators if name in ORIGINS and not ORIGINS[name].everywhere]
+    return _REGISTRY.only_here(estimators)
 
 
 def _in_program(function: Callable[..., Any]) -> Origin:
@@ -399,7 +442,7 @@ def load_installed() -> None:
 
 
 class PluginError(Exception):
-    """A file of estimators that cannot be used; the message says why, in one line."""
+    """A file of one's own that cannot be used; the message says why, in one line."""
 
 
 LIMIT = 60.0
@@ -430,7 +473,7 @@ def in_time(seconds: float) -> Iterator[None]:
 
 
 class PluginFile(NamedTuple):
-    """A file of estimators, with its text: worker processes need not find the file.
+    """A file of one's own, with its text: worker processes need not find the file.
 
     Attributes:
         path: of the file.
@@ -446,21 +489,28 @@ class PluginFile(NamedTuple):
         return Origin(Path(self.path).name, hashlib.sha256(self.text.encode()).hexdigest())
 
 
-_loaded: dict[str, tuple[PluginFile, tuple[str, ...]]] = {}
+_Entry = tuple[str, str]
+"""A kind, and the name of what is registered."""
+_loaded: dict[str, tuple[PluginFile, tuple[_Entry, ...]]] = {}
+
+
+def _registered() -> dict[_Entry, Registry]:
+    """All that is registered and not shipped, with its registry."""
+    return {(one.kind, name): one for one in REGISTRIES for name in one.origins}
 
 
 def load(path: Path) -> tuple[str, ...]:
-    """Load a file of estimators; once is enough, and a file that has changed replaces what it registered before.
+    """Load a file of one's own; once is enough, and a file that has changed replaces what it registered before.
 
     Args:
-        path: a Python file that calls `study.register`.
+        path: a Python file that calls `study.register`, or `study.register_law`.
 
     Returns:
-        The names that it registered.
+        The names of the estimators that it registered.
 
     Raises:
-        PluginError: if it cannot be read, raises, registers nothing, or registers an estimator that answers in the
-            wrong shape. Then nothing of it is registered.
+        PluginError: if it cannot be read, raises, registers nothing, or registers an estimator or a law that answers in
+            the wrong shape. Then nothing of it is registered.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -471,44 +521,58 @@ def load(path: Path) -> tuple[str, ...]:
 
 
 def load_text(plugin: PluginFile, shown: str = "") -> tuple[str, ...]:
-    """Load a file of estimators whose text is known; see `load`.
+    """Load a file of one's own whose text is known; see `load`.
 
     Args:
         plugin: the file.
         shown: its name in messages; its path, if empty.
     """
     shown = shown or plugin.path
-    before, names = _loaded.get(plugin.path, (None, ()))
-    if before == plugin:
-        return names
-    unload(plugin.path)
-    known = set(ORIGINS)
-    _source.append(plugin.origin)
+    before, entries = _loaded.get(plugin.path, (None, ()))
+    if before != plugin:
+        unload(plugin.path)
+        known = _registered()
+        _source.append(plugin.origin)
+        try:
+            _execute(plugin, shown)
+            entries = tuple(entry for entry in _registered() if entry not in known)
+            if not entries:
+                words = "it should call study.register(name, function), or study.register_law for a law"
+                raise PluginError(f"{shown}: registers no estimator; {words}")
+            for entry in entries:
+                _try_out(*entry, shown)
+        except BaseException:
+            _forget(entry for entry in _registered() if entry not in known)
+            raise
+        finally:
+            _source.pop()
+        _loaded[plugin.path] = plugin, entries
+    return tuple(name for kind, name in entries if kind == _REGISTRY.kind)
+
+
+def _try_out(kind: str, name: str, shown: str) -> None:
+    """Try out what a file registered; PluginError if it fails."""
+    one = _registered()[kind, name]
     try:
-        _execute(plugin, shown)
-        names = tuple(name for name in ORIGINS if name not in known)
-        if not names:
-            raise PluginError(f"{shown}: registers no estimator; it should call study.register(name, function)")
-        for name in names:
-            try:
-                with in_time(LIMIT), contextlib.redirect_stdout(sys.stderr):
-                    faults = faults_of(name)
-            except OvertimeError as error:
-                raise PluginError(f"{shown}: {name}: {error} on 20 sound points") from None
-            if len(faults) == 2:
-                raise PluginError(f"{shown}: {name}: fails on 20 sound points: {faults[3]}")
-    except BaseException:
-        remove([name for name in ORIGINS if name not in known])
-        raise
-    finally:
-        _source.pop()
-    _loaded[plugin.path] = plugin, names
-    return names
+        with in_time(LIMIT), contextlib.redirect_stdout(sys.stderr):
+            fault = one.fault(name)
+    except OvertimeError as error:
+        raise PluginError(f"{shown}: {name}: {error} on {one.tried_on}") from None
+    if fault:
+        raise PluginError(f"{shown}: {name}: fails on {one.tried_on}: {fault}")
+
+
+def _forget(entries: Iterable[_Entry]) -> None:
+    """Take entries out of their registries."""
+    registries = _registered()
+    for entry in list(entries):
+        if entry in registries:
+            registries[entry].remove(entry[1])
 
 
 def unload(path: str) -> None:
-    """Forget a file, and take the estimators that it registered out of the registry."""
-    remove(_loaded.pop(path, (None, ()))[1])
+    """Forget a file, and take out what it registered."""
+    _forget(_loaded.pop(path, (None, ()))[1])
 
 
 def loaded() -> tuple[tuple[str, str], ...]:
@@ -529,6 +593,16 @@ def faults_of(name: str) -> dict[int, str]:
         except (Exception, SystemExit) as error:
             faults[d] = one_line(error)
     return {d: fault for d, fault in faults.items() if fault}
+
+
+def _fault(name: str) -> str:
+    """What goes wrong with an estimator on sound points in the plane and in space alike."""
+    faults = faults_of(name)
+    return faults[3] if len(faults) == 2 else ""
+
+
+_REGISTRY = Registry("estimator", "register", ORIGINS, lambda name: remove([name]), "20 sound points", _fault)
+REGISTRIES.append(_REGISTRY)
 
 
 def sound_samples(d: int, sets: int = 2, n: int = 20) -> Samples:

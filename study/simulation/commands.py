@@ -265,22 +265,36 @@ def estimators() -> None:
     echo(columns(rows, ["estimator", "FLOPs per sample (3-D)", "needs", "from"]))
 
 
+def laws() -> None:
+    """List the laws of noise, directions, outliers and coordinates that a config may name."""
+    from study.simulation.experiment.laws import LAWS, PLAIN, written
+
+    rows = [[word, kind, "where no other is named"] for kind, word in PLAIN.items() if word not in LAWS]
+    rows += [[written(name, law.example), law.kind, law.sentence] for name, law in LAWS.items()]
+    echo(columns(sorted(rows, key=lambda row: [*PLAIN].index(row[1])), ["law", "of", ""]))
+
+
 def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Python file with estimators of your own")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Python file with estimators or laws of your own")],
     limit: Annotated[
         float, typer.Option("--limit", metavar="SECONDS", min=0.1, help="time in which a single fit should be done")
     ] = 60.0,
 ) -> None:
-    """Check the properties that an estimator should have.
+    """Check the estimators and the laws of a file.
 
-    These are equivariance, exactness without noise and the like. Each violation is described (exit code 1); a fit that
-    does not return in time is one. What the file prints goes to standard error.
+    Of estimators these are equivariance, exactness without noise and the like; of laws, that a trial has the same
+    numbers again, and alone. Each violation is described (exit code 1); a fit that does not return in time is one. What
+    the file prints goes to standard error.
     """
     from study.fits.check import check_file, printed
+    from study.simulation.experiment.laws import check as check_law
+    from study.simulation.experiment.laws import laws_of
 
     result = check_file(file, limit=limit)
     echo(printed(result))
-    if any(report.violations for report in result):
+    checked = [check_law(name) for name in laws_of(file.name)]
+    echo(line for violations, lines in checked for line in (*violations, *lines))
+    if any(report.violations for report in result) or any(violations for violations, _ in checked):
         raise typer.Exit(ExitCode.FAILURE)
 
 
@@ -470,7 +484,7 @@ def _load(paths: list[Path] | None) -> list[Path] | None:
     return paths
 
 
-_HELP = "Python file with estimators of your own; may be given several times"
+_HELP = "Python file with estimators or laws of your own; may be given several times"
 Plugins = Annotated[
     list[Path] | None, typer.Option("--plugin", metavar="FILE", help=_HELP, is_eager=True, callback=_load)
 ]

@@ -9,6 +9,7 @@ Cramér-Rao and at the attainable bound. A user chooses rows; of these as many a
 """
 
 import math
+import re
 from collections.abc import Collection, Container, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -242,6 +243,8 @@ def medians_at_bounds(study: Study, row: RowValues) -> tuple[float, float]:
 
 _SHOWN = 12
 """Values that a message lists."""
+_COMMA = re.compile(r",(?![^()]*\))")
+"""A comma that is not between the numbers of a law."""
 _SAME = 1e-3
 """Medians that differ by less than this share are printed alike."""
 
@@ -264,7 +267,7 @@ def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = No
         words = f"not in this run; {estimator_remedy(unknown, run.study.estimators)}"
         raise ValueError(f"--estimators {', '.join(unknown)}: {words}")
     wanted: dict[Condition, list[Value]] = {}
-    for text in (part.strip() for words in where for part in words.split(",")):
+    for text in (part.strip() for words in where for part in _COMMA.split(words)):
         key, equals, value = map(str.strip, text.partition("="))
         if not equals or not value:
             raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
@@ -378,7 +381,7 @@ def _value(condition: Condition, text: str) -> Value:
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or not condition.allowed(value):
-        raise ValueError(f"--where {condition.name}={text}: must be {condition.rule}")
+        raise ValueError(f"--where {condition.name}={text}: must be {condition.must_be}")
     return value
 
 
@@ -483,7 +486,8 @@ def _legend(frame: pd.DataFrame, named: list[Condition]) -> str:
     if np.isfinite(frame["decade"].iloc[0]):
         first = int(frame["decade"].iloc[0])
         return f"{NOISE_OVER_RADIUS.symbol} = 1e{first:+03d} …: the trials with σ/r from 1e{first:+03d} to ten times it"
-    return "; ".join(f"{c.symbol}: {c.meaning.removesuffix(f' {c.symbol}')}" for c in named)
+    end = {c: "" if c.symbol == c.name else f" {c.symbol}" for c in named}  # law of the directions
+    return "; ".join(f"{c.symbol}: {c.meaning.removesuffix(end[c])}" for c in named)
 
 
 def _conditions(row: RowValues, named: list[Condition]) -> str:

@@ -62,6 +62,18 @@ def save(run: Run, claims: pd.DataFrame) -> None:
         run.record("claims")
 
 
+def judged(claims: pd.DataFrame) -> bool:
+    """True if any claim has a verdict."""
+    return bool((claims["verdict"] != Verdict.NOT_EVALUATED).any())
+
+
+def needs(claims: pd.DataFrame) -> str:
+    """The runs that claims need, in words."""
+    reads = [read for text in claims["reads"] for read in text.split(", ")]
+    names = dict.fromkeys(name for name, _, table in (read.partition("/") for read in reads) if table)
+    return f"they need runs of {', '.join(names)}, as `make paper` makes them" if names else "they need other tables"
+
+
 def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, object]:
     """The claims for other programs: names of the runs, counts of the verdicts, and a mapping per claim."""
     counts = claims["verdict"].value_counts()
@@ -73,7 +85,13 @@ def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, object]:
 
 
 def printed(claims: pd.DataFrame) -> Iterator[str]:
-    """The claims for a terminal: a line per claim, one per number below it, and the count of each verdict."""
+    """The claims for a terminal: a line per claim, one per number below it, and the count of each verdict.
+
+    Claims of which none can be judged are one line that says what they need.
+    """
+    if not judged(claims):
+        yield f"{len(claims)} claims of the paper, none of which these runs can judge: {needs(claims)}"
+        return
     heads = [
         [str(number), f"{'§' * str(section)[0].isdigit()}{section}", str(verdict).upper(), str(statement)]
         for number, section, verdict, statement in claims[["number", "section", "verdict", "statement"]].to_numpy()

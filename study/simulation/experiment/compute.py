@@ -25,7 +25,8 @@ from study.fits.samples import blank
 from study.simulation.experiment.conditions import CONDITIONS, Value
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell
-from study.simulation.experiment.noise import GaussianNoise, departures, place_directions
+from study.simulation.experiment.laws import COORDINATES, DIRECTIONS, PLAIN, cell_noise, changed
+from study.simulation.experiment.noise import GaussianNoise, Trials
 
 Array = Callable[[str, tuple[int, ...]], Floats]
 """Makes an array of a name and shape, with any content."""
@@ -102,11 +103,14 @@ class Draws:
 
     def place(self, level: Cell, array: Array = new) -> Samples:
         """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
-        noise = self.unit_noise
-        for step, numbers in departures({"angle": level.angle} | dict(level.further)):
-            noise = step(noise, self.directions, self.further, *numbers)
-        points = array("points", noise.shape)
-        form(self.directions, noise, np.array(level.center), float(level.radius), float(level.noise), points)
+        values = level.values
+        trials = Trials(self.unit_noise, self.directions, math.radians(level.angle), self.further)
+        noise = cell_noise(trials, values)
+        points, center, radius = array("points", noise.shape), np.array(level.center), float(level.radius)
+        form(self.directions, noise, center, radius, float(level.noise), points)
+        if (law := str(values["coordinates"])) != PLAIN[COORDINATES]:
+            about = trials._replace(values=(points - center[:, None]) / radius)
+            points[...] = center[:, None] + radius * changed(COORDINATES, law, about)
         return Samples(points, self.law.given(level.stated_noise))
 
     def unit_bound(self) -> Floats:
@@ -131,7 +135,9 @@ def draw(study: Study, batch: Batch, array: Array = new) -> Draws:
         directions, normals = directions[used], normals[used]
     law = study.noise_law
     draws = Draws(batch, study.seed, directions, law.unit_noise(normals), law)
-    place_directions(cell.directions, angle, directions, draws.further)
+    if cell.directions != PLAIN[DIRECTIONS]:
+        drawn = Trials(directions, directions, angle, draws.further)
+        directions[...] = changed(DIRECTIONS, cell.directions, drawn)
     return draws
 
 

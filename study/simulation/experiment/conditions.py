@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, S
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from study.simulation.experiment import noise
+from study.simulation.experiment import laws
 from study.toml import Frozen, Listed
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ class Condition:
         in_full: the longer meaning that the error table has; the same as elsewhere, if empty.
         unit: of its column: length, degree, or none.
         allowed: true for the values that may be given.
-        rule: the values allowed, in words.
+        rule: the values allowed, in words; made from the registry, if the values are laws.
+        laws: kind of the laws that its values are, as `study.simulation.experiment.laws` has it; empty for others.
         kind: of its values: int, float or str.
         default: its value where a config gives none; without a default, a config must give it or its alternative.
         alternative: another condition that a config may give instead of it.
@@ -67,7 +68,8 @@ class Condition:
     in_full: str = ""
     unit: str = ""
     allowed: Callable[[Any], bool]
-    rule: str
+    rule: str = ""
+    laws: str = ""
     kind: type[int] | type[float] | type[str] = float
     default: Value | None = None
     alternative: str = ""
@@ -86,6 +88,11 @@ class Condition:
     def holds(self, value: object) -> bool:
         """True if a value is of its kind: a word, or a number that floating point can hold."""
         return isinstance(value, str) if self.kind is str else is_number(value)
+
+    @property
+    def must_be(self) -> str:
+        """The values allowed, in words."""
+        return laws.rule(self.laws) if self.laws else self.rule
 
     def of(self, row: RowValues) -> Any:
         """Its value in a row of a table, or among the values of a cell."""
@@ -111,6 +118,13 @@ def is_number(value: object) -> bool:
 _placing = partial(Condition, by_moments=True, by_posterior=True)
 """Makes a condition of the sphere and of the placing of its points, of which all routes take account."""
 _silent = partial(Condition, silent=True)
+
+
+def _of_laws(kind: str, **others: Any) -> Condition:
+    """Make a condition whose values are the laws of a kind."""
+    words: dict[str, Any] = {"kind": str, "default": laws.PLAIN[kind], "allowed": partial(laws.is_law, kind)}
+    return _silent(laws=kind, **words, **others)
+
 
 SAMPLES = _placing(
     name="samples",
@@ -175,15 +189,12 @@ CENTER = _placing(
     rule="at least 0: the distance of the centre from the origin",
     default=0.0,
 )
-LAW = _silent(
+LAW = _of_laws(
+    laws.NOISE,
     name="law",
     symbol="law",
     meaning="law of the noise",
     in_full="law of the noise, of covariance σ² I; radial, rim and form depend on the direction (docs/robustness.md)",
-    allowed=noise.is_law,
-    rule=noise.RULE,
-    kind=str,
-    default=noise.NORMAL,
 )
 OUTLIER_SHARE = _silent(
     name="outlier_share",
@@ -200,12 +211,10 @@ OUTLIER_SIZE = _silent(
     meaning="distance by which outliers are displaced, in units of σ",
     allowed=lambda v: v > 0,
     rule="above 0, in units of σ",
-    default=noise.SIZE,
+    default=laws.SIZE,
     digits=4,
     mark="σ",
 )
-DEPARTURES = (LAW, OUTLIER_SHARE, OUTLIER_SIZE)
-"""The conditions that make the noise other than normal."""
 STATED_VARIANCE = _silent(
     name="stated_variance",
     symbol="σ̂²/σ²",
@@ -215,21 +224,35 @@ STATED_VARIANCE = _silent(
     default=1.0,
     digits=4,
 )
-DIRECTIONS = _silent(
+DIRECTIONS = _of_laws(
+    laws.DIRECTIONS,
     name="directions",
     symbol="directions",
     meaning="law of the directions",
     in_full="law of the directions: uniform by area or by the polar angle, equally spaced, or a path",
-    allowed=lambda v: v in noise.DIRECTIONS,
-    rule=noise.DIRECTIONS_RULE,
-    kind=str,
-    default=noise.AREA,
     own_draws=True,
     by_moments=True,
 )
+OUTLIER_LAW = _of_laws(
+    laws.OUTLIERS,
+    name="outlier_law",
+    symbol="law of outliers",
+    meaning="law by which outliers are displaced",
+    in_full="law by which outliers are displaced: by outlier_size in any direction, or as the word says",
+)
+COORDINATES = _of_laws(
+    laws.COORDINATES,
+    name="coordinates",
+    symbol="coordinates",
+    meaning="change of the coordinates that are measured",
+    in_full="change of the coordinates that are measured: none, or rounded to a grid",
+)
+DEPARTURES = (LAW, OUTLIER_SHARE, OUTLIER_SIZE, OUTLIER_LAW, COORDINATES)
+"""The conditions that make the noise other than normal."""
 
 _PLACING = (SAMPLES, NOISE, NOISE_OVER_RADIUS, ANGLE, RADIUS, CENTER)
-CONDITIONS = {c.name: c for c in (*_PLACING, *DEPARTURES, STATED_VARIANCE, DIRECTIONS)}
+_FURTHER = (LAW, OUTLIER_SHARE, OUTLIER_SIZE, STATED_VARIANCE, DIRECTIONS, OUTLIER_LAW, COORDINATES)
+CONDITIONS = {c.name: c for c in (*_PLACING, *_FURTHER)}
 """Every condition by its name, in the order of keys, columns and labels. A new one is appended."""
 
 STORED = tuple(c for c in CONDITIONS.values() if c.stored)

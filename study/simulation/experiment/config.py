@@ -38,6 +38,7 @@ from pydantic import (
 
 from study.fits import ESTIMATORS
 from study.fits.samples import Worded
+from study.simulation.experiment import laws
 from study.simulation.experiment.conditions import CONDITIONS, LAWS, STORED, Condition, Value
 from study.simulation.experiment.designs import (
     MAX_CELLS,
@@ -50,7 +51,7 @@ from study.simulation.experiment.designs import (
     RandomDesign,
     as_list,
 )
-from study.simulation.experiment.noise import MOST_SPACED, PATH, SPACED, GaussianNoise, gaussian
+from study.simulation.experiment.noise import GaussianNoise, gaussian
 from study.text import did_you_mean, listed
 from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
 from study.words import estimator_remedy
@@ -304,10 +305,20 @@ class Study(Frozen):
         left_out: dict[str, Any] = dict.fromkeys(("posterior", "tolerate_failures"), True) | {"precision": {"seconds"}}
         return self.model_dump_json(exclude=left_out | dict.fromkeys(self._unused(), True))
 
+    def own_laws(self) -> list[str]:
+        """Names of the laws of a user's own that the design has."""
+        given = [(c, self.design.values(c) or ()) for c in CONDITIONS.values() if c.laws]
+        words = [(condition.laws, str(value)) for condition, values in given for value in values]
+        return laws.own(words)
+
     def stem(self) -> str:
-        """The entries that determine a row besides its cell, trial and estimator, as JSON: the seed, for example."""
+        """The entries that determine a row besides its cell, trial and estimator, as JSON: the seed, for example.
+
+        The code of a law of a user's own is one of them, by its digest.
+        """
         left_out = {"posterior", "precision", "tolerate_failures", "name", "design", "estimators", "keep_points"}
-        return self.model_dump_json(exclude={*left_out, *self._unused()})
+        own = " ".join(f"{name}@{laws.ORIGINS[name].digest}" for name in self.own_laws())
+        return self.model_dump_json(exclude={*left_out, *self._unused()}) + own
 
     def _unused(self) -> set[str]:
         """Newer entries that are at their defaults; they are left out, so that older configs keep their digest."""
@@ -343,7 +354,14 @@ def parse(text: str, source: str = "config") -> Study:
     if study is not None and study.cells() > MAX_CELLS:
         faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
-        for check in (_departure_faults, _neglect_faults, _level_faults, _posterior_faults, _precision_faults):
+        for check in (
+            _departure_faults,
+            _law_faults,
+            _neglect_faults,
+            _level_faults,
+            _posterior_faults,
+            _precision_faults,
+        ):
             faults += check(study)
     if faults or study is None:
         raise ConfigError.listing(source, text, faults)
@@ -405,12 +423,29 @@ def _departure_faults(study: Study) -> Iterator[Fault]:
     given = study.design.given()
     if "law" in given and study.noise_shape is not None:
         yield Fault(("noise_shape",), "is the covariance of normal noise: take law out of the design")
-    if "outlier_size" in given and "outlier_share" not in given:
-        words = "has no effect without outlier_share, the probability of an outlier"
+    for name in ("outlier_size", "outlier_law"):
+        if name in given and "outlier_share" not in given:
+            yield Fault(("design", name), "has no effect without outlier_share, the probability of an outlier")
+    outlier_laws = study.design.values(CONDITIONS["outlier_law"]) or ()
+    if "outlier_size" in given and laws.PLAIN[laws.OUTLIERS] not in outlier_laws:
+        words = f"has no effect: the numbers of outlier_law = {', '.join(map(str, outlier_laws))} say how far"
         yield Fault(("design", "outlier_size"), words)
-    if study.dimension > MOST_SPACED and {SPACED, PATH} & set(study.design.values(CONDITIONS["directions"]) or ()):
-        words = f"{SPACED} and {PATH} are directions of circles and spheres, not of dimension {study.dimension}"
-        yield Fault(("design", "directions"), words)
+
+
+def _law_faults(study: Study) -> Iterator[Fault]:
+    """Find laws that there are not in the study's dimension, and laws of a user's own that fail on three trials."""
+    for condition in CONDITIONS.values():
+        words = [str(value) for value in study.design.values(condition) or ()] if condition.laws else []
+        named = [law for word in words if (law := laws.law_of(condition.laws, word)) is not None]
+        if any(law.most_dimension < study.dimension for law, _ in named):
+            flat = [
+                n for n, law in laws.LAWS.items() if law.kind == condition.laws and math.isfinite(law.most_dimension)
+            ]
+            reason = f"{' and '.join(flat)} are {condition.laws} of circles and spheres, not of dimension"
+            yield Fault(("design", condition.name), f"{reason} {study.dimension}")
+        for word in words:
+            if fault := laws.tried(word, condition.laws, study.dimension):
+                yield Fault(("design", condition.name), f"fails on three sound trials: {fault}", word)
 
 
 _LIKELIHOODS = "its likelihoods, of normal noise of the true σ and directions by area, take no account of"

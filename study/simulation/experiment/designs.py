@@ -160,11 +160,11 @@ def _expanded(condition: Condition, given: Any) -> tuple[Value, ...]:
     if isinstance(given, dict) and condition.kind is int:
         values = [float(round(v)) if math.isfinite(v) else v for v in values]
     if not values:
-        raise ValueError(f"the list is empty; give at least one value, each {condition.rule}")
+        raise ValueError(f"the list is empty; give at least one value, each {condition.must_be}")
     wrong = [v for v in values if not condition.holds(v) or not condition.allowed(v)]
     if wrong:
         listed = ", ".join(shorten(v) for v in wrong[:5]) + (", …" if len(wrong) > 5 else "")
-        raise ValueError(f"{listed} not allowed: every value must be {condition.rule}")
+        raise ValueError(f"{listed} not allowed: every value must be {condition.must_be}")
     if condition.kind is float:
         values = [v + 0.0 for v in values]  # -0.0 is 0.0
     result: tuple[Value, ...] = tuple(map(condition.kind, values))
@@ -203,7 +203,7 @@ def _within(condition: Condition, given: Distribution) -> Distribution:
         values = values[1:]
     wrong = [f"{v:.12g}" for v in dict.fromkeys(values) if not condition.allowed(v)]
     if wrong:
-        raise ValueError(f"{' and '.join(wrong)} not allowed: every value must be {condition.rule}")
+        raise ValueError(f"{' and '.join(wrong)} not allowed: every value must be {condition.must_be}")
     return given
 
 

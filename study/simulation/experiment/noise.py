@@ -1,24 +1,14 @@
-"""Laws of the noise: Gaussian ones with their bounds, and the steps that lead from normal noise to another kind.
+"""The mechanisms that ship: laws of directions, of noise, of outliers and of coordinates, and the Gaussian bound.
 
-A Gaussian law has any covariance. A step is a function that replaces normal noise by noise of another law, or adds
-outliers. It takes
-
-- the noise at σ = 1 (b, d, n): standard normal numbers, if no other step came before; it gives fresh memory;
-- unit vectors of the samples (b, d, n), with the height 1 - u₁ in place of u₁;
-- a function that draws further random numbers of the same trials (`Further`), from streams of their own, so that a step
-  changes no other number;
-- the half-angle of the cap in radians;
-- its own numbers, such as the degrees of freedom.
-
-Laws of the directions stand at the end: uniform by area on the cap unless a config says otherwise.
+Gaussian noise of any covariance is a class with its bound. Every other law is a function that gives its answer for the
+trials of a batch (`Trials`), and takes its numbers after them; `study.simulation.experiment.laws` lists them by name.
 """
 
 import math
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -34,8 +24,40 @@ Further = Callable[[Name, Callable[[np.random.Generator, int], Floats]], Floats]
 Its arguments are the last part of the names of the streams, which distinguishes these numbers from others, and a
 function that gives numbers of so many trials (trials, …) from a generator; see `Draws.further`.
 """
-Step = Callable[..., Floats]
-"""A step that turns noise at σ = 1 into noise of another law."""
+
+
+class Trials(NamedTuple):
+    """Trials of a batch, as a law sees them.
+
+    Attributes:
+        values: numbers that the law changes (b, d, n), in fresh memory: for noise and outliers the noise at σ = 1,
+            which is standard normal if no other law came before; for directions those by area, as ``heights``; for
+            coordinates the points about the true centre, in units of the radius.
+        heights: unit vectors of the samples (b, d, n), with the height 1 - u₁ in place of u₁.
+        half_angle: φ, the half-angle of the cap in radians.
+        further: draws further random numbers, from streams of their own, so that a law changes no other number.
+    """
+
+    values: Floats
+    heights: Floats
+    half_angle: float
+    further: Further
+
+    @property
+    def directions(self) -> Floats:
+        """Unit vectors of the samples (b, d, n)."""
+        u = self.heights.copy()
+        np.subtract(1.0, u[:, 0], out=u[:, 0])
+        return u
+
+    def only(self, trial: int) -> "Trials":
+        """One of the trials, by its place."""
+        part = slice(trial, trial + 1)
+
+        def further(kind: Name, numbers: Callable[[np.random.Generator, int], Floats]) -> Floats:
+            return self.further(kind, numbers)[part]
+
+        return Trials(self.values[part], self.heights[part], self.half_angle, further)
 
 
 @dataclass(frozen=True)
@@ -113,249 +135,181 @@ def _bound(directions: Floats, weights: Floats) -> Floats:
     return bound_from_scatter(sums, mean, scatter)
 
 
-def laplace(noise: Floats, directions: Floats, further: Further, half_angle: float) -> Floats:
+def laplace(trials: Trials) -> Floats:
     """Independent coordinates of density e^{-√2 |x|}/√2: variance 1, excess kurtosis 3.
 
     The law of a sample is not the same in every direction: it reaches farther along the axes. The quantile of a normal
     number z in this law is -sign(z) (ln 2 + ln Φ(-|z|))/√2, which is exact in the tails.
     """
-    return np.asarray(-np.sign(noise) * (math.log(2.0) + scipy.special.log_ndtr(-np.abs(noise))) * math.sqrt(0.5))
+    z = trials.values
+    return np.asarray(-np.sign(z) * (math.log(2.0) + scipy.special.log_ndtr(-np.abs(z))) * math.sqrt(0.5))
 
 
-def uniform(noise: Floats, directions: Floats, further: Further, half_angle: float) -> Floats:
+def uniform(trials: Trials) -> Floats:
     """Independent coordinates uniform on [-√3, √3]: variance 1, excess kurtosis -6/5.
 
     The law of a sample is not the same in every direction: it fills a cube along the axes. The quantile of a normal
     number z in this law is √3 (2Φ(z) - 1) = √3 erf(z/√2).
     """
-    return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * noise))
+    return np.asarray(math.sqrt(3.0) * scipy.special.erf(math.sqrt(0.5) * trials.values))
 
 
-def student(noise: Floats, directions: Floats, further: Further, half_angle: float, freedom: float) -> Floats:
+def student(trials: Trials, freedom: float) -> Floats:
     """Multivariate t noise of ν > 2 degrees of freedom, scaled to the covariance I; below there is none.
 
     The coordinates of a sample share one χ² number of ν degrees of freedom: z √((ν - 2)/χ²). So its law is the same in
     every direction, and a sample is far off in all coordinates together. Each coordinate is a t number times
     √((ν - 2)/ν), whose excess kurtosis is 6/(ν - 4) for ν > 4 and infinite below.
     """
-    n = noise.shape[2]
-    square = further(("student", freedom), lambda g, trials: g.chisquare(freedom, (trials, n)))
+    n = trials.values.shape[2]
+    square = trials.further(("student", freedom), lambda g, count: g.chisquare(freedom, (count, n)))
     square /= freedom - 2.0
-    return noise / np.sqrt(square)[:, None]
+    return trials.values / np.sqrt(square)[:, None]
 
 
-def radial(noise: Floats, directions: Floats, further: Further, half_angle: float) -> Floats:
+def radial(trials: Trials) -> Floats:
     """Noise along the radius alone, (u·z) u: a sample is at c + (r + σ ε) u, ε a standard normal number.
 
     Its covariance is σ² u uᵀ, over a whole sphere σ² I/d on average, so it is not of covariance σ² I. The bound of
     isotropic noise of the same σ holds for it too: only the component along the radius counts there (theory 3.1).
     """
-    u = upright(directions)
-    return np.asarray(np.einsum("bdn,bdn->bn", u, noise)[:, None] * u)
+    u = trials.directions
+    return np.asarray(np.einsum("bdn,bdn->bn", u, trials.values)[:, None] * u)
 
 
-def rim(noise: Floats, directions: Floats, further: Further, half_angle: float, growth: float) -> Floats:
+def rim(trials: Trials, growth: float) -> Floats:
     """Noise that grows to the rim of the cap: σ at its pole, and in proportion to the height up to k σ at its rim.
 
     It is z times 1 + (k - 1) (1 - cos θ)/(1 - cos φ), θ the angle of a sample to the axis.
     """
-    share = directions[:, :1] / (2.0 * math.sin(0.5 * half_angle) ** 2)
-    return np.asarray(noise * (1.0 + (growth - 1.0) * share))
+    share = trials.heights[:, :1] / (2.0 * math.sin(0.5 * trials.half_angle) ** 2)
+    return np.asarray(trials.values * (1.0 + (growth - 1.0) * share))
 
 
-def memory(noise: Floats, directions: Floats, further: Further, half_angle: float, correlation: float) -> Floats:
+def memory(trials: Trials, correlation: float) -> Floats:
     """Noise that remembers: a stationary autoregressive process of order 1 along the samples, of covariance I.
 
     It is yᵢ = ρ yᵢ₋₁ + √(1 - ρ²) zᵢ, begins with y₁ = z₁, and ρ is the correlation of neighbours.
     """
-    steps = noise * math.sqrt(1.0 - correlation**2)
-    steps[:, :, 0] = noise[:, :, 0]
+    steps = trials.values * math.sqrt(1.0 - correlation**2)
+    steps[:, :, 0] = trials.values[:, :, 0]
     return np.asarray(scipy.signal.lfilter([1.0], [1.0, -correlation], steps, axis=2))
 
 
-def form(noise: Floats, directions: Floats, further: Further, half_angle: float, length: float, size: float) -> Floats:
+_COSINES = 300
+
+
+def form(trials: Trials, length: float, size: float) -> Floats:
     """An error of form: distances from the centre differ by a smooth random function of the direction.
 
     The function is a Gaussian process of covariance s² exp(-|u - v|²/2l²), s in units of σ and l in half-angles of the
     cap. It is formed of so many cosines of random frequencies and phases that it is normal to three digits (Rahimi &
     Recht 2008). Each trial has its own.
     """
-    u, (b, d, _) = upright(directions), noise.shape
+    u, noise = trials.directions, trials.values
+    b, d, _ = noise.shape
     kind = ("form", length)
-    waves = further((*kind, "waves"), lambda g, trials: g.standard_normal((trials, _COSINES, d)))
-    phases = further((*kind, "phases"), lambda g, trials: g.uniform(0.0, 2.0 * math.pi, (trials, _COSINES)))
+    waves = trials.further((*kind, "waves"), lambda g, count: g.standard_normal((count, _COSINES, d)))
+    phases = trials.further((*kind, "phases"), lambda g, count: g.uniform(0.0, 2.0 * math.pi, (count, _COSINES)))
     result = np.empty_like(noise)
     for trial in range(b):
-        angle = waves[trial] @ u[trial] / (length * half_angle) + phases[trial, :, None]
+        angle = waves[trial] @ u[trial] / (length * trials.half_angle) + phases[trial, :, None]
         displacement = size * math.sqrt(2.0 / _COSINES) * np.cos(angle).sum(axis=0)
         result[trial] = noise[trial] + displacement * u[trial]
     return result
 
 
-def outliers(
-    noise: Floats, directions: Floats, further: Further, half_angle: float, share: float, size: float
-) -> Floats:
-    """Each sample is displaced with some probability, by a given distance in σ, in a direction uniform on the sphere.
+def any_direction(trials: Trials, size: float) -> Floats:
+    """Displacements by a given distance in σ, in a direction uniform on the sphere.
 
-    The covariance of a sample grows by share × size² σ²/d I. Studies that differ in share or size alone displace in the
-    same directions, and the outliers of a smaller share are among those of a larger one: a sample is one where a
-    uniform number of its own is below the share.
+    With them the covariance of a sample grows by share × size² σ²/d I. Outliers of other sizes have the same
+    directions.
     """
-    _, d, n = noise.shape
-    number = further(("outliers", "choice"), lambda g, trials: g.random((trials, n)))
-    away = further(("outliers", "direction"), lambda g, trials: g.standard_normal((trials, d, n)))
-    length = np.where(number < share, size, 0.0) / np.sqrt(np.einsum("bdn,bdn->bn", away, away))
-    return np.asarray(noise + length[:, None] * away)
+    _, d, n = trials.values.shape
+    away = trials.further(("outliers", "direction"), lambda g, count: g.standard_normal((count, d, n)))
+    return np.asarray((size / np.sqrt(np.einsum("bdn,bdn->bn", away, away)))[:, None] * away)
 
 
-_COSINES = 300
+def along_radius(trials: Trials, least: float, most: float) -> Floats:
+    """Displacements along the radius, inwards or outwards alike, by a distance uniform between two in σ."""
+    n = trials.values.shape[2]
+    number = trials.further(("outliers", "radius"), lambda g, count: g.uniform(-1.0, 1.0, (count, n)))
+    return np.asarray((np.sign(number) * (least + (most - least) * np.abs(number)))[:, None] * trials.directions)
 
 
-def upright(directions: Floats) -> Floats:
-    """Unit vectors (b, d, n) of directions that have the height 1 - u₁ in place of u₁."""
-    u = directions.copy()
-    np.subtract(1.0, u[:, 0], out=u[:, 0])
-    return u
+def outliers(trials: Trials, share: float, displacement: Floats) -> Floats:
+    """Noise in which each sample is displaced with some probability.
 
-
-class Law(NamedTuple):
-    """A law of the noise besides the normal one.
-
-    Attributes:
-        step: from normal noise to this law.
-        numbers: how many its word has, each above 0.
-        below, above: limits of its first number, neither of which it may have.
-        excess_kurtosis: of a coordinate, from its numbers; None unless the covariance is σ² I.
-    """
-
-    step: Step
-    numbers: int = 0
-    above: float = 0.0
-    below: float = math.inf
-    excess_kurtosis: Callable[..., float] | None = None
-
-
-NORMAL = "normal"
-RADIAL = "radial"
-LAWS = {
-    "laplace": Law(laplace, excess_kurtosis=lambda: 3.0),
-    "uniform": Law(uniform, excess_kurtosis=lambda: -1.2),
-    "student": Law(student, 1, above=2.0, excess_kurtosis=lambda nu: 6.0 / (nu - 4.0) if nu > 4.0 else math.inf),
-    RADIAL: Law(radial),
-    "rim": Law(rim, 1),
-    "memory": Law(memory, 1, below=1.0),
-    "form": Law(form, 2),
-}
-"""The laws besides the normal one, by the word before their numbers."""
-RULE = (
-    f"{NORMAL}, laplace, uniform, student(ν) with ν above 2, such as student(5), {RADIAL}, rim(k), memory(ρ) with ρ "
-    "below 1, or form(length, size)"
-)
-SIZE = 10.0
-"""Length of an outlier's displacement in units of σ, where a config gives none."""
-
-
-def law_of(word: str) -> tuple[Law, list[float]] | None:
-    """The law that a word names, and its numbers; None for the normal one, and for a word that is written as no law is.
-
-    A number has one way of writing, so that a law has one name: ``student(5)``, not ``student(5.0)``.
-    """
-    match = re.fullmatch(r"([a-z]+)(?:\(([0-9.e+-]+(?:, [0-9.e+-]+)*)\))?", word)
-    if match is None or match[1] not in LAWS:
-        return None
-    try:
-        numbers = [float(number) for number in match[2].split(", ")] if match[2] else []
-    except ValueError:
-        return None
-    law, written = LAWS[match[1]], f"({', '.join(f'{number:g}' for number in numbers)})" if numbers else ""
-    known = word == match[1] + written and all(0.0 < v < math.inf for v in numbers) and len(numbers) == law.numbers
-    return (law, numbers) if known and all(law.above < v < law.below for v in numbers[:1]) else None
-
-
-def freedom(word: str) -> float | None:
-    """The degrees of freedom ν of ``student(ν)``; None for another word, or if ν is not above 2."""
-    law, numbers = law_of(word) or (None, [])
-    return numbers[0] if law is LAWS["student"] else None
-
-
-def excess_kurtosis(word: str) -> float:
-    """The excess kurtosis of a coordinate, larger with heavier tails; not a number unless the covariance is σ² I."""
-    law, numbers = law_of(word) or (None, [])
-    if law is None or law.excess_kurtosis is None:
-        return 0.0 if word == NORMAL else math.nan
-    return law.excess_kurtosis(*numbers)
-
-
-def has_equal_covariance(word: str) -> bool:
-    """True if a word names a law of covariance σ² I."""
-    return not math.isnan(excess_kurtosis(word))
-
-
-def is_law(word: str) -> bool:
-    """True if a word names a law."""
-    return word == NORMAL or law_of(word) is not None
-
-
-def departures(conditions: Mapping[str, Any]) -> list[tuple[Step, list[float]]]:
-    """The steps that lead from normal noise to that of a cell: another law, then outliers; none for normal noise.
+    The outliers of a smaller share are among those of a larger one: a sample is one where a uniform number of its own
+    is below the share.
 
     Args:
-        conditions: values of the conditions ``angle``, ``law``, ``outlier_share`` and ``outlier_size``, as far as they
-            are not at their defaults; others do not matter.
-
-    Returns:
-        Each step with its last arguments, the half-angle and the numbers.
+        trials: with noise.
+        share: the probability.
+        displacement: of each sample, if it is an outlier (b, d, n).
     """
-    half_angle, steps = math.radians(conditions.get("angle", 180.0)), []
-    if (law := law_of(conditions.get("law", NORMAL))) is not None:
-        steps.append((law[0].step, [half_angle, *law[1]]))
-    if (share := conditions.get("outlier_share", 0.0)) > 0.0:
-        steps.append((outliers, [half_angle, share, conditions.get("outlier_size", SIZE)]))
-    return steps
+    number = trials.further(("outliers", "choice"), lambda g, count: g.random((count, trials.values.shape[2])))
+    return np.asarray(trials.values + np.where((number < share)[:, None], displacement, 0.0))
 
 
-AREA, POLAR, SPACED, PATH = DIRECTIONS = ("area", "polar", "spaced", "path")
-DIRECTIONS_RULE = "area, polar or, in two and three dimensions, spaced or path"
-MOST_SPACED = 3
-"""Largest dimension in which there are spaced directions, and paths."""
-_SWINGS, _TURN = 3, 0.31
-"""A path swings so many times through the pole, and turns so many radians for each of its own."""
+def _heights(angle: Floats, across: Floats, shape: tuple[int, ...]) -> Floats:
+    """Unit vectors at an angle to the first axis, with the height 1 - u₁ in place of u₁.
+
+    Args:
+        angle: of each sample, in radians (b, n) or (n,).
+        across: unit vectors across the axis (b, d - 1, n), or (d - 1, n), or 1 in the plane.
+        shape: of the answer (b, d, n).
+    """
+    result = np.empty(shape)
+    result[:, 1:] = across
+    result[:, 1:] *= np.sin(angle)[..., None, :]
+    result[:, 0] = 2.0 * np.sin(0.5 * angle) ** 2
+    return result
+
+
+def polar(trials: Trials) -> Floats:
+    """Directions whose angle to the first axis is uniform, so that samples crowd about it."""
+    _, d, n = shape = trials.values.shape
+    angle = trials.half_angle * trials.further(("directions", "polar"), lambda g, count: g.random((count, n)))
+    normals = trials.further(("directions", "across"), lambda g, count: g.standard_normal((count, d - 1, n)))
+    return _heights(angle, normals / np.linalg.norm(normals, axis=1, keepdims=True), shape)
+
+
 _GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 
 
-def place_directions(law: str, half_angle: float, directions: Floats, further: Further) -> None:
-    """Replace directions, which are uniform by area on a cap, by those of another law.
+def spaced(trials: Trials) -> Floats:
+    """Equally spaced directions, the same in every trial.
 
-    With ``polar`` the angle to the first axis is uniform, so that samples crowd about it. With ``spaced`` the
-    directions are equally spaced and the same in every trial: in a plane they divide the arc, both ends included, or
-    the whole circle; in space they lie on a spiral of equal areas, each turned from the one before by the golden angle
-    (González 2010). With ``path`` they follow each other as those of a marker do: they swing through the axis, from rim
-    to rim, in a plane that turns slowly.
-
-    Args:
-        law: one of `DIRECTIONS`.
-        half_angle: φ in radians.
-        directions: receives unit vectors (b, d, n), with the height 1 - u₁ in place of u₁.
-        further: draws further random numbers of the same trials.
+    In a plane they divide the arc, both ends included, or the whole circle; in space they lie on a spiral of equal
+    areas, each turned from the one before by the golden angle (González 2010).
     """
-    if law == AREA:
-        return
-    _, d, n = directions.shape
-    across = directions[:, 1:]
-    if law == POLAR:
-        angle = half_angle * further(("directions", "polar"), lambda g, trials: g.random((trials, n)))
-        normals = further(("directions", "across"), lambda g, trials: g.standard_normal((trials, d - 1, n)))
-        across[...] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    elif law == PATH:
-        time = 2.0 * math.pi * _SWINGS * (np.arange(n) + 0.5) / n
-        angle = half_angle * np.sin(time)
-        across[...] = [np.cos(_TURN * time), np.sin(_TURN * time)] if d == 3 else 1.0
-    elif d == 2:
-        gaps = n if half_angle == math.pi else n - 1  # a whole circle ends where it begins
-        angle = half_angle * (2.0 * np.arange(n) / gaps - 1.0)
-        across[...] = 1.0
-    else:
-        angle = 2.0 * np.arcsin(math.sin(0.5 * half_angle) * np.sqrt((np.arange(n) + 0.5) / n))
-        across[...] = [np.cos(_GOLDEN_ANGLE * np.arange(n)), np.sin(_GOLDEN_ANGLE * np.arange(n))]
-    across *= np.sin(angle)[..., None, :]
-    directions[:, 0] = 2.0 * np.sin(0.5 * angle) ** 2
+    _, d, n = shape = trials.values.shape
+    if d == 2:
+        gaps = n if trials.half_angle == math.pi else n - 1  # a whole circle ends where it begins
+        return _heights(trials.half_angle * (2.0 * np.arange(n) / gaps - 1.0), np.ones(n), shape)
+    angle = 2.0 * np.arcsin(math.sin(0.5 * trials.half_angle) * np.sqrt((np.arange(n) + 0.5) / n))
+    across = [np.cos(_GOLDEN_ANGLE * np.arange(n)), np.sin(_GOLDEN_ANGLE * np.arange(n))]
+    return _heights(angle, np.array(across), shape)
+
+
+_SWINGS, _TURN = 3, 0.31
+"""A path swings so many times through the pole, and turns so many radians for each of its own."""
+
+
+def path(trials: Trials) -> Floats:
+    """Directions that follow each other as those of a marker do, the same in every trial.
+
+    They swing through the axis, from rim to rim, in a plane that turns slowly.
+    """
+    _, d, n = shape = trials.values.shape
+    time = 2.0 * math.pi * _SWINGS * (np.arange(n) + 0.5) / n
+    across = [np.cos(_TURN * time), np.sin(_TURN * time)] if d == 3 else np.ones(n)
+    return _heights(trials.half_angle * np.sin(time), np.array(across), shape)
+
+
+def rounded(trials: Trials, spacing: float) -> Floats:
+    """Coordinates rounded to a grid of a spacing in units of the radius, whose place is random in each trial."""
+    d = trials.values.shape[1]
+    place = spacing * trials.further(("coordinates", "grid"), lambda g, count: g.random((count, d, 1)))
+    return np.asarray(spacing * np.round((trials.values - place) / spacing) + place)

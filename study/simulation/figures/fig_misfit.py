@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from study import style
 from study.simulation.experiment.conditions import DIRECTIONS, LAW
-from study.simulation.experiment.noise import NORMAL, has_equal_covariance
+from study.simulation.experiment.laws import has_equal_covariance
 from study.simulation.figures import figure as shared
 from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
@@ -46,8 +46,10 @@ def prepare(tables: Tables) -> Frame:
     """
     tables.require_grid()
     laws = set(tables.summary[LAW.name]) if LAW.name in tables.summary else set()
-    if NORMAL not in laws or all(map(has_equal_covariance, laws)):
-        raise NotApplicable(f"needs {LAW.name} with {NORMAL} and one of structure, such as memory(0.9), in the grid")
+    if LAW.default not in laws or all(map(has_equal_covariance, laws)):
+        raise NotApplicable(
+            f"needs {LAW.name} with {LAW.default} and one of structure, such as memory(0.9), in the grid"
+        )
     tables.require_all_trials("relative_median")
     rows = shared.at_first(tables.summary, besides=("angle", LAW.name, DIRECTIONS.name))
     if DIRECTIONS.name not in rows:
@@ -57,11 +59,11 @@ def prepare(tables: Tables) -> Frame:
     share = rows["relative_median_error"] / rows["relative_median"]
     medians = medians.assign(median=rows["relative_median"], share=share)
     keys = ["directions", "angle", "estimator"]
-    normal = medians[medians["law"] == NORMAL].set_index(keys)
+    normal = medians[medians["law"] == LAW.default].set_index(keys)
     unit = normal.loc[pd.MultiIndex.from_frame(medians[keys])]
     ratio = medians["median"].to_numpy() / unit["median"].to_numpy()
     error = ratio * np.hypot(medians["share"].to_numpy(), unit["share"].to_numpy())
-    error = np.where(medians["law"] == NORMAL, 0.0, error)
+    error = np.where(medians["law"] == LAW.default, 0.0, error)
     return Frame(
         medians=medians.drop(columns=["median", "share"]).assign(ratio=ratio, error=error).reset_index(drop=True),
         samples=int(rows["samples"].iloc[0]),

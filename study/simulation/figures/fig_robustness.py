@@ -23,7 +23,7 @@ from matplotlib.lines import Line2D
 
 from study import style
 from study.simulation.experiment.conditions import LAW, OUTLIER_SHARE, OUTLIER_SIZE
-from study.simulation.experiment.noise import NORMAL, excess_kurtosis, freedom, has_equal_covariance
+from study.simulation.experiment.laws import excess_kurtosis, freedom, has_equal_covariance
 from study.simulation.figures import figure as shared
 from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
@@ -53,7 +53,7 @@ def prepare(tables: Tables) -> Frame:
     """
     tables.require_grid(isotropic=True)
     law, share, size = LAW.name, OUTLIER_SHARE.name, OUTLIER_SIZE.name
-    for name, least in ((law, NORMAL), (share, 0.0)):
+    for name, least in ((law, LAW.default), (share, 0.0)):
         values = set(tables.summary[name]) if name in tables.summary else set()
         if len(values) < _LEAST or least not in values:
             raise NotApplicable(f"needs at least {_LEAST} values of {name} in the grid, with {least} among them")
@@ -69,7 +69,7 @@ def prepare(tables: Tables) -> Frame:
     order = sorted(medians["law"].unique(), key=lambda word: (excess_kurtosis(word), -(freedom(word) or 0.0)))
     tails = medians[medians["share"] == 0.0]
     return Frame(
-        shares=medians[medians["law"] == NORMAL].sort_values("share", kind="stable"),
+        shares=medians[medians["law"] == LAW.default].sort_values("share", kind="stable"),
         tails=tails.sort_values("law", kind="stable", key=lambda words: words.map(order.index)),
         size=float(rows[size].iloc[0]) if size in rows else float(OUTLIER_SIZE.default or 0.0),
         dimension=tables.dimension,

@@ -16,8 +16,11 @@ from study import style
 from study.files import RunError
 from study.fits.registry import ESTIMATORS
 from study.simulation import figures
-from study.simulation.claims import CLAIMS, Verdict
+from study.simulation.analysis import regret
+from study.simulation.claims import CLAIMS, Verdict, judged
 from study.simulation.claims.readings import Readings
+from study.simulation.experiment.conditions import distinguishing
+from study.simulation.experiment.config import summary_line
 from study.simulation.figures import FigureModule, Gallery, Tables
 from study.simulation.figures.figure import Drawing, Frame, failure, log_axes, look
 from study.simulation.report import html, words
@@ -95,7 +98,7 @@ def findings(claims: pd.DataFrame, efficiency: Frame | None, readings: Readings 
     return [*told[:1], *_instead(efficiency), *_reached(efficiency), *told[1:]]
 
 
-def regret(curves: pd.DataFrame) -> "pd.Series[float]":
+def mean_regret(curves: pd.DataFrame) -> "pd.Series[float]":
     """Each estimator's median error over the least of its cell, as a geometric mean over the cells, the least first."""
     wide = curves.pivot(index=["angle", "level"], columns="estimator", values="ratio")
     least: pd.Series[float] = np.exp(np.log(wide.div(wide.min(axis=1), axis=0)).mean()).sort_values()
@@ -108,7 +111,7 @@ def _instead(efficiency: Frame | None) -> Iterator[Headline]:
     curves = efficiency.curves[efficiency.curves["level"] < 1.0]  # beyond, the noise hides the sphere from all of them
     if curves.empty:
         return
-    result = regret(curves)
+    result = mean_regret(curves)
     first, *rest = [str(name) for name in result.index if name in ESTIMATORS and not ESTIMATORS[str(name)].needs]
     if not rest:
         return
@@ -153,6 +156,83 @@ def _reached(efficiency: Frame | None) -> Iterator[Headline]:
             not take the directions as known, is {words.times(at["ratio"])} the Cramér-Rao bound{reaches}.
         """),
     )
+
+
+_ALIKE = 2.0
+"""Standard errors within which the regret of an estimator is not told from the least."""
+_TITLE = "Sphere fits, put to the test"
+
+
+_FEW = 4
+"""Largest number of values of a condition at each of which the best estimators are named."""
+
+
+def best_where(tables: Tables) -> Iterator[Headline]:
+    """The estimators that are best over the cells of a run, over all and by condition, and the fits that are not ok.
+
+    Nothing is said of a run in which errors over those of the best estimator in each cell are not known.
+    """
+    try:
+        cells = regret.of_run(tables.run)
+    except RunError:  # a random design, one estimator, or a summary alone
+        return
+    whole = regret.regret(cells).query("samples == 0").sort_values("median", kind="stable")
+    best, others = _told_apart(whole)
+    least, told = whole.iloc[0], ", which these trials do not tell apart" * (len(best) > 1)
+    rest = "".join(f"; {words.estimator(name)} {words.measured(median, error)}" for name, median, error in others)
+    yield Headline(
+        f"Best over all conditions: {_names(best)}{told}.",
+        one_line(f"""
+            Over {words.count(int(least["cells"]))} conditions, the median error of {words.estimator(best[0])} is on
+            average {words.measured(least["median"], least["median_error"])} times the least of all estimators,
+            {words.number(least["median_worst"])} times at worst{rest}.
+        """),
+    )
+    first = tables.summary.drop_duplicates("group").set_index("group")
+    where, same = list[str](), list[str]()
+    for condition in distinguishing(first):
+        labels = {str(group): condition.label(row) for group, row in first.iterrows()}
+        values = list(dict.fromkeys(labels.values()))
+        if not 1 < len(values) <= _FEW:
+            continue
+        at = cells["cell"].map(labels)
+        parts = [regret.regret(cells[at == value]).query("samples == 0") for value in values]
+        bests = [_told_apart(part)[0] for part in parts]
+        if len(set(map(frozenset, bests))) == 1:
+            same.append(condition.symbol)
+        else:
+            where.append("; ".join(f"{v}: {_names(names)}" for v, names in zip(values, bests, strict=True)))
+    if where or same:
+        rest = "".join(f"{one}. " for one in where) + f"The same at every {', '.join(same)}." * bool(same)
+        yield Headline("By condition.", rest.strip())
+    yield _not_ok(tables.summary)
+
+
+def _not_ok(summary: pd.DataFrame) -> Headline:
+    """The shares of fits that are not ok by their estimator's own status."""
+    parts = []
+    for name, rows in summary.groupby("estimator", sort=False, observed=True):
+        share = 1.0 - rows["ok"] / rows["planned"]
+        if (most := float(share.max())) > 0.0:
+            mean = 1.0 - float(rows["ok"].sum() / rows["planned"].sum())
+            parts.append(f"{words.estimator(str(name))} {mean:.1%} of all, {most:.1%} at most in a condition")
+    return Headline("Not ok by their own status:", f"{'; '.join(parts) or 'no fit'}.")
+
+
+def _told_apart(table: pd.DataFrame) -> tuple[list[str], list[tuple[str, float, float]]]:
+    """The estimators of least regret that cannot be told apart, and the others with their regret and its error."""
+    rows = table.sort_values("median", kind="stable")
+    least, error = float(rows["median"].iloc[0]), float(rows["median_error"].iloc[0])
+    near = (rows["median"] - least) <= _ALIKE * np.hypot(rows["median_error"], error)
+    far = rows[~near]
+    others = zip(far["estimator"], far["median"], far["median_error"], strict=True)
+    return [str(name) for name in rows["estimator"][near]], [(str(n), float(m), float(e)) for n, m, e in others]
+
+
+def _names(estimators: Sequence[str]) -> str:
+    """Names of estimators that cannot be told apart."""
+    *some, last = map(words.estimator, estimators)
+    return f"{', '.join(some)} or {last}" if some else last
 
 
 _LEAD = "fig_efficiency"
@@ -228,6 +308,9 @@ class Material:
         undrawn: for each other figure the runs' reasons, by the run's name.
         lead: the picture at the top of the page, if some run can feed it.
         findings: the findings at the top of the page.
+        of_paper: true if a claim of the paper was judged, so that the page is about the paper.
+        title: the page's heading: that of the project, or the names of the configs.
+        opening: what the runs are about, where that is not the paper: the first comment of each config.
 
     Raises:
         RunError: if a run did not finish, or is given twice.
@@ -258,4 +341,10 @@ class Material:
             except Exception as error:  # a picture that fails must not cost the page
                 self.undrawn["lead"] = {drawings[_LEAD].tables.name: failure(error)}
         self.pictures = {name: picture(name, drawing) for name, drawing in drawings.items()}
-        self.findings = findings(claims, efficiency, readings)
+        self.of_paper = judged(claims)
+        self.title, self.opening = _TITLE, list[str]()
+        if not self.of_paper:
+            self.title = ", ".join(run.study.name for run in runs)
+            self.opening = [words for run in runs if (words := summary_line(run.folder / "config.toml"))]
+        best = [] if self.of_paper else [one for tables in self.runs for one in best_where(tables)]
+        self.findings = best or findings(claims, efficiency, readings)

@@ -181,27 +181,40 @@ _Claim = dict[Any, Any]
 
 
 def claims_section(material: Material) -> Iterable[Section]:
-    """Section of the claims: first those with a verdict, then those without, and why."""
-    claims = material.claims.to_dict("records")
-    judged = [claim for claim in claims if claim["verdict"] != Verdict.NOT_EVALUATED]
-    rest = [claim for claim in claims if claim["verdict"] == Verdict.NOT_EVALUATED]
+    """Section of the claims: first those with a verdict, then those without, and why; none where none was judged."""
+    if not material.of_paper:
+        return
+    judged, rest = _by_verdict(material)
     content = []
     if judged:
         head = ["No.", "§", "The paper says", "Found"]
         rows, ids = [_judged(claim, material) for claim in judged], [f"claim-{claim['number']}" for claim in judged]
         caption = "Each verdict is computed from numbers with their Monte-Carlo errors, by the rule given with them."
         content.append(html.table("The paper's claims and what was found", caption, head, rows, look=_PROSE, ids=ids))
-    elif rest:
-        content.append(html.paragraph("These runs can judge none of the claims."))
-    else:
-        words = "No claim of the paper was judged: that takes runs of the project's own configs, such as paper.toml."
-        content.append(html.paragraph(words))
     if rest:
         rows = [[*_place(claim), html.coded(claim["finding"])] for claim in rest]
         table = html.table("Claims not evaluated", "", ["No.", "§", "Claim", "Why not"], rows, look=_PROSE)
         content += _missing(rest, judged, material)
         content.append(html.folded(f"{len(rows)} claim{'s' * (len(rows) > 1)} not evaluated, and why", table))
     yield Section("The paper's claims", "claims", content)
+
+
+def unjudged_section(material: Material) -> Iterable[Section]:
+    """Section that says what the paper's claims need, of a page on which none was judged."""
+    if material.of_paper:
+        return
+    judged, rest = _by_verdict(material)
+    words = "These runs can judge none of the claims."
+    if not rest:
+        words = "No claim of the paper was judged: that takes runs of the project's own configs, such as paper.toml."
+    yield Section("The paper's claims", "claims", [html.paragraph(words), *_missing(rest, judged, material)])
+
+
+def _by_verdict(material: Material) -> tuple[list[_Claim], list[_Claim]]:
+    """The claims that were judged, and the others."""
+    claims = material.claims.to_dict("records")
+    judged = [claim for claim in claims if claim["verdict"] != Verdict.NOT_EVALUATED]
+    return judged, [claim for claim in claims if claim["verdict"] == Verdict.NOT_EVALUATED]
 
 
 def _place(claim: _Claim) -> list[str]:
@@ -377,6 +390,7 @@ SECTIONS: list[Callable[[Material], Iterable[Section]]] = [
     speed_section,
     overview_section,
     run_sections,
+    unjudged_section,
 ]
 """The page, in order. Each entry gives one section, several, or none where the runs have nothing for it."""
 
@@ -392,7 +406,8 @@ def render(material: Material) -> str:
     """
     claims = material.claims
     names, sets = ", ".join(tables.name for tables in material.runs), sum(tables.trials for tables in material.runs)
-    parts: dict[str, object] = {"findings": material.findings, "tally": tally(claims) if len(claims) else None}
+    parts: dict[str, object] = {name: getattr(material, name) for name in ("findings", "of_paper", "title", "opening")}
+    parts["tally"] = tally(claims) if material.of_paper else None
     parts |= {"lead": material.lead, "sections": [section for make in SECTIONS for section in make(material)]}
     return html.rendered("template.html", names=names, sets=count(sets), digests=Markup(digests()), **parts)
 

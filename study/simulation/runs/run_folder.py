@@ -35,6 +35,7 @@ from study import files
 from study.files import RunError, explained, join, write
 from study.fits import ESTIMATORS
 from study.fits.registry import origins
+from study.simulation.experiment import laws
 from study.simulation.experiment.config import Study, load
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import DAMAGED, FORMAT
@@ -88,6 +89,7 @@ class Begun(BaseModel, strict=True):
     run: str
     tables: dict[str, str]
     own_estimators: list[dict[str, Any]] | None = None
+    own_laws: list[dict[str, object]] | None = None
     posterior: dict[str, Any] = {}
     precision: dict[str, int] = {}
     stopped_after: float = math.nan
@@ -136,16 +138,17 @@ def _without_digest(content: Manifest) -> Manifest:
     return {key: value for key, value in content.items() if key != DIGEST}
 
 
-def _own_estimators(folder: Path) -> list[str]:
-    """Files or packages whose estimators a run has, by its manifest, whatever else is wrong with that.
+def _own_files(folder: Path) -> list[str]:
+    """Files or packages whose estimators or laws a run has, by its manifest, whatever else is wrong with that.
 
     Returns:
-        Their names; none if all estimators were shipped, or the manifest does not say.
+        Their names; none if all were shipped, or the manifest does not say.
     """
     try:
         result = json.loads((folder / NAME).read_text(encoding="utf-8"))
-        return [str(entry["from"]) for entry in result["own_estimators"]]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        entries = [*result.get("own_estimators", ()), *result.get("own_laws", ())]
+        return list(dict.fromkeys(str(entry["from"]) for entry in entries))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return []
 
 
@@ -241,8 +244,8 @@ class Run:
             return cls(folder, load(folder / "config.toml"))
         except ConfigError as error:
             words = "; ".join(line.strip() for line in str(error).splitlines())
-            own = ", ".join(_own_estimators(folder))
-            hint = f"; it was made with estimators of {own}: give --plugin FILE" if own else ""
+            own = ", ".join(_own_files(folder))
+            hint = f"; it was made with estimators or laws of {own}: give --plugin FILE" if own else ""
             again = f"`study run CONFIG --out {folder}`, with the config that it was made of, writes it again"
             raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}{hint}") from None
 
@@ -342,8 +345,9 @@ class Run:
         return f"`{' '.join(['study', *command, str(self.folder), *self.plugins()])}`"
 
     def plugins(self) -> list[str]:
-        """The options that give the files whose estimators the run has; packages are found without an option."""
-        names = [str(origin["from"]) for origin in origins(self.study.estimators)]
+        """The options that give the files whose estimators or laws the run has; packages are found without them."""
+        own = origins(self.study.estimators) + laws.origins(self.study.own_laws())
+        names = dict.fromkeys(str(origin["from"]) for origin in own)
         return [word for name in names if name.endswith(".py") for word in ("--plugin", name)]
 
     def valid(self, name: str) -> bool:
@@ -510,10 +514,19 @@ class Run:
         return not set(self.damaged()) - {*DERIVED, *({"summary"} - {self.study.keep})}
 
     def up_to_date(self) -> bool:
-        """Tell whether a finished run has nothing left to compute: no estimator is newer, and no unit is lost."""
+        """Tell whether a finished run has nothing left to compute.
+
+        No estimator and no law of a user's own is newer, and no unit is lost.
+        """
         manifest = self.manifest()
         made = manifest["estimators"]
-        return not manifest["lost"] and all(str(made[n]) == str(ESTIMATORS[n].version) for n in made)
+        newest = all(str(made[n]) == str(ESTIMATORS[n].version) for n in made)
+        return not manifest["lost"] and newest and self.same_laws()
+
+    def same_laws(self) -> bool:
+        """Tell whether the laws of a user's own are those that a finished run was drawn by."""
+        made = {str(origin["sha256"]) for origin in self.known().get("own_laws") or ()}
+        return made == {str(origin["sha256"]) for origin in laws.origins(self.study.own_laws())}
 
     def stopped(self) -> float | None:
         """Seconds of the budget that stopped the run before its end; None if none did."""

@@ -28,6 +28,7 @@ from study.files import RunError, TableRows, writing
 from study.fits import ESTIMATORS
 from study.fits.random import Name
 from study.fits.registry import only_here, origins
+from study.simulation.experiment import laws
 from study.simulation.experiment.config import Study
 from study.simulation.runs import provenance, schemas
 from study.simulation.runs.adaptive import BUDGET, TARGET, Rounds, TimeBudget
@@ -90,7 +91,7 @@ class EarlierRun:
     @classmethod
     def of(cls, run: Run) -> "EarlierRun | None":
         """Open a run; None if it is not finished, or its rows are damaged."""
-        if "errors" not in run.digests() or {"errors", "failures"} & set(run.damaged()):
+        if "errors" not in run.digests() or {"errors", "failures"} & set(run.damaged()) or not run.same_laws():
             return None
         try:
             return cls(run)
@@ -182,9 +183,9 @@ def run(
     warn = warn or partial(print, file=sys.stderr)
     budget = budget or TimeBudget(study.precision.seconds if study.precision else None)
     workers = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
-    if workers.backend != "threads" and (names := only_here(study.estimators)):
+    if workers.backend != "threads" and (names := only_here(study.estimators) + laws.only_here(study.own_laws())):
         words = f"registered by this program alone, which {workers.backend} workers do not know"
-        raise RunError(f"{', '.join(names)}: {words}; use threads, or a file of estimators with --plugin")
+        raise RunError(f"{', '.join(names)}: {words}; use threads, or a file with --plugin")
     with contextlib.ExitStack() as stack:
         backend = stack.enter_context(workers.open())
         stack.enter_context(threadpool_limits(limits=1))
@@ -327,6 +328,7 @@ class _Computation:
                 "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
                 "tables": {name: store.fingerprint(name) for name in written} | before.get("tables", {}),
                 **({"own_estimators": own} if (own := origins(study.estimators)) else {}),
+                **({"own_laws": own} if (own := laws.origins(study.own_laws())) else {}),
                 "started": self.started.isoformat(timespec="seconds"),
                 "seconds_computing": round(parts.seconds, 3),
                 "seconds": round(parts.seconds + time.perf_counter() - clock, 3),

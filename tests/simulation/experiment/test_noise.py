@@ -11,10 +11,11 @@ from scipy.spatial.distance import pdist, squareform
 
 from study.fits import cap, fit
 from study.fits.random import lanes
-from study.simulation.experiment import noise as laws
+from study.simulation.experiment import laws
 from study.simulation.experiment.compute import Draws, compute, draw
 from study.simulation.experiment.designs import Batch, Group
-from study.simulation.experiment.noise import GaussianNoise, departures, freedom, gaussian, has_equal_covariance, is_law
+from study.simulation.experiment.laws import LAWS, cell_noise, changed, freedom, has_equal_covariance, is_law
+from study.simulation.experiment.noise import GaussianNoise, Trials, gaussian
 from study.simulation.experiment.replay import all_trials
 from study.simulation.runs import schemas
 from tests.configs import uniform
@@ -40,17 +41,15 @@ def numbers_of(seed, first, last):
 
 def drawn(conditions, d=3, n=40_000, trials=2):
     """Normal noise, and what the conditions make of it (trials, d, n)."""
-    normals = noise = np.random.default_rng(20260).standard_normal((trials, d, n))
-    for step, numbers in departures(conditions):
-        noise = step(noise, np.zeros_like(noise), numbers_of(8, 0, trials), *numbers)
-    return normals, noise
+    normals = np.random.default_rng(20260).standard_normal((trials, d, n))
+    return normals, cell_noise(Trials(normals, np.zeros_like(normals), np.pi, numbers_of(8, 0, trials)), conditions)
 
 
 def test_every_law_is_tested():
     """The laws of covariance σ² I are those above; the others depend on the direction or on neighbours."""
     stated = {word.partition("(")[0] for word in MARGINALS} | WITH_DIRECTION
-    assert stated == set(laws.LAWS), "a law has its distribution in MARGINALS, or its name in WITH_DIRECTION"
-    assert [name for name in laws.LAWS if name not in laws.RULE] == [], "RULE, which tells a user the laws, lacks them"
+    known = {name for name, law in LAWS.items() if law.kind == laws.NOISE}
+    assert stated == known, "a law has its distribution in MARGINALS, or its name in WITH_DIRECTION"
     assert all(map(has_equal_covariance, MARGINALS))
     assert not any(map(has_equal_covariance, ["radial", "rim(3)", "memory(0.9)", "form(0.4, 1)"]))
 
@@ -92,10 +91,10 @@ def test_transforms_are_quantiles():
     """Laplace and uniform numbers are the normal ones' quantiles, by SciPy's distributions, also far in the tails."""
     z = np.linspace(0.0, 35.0, 71)[None, None]
     for law in ("laplace", "uniform"):
-        ((step, numbers),) = departures({"law": law})
         expected = MARGINALS[law].isf(stats.norm.sf(z))
-        np.testing.assert_allclose(step(z, z, None, *numbers), expected, rtol=1e-12, atol=1e-15)
-        np.testing.assert_array_equal(step(-z, z, None, *numbers), -step(z, z, None, *numbers))
+        upper, lower = (changed(laws.NOISE, law, Trials(values, z, np.pi, None)) for values in (z, -z))
+        np.testing.assert_allclose(upper, expected, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(lower, -upper)
 
 
 def test_outliers():
@@ -123,6 +122,49 @@ def test_outliers_of_a_smaller_share_are_among_those_of_a_larger_one():
     assert (short != 0).sum() > 5 * (long != 0).sum()
 
 
+def test_outliers_along_the_radius():
+    """Displacements are along u, inwards in half of the samples, as long as a uniform number (p > 1e-6).
+
+    The outliers are those that any other law of them has.
+    """
+    u = placed("area", angle=np.pi)
+    normals = np.random.default_rng(3).standard_normal(u.shape)
+    heights = u.copy()
+    heights[:, 0] = 1.0 - u[:, 0]
+    trials = Trials(normals, heights, np.pi, numbers_of(8, 0, 2))
+    away = cell_noise(trials, {"outlier_share": 0.2, "outlier_law": "along_radius(5, 20)"}) - normals
+    usual = cell_noise(trials, {"outlier_share": 0.2}) - normals
+    hit = (away != 0).any(axis=1)
+    np.testing.assert_array_equal(hit, (usual != 0).any(axis=1))
+    along = (away * u).sum(axis=1)
+    np.testing.assert_allclose(away, along[:, None] * u, atol=1e-12)
+    assert stats.kstest(np.abs(along[hit]), "uniform", (5.0, 15.0)).pvalue > 1e-6
+    assert stats.binomtest(int((along[hit] > 0).sum()), int(hit.sum())).pvalue > 1e-6
+    np.testing.assert_array_equal(
+        cell_noise(trials, {"outlier_share": 0.2, "outlier_law": "any_direction(10)"}), usual + normals
+    )
+
+
+def test_rounded_coordinates(make_study):
+    """Points differ by whole steps of the grid, the error is uniform in a step (p > 1e-6); the grid's place is random.
+
+    With no noise to speak of, each coordinate is rounded by at most half a step of 0.25 r.
+    """
+    design = {"trials": 40, "samples": 500, "radius": 2.0, "center": 3.0, "noise": 1e-9}
+    exact, rounded = (
+        [trial.samples.points[0] for trial in all_trials(make_study(**design, coordinates=word))]
+        for word in ("exact", "rounded(0.25)")
+    )
+    for points in rounded:
+        steps = (points - points[0]) / 0.5
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-12)
+    error = (np.array(rounded) - np.array(exact)) / 0.5
+    assert np.abs(error).max() <= 0.5 + 1e-8
+    assert stats.kstest(error[:, 0].ravel() + 0.5, "uniform").pvalue > 1e-6
+    places = np.array(rounded)[:, 0] % 0.5
+    assert len(np.unique(places.round(9))) > 100
+
+
 def test_both():
     """Outliers of noise of another law: displaced from where that law put the sample."""
     _, laplace = drawn({"law": "laplace"})
@@ -134,13 +176,14 @@ def test_both():
 def test_names_of_laws():
     """A law has one name; what is none, or has no covariance, is refused."""
     assert freedom("student(2.5)") == 2.5
-    assert all(map(is_law, ["normal", *MARGINALS]))
-    assert all(map(is_law, ["radial", "rim(3)", "rim(0.5)", "memory(0.9)", "form(0.4, 1)", "form(1e-05, 20)"]))
+    known = ["normal", *MARGINALS, "radial", "rim(3)", "rim(0.5)", "memory(0.9)", "form(0.4, 1)", "form(1e-05, 20)"]
+    assert all(is_law(laws.NOISE, word) for word in known)
+    assert not any(is_law(laws.DIRECTIONS, word) for word in known)
     for words in (
         ("student", "student()", "student(2)", "student(5.0)", "student(05)", "student(e)", "cauchy", "Normal"),
         ("radial(1)", "rim", "rim(0)", "rim(-1)", "rim(1, 2)", "memory(1)", "memory(.5)", "form(1)", "form(1,2)"),
     ):
-        assert not any(map(is_law, words))
+        assert not any(is_law(laws.NOISE, word) for word in words)
 
 
 @pytest.fixture
@@ -199,7 +242,7 @@ def placed(conditions, d=3, angle=2.0, n=30_000):
     """Directions of a law (2, d, n), with 1 - u₁ turned into u₁, after directions by area."""
     directions = np.empty((2, d, n))
     cap.draw(lanes(3, "test"), angle, directions, np.empty_like(directions))
-    laws.place_directions(conditions, angle, directions, numbers_of(8, 0, 2))
+    directions = changed(laws.DIRECTIONS, conditions, Trials(directions, directions, angle, numbers_of(8, 0, 2)))
     directions[:, 0] = 1.0 - directions[:, 0]
     return directions
 
@@ -223,8 +266,7 @@ def structured(law, u, angle, seed=1):
     normals = np.random.default_rng(seed).standard_normal(u.shape)
     heights = u.copy()
     heights[:, 0] = 1.0 - u[:, 0]
-    ((step, numbers),) = departures({"law": law, "angle": np.degrees(angle)})
-    return step(normals, heights, numbers_of(4, 0, len(u)), *numbers), normals
+    return changed(laws.NOISE, law, Trials(normals, heights, angle, numbers_of(4, 0, len(u)))), normals
 
 
 def test_noise_grows_to_the_rim():

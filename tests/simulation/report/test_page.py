@@ -23,6 +23,7 @@ from study.simulation.report.material import Material
 from study.simulation.report.page import render, save
 from study.simulation.report.words import timed
 from study.simulation.runs.run_folder import Run
+from tests.configs import config
 
 LEAST = {"fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig5_methods", "fig7_power_law"}
 
@@ -170,7 +171,28 @@ def test_no_claims(random, make_claims, read):
     document = read(render(Material([random], make_claims(*rows))))
     words = "These runs can judge none of the claims. Missing are runs of configs/paper.toml, configs/mgdk.toml."
     assert words in document.text
-    assert "4 claims: 4 not evaluated" in document.text
+    assert "4 not evaluated" not in document.text
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_page_about_other_questions(make_run, make_claims, read):
+    """Without a verdict the heading is the config's name, then its own sentence; the best estimators come first.
+
+    An estimator and its copy are not told apart; what the claims need is the last section.
+    """
+    text = config({"name": "ball-bar", "estimators": ["gdke", "lls", "mle"]}, trials=300, samples=100, angle=[40, 180])
+    run = make_run("# Which fit for our ball bar?\n" + text)
+    page = render([run], make_claims((Verdict.NOT_EVALUATED, {"reads": "paper/errors"})))
+    document = read(page)
+    assert "<h1>ball-bar</h1>" in page
+    assert "Knight" not in document.text.split("Words and symbols")[0]
+    opening = document.text.split("Explore every number")[0]
+    assert opening.index("Which fit for our ball bar?") < opening.index("Best over all conditions: MLE.")
+    bests = re.findall(r"φ = \d+°: ([^;.]*)[;.]", opening)
+    assert len(bests) == 2
+    assert all(("LLS" in best) == ("GDKE" in best) for best in bests)
+    assert "Not ok by their own status:" in opening
+    assert document.text.rindex("These runs can judge none of the claims.") > document.text.rindex("Provenance")
 
 
 @pytest.mark.usefixtures("no_figures")
