@@ -100,8 +100,8 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
         words = "no anatomical axes, so that zero is a standing pose, and curves of two subjects do not compare"
         notes.append(f"{', '.join(others)}: {words}")
     doubted = [place for place in calibration.joints if place.joint.name in legs_of and not place.usable]
-    words = ((p.joint.name, "doubted: " * (p.status not in ANATOMICAL) + p.reason) for p in doubted)
-    notes += by_words(words)
+    reasons = ((p.joint.name, "doubted: " * (p.status not in ANATOMICAL) + p.reason) for p in doubted)
+    notes += by_words(reasons)
     return Gait(pd.concat(cycles, ignore_index=True), pd.concat(curves, ignore_index=True), tuple(notes))
 
 

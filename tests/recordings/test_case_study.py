@@ -107,6 +107,8 @@ def test_labels_of_the_axes_do_not_overlap(few, numbers):
         boxes = sorted((box for box in boxes if low <= (box.x0 + box.x1) / 2 <= high), key=lambda box: box.x0)
         assert len(boxes) >= 2
         assert all(one.x1 < other.x0 for one, other in itertools.pairwise(boxes))
+
+
 def table_of(noise, median):
     """A joint whose markers leave their spheres by a noise, and moves by 4°, among five that scatter by 4 mm."""
     names = ["waist", *"abcde"]
