@@ -131,7 +131,7 @@ def test_the_enlarged_part_holds_the_ellipses(cap, d, estimators):
     frame, _ = frame_of(cap(d=d, axis=np.ones(d)), *estimators)
     turn = np.linspace(0.0, 2.0 * np.pi, 400)
     figure = draw(frame)
-    for ax, view in zip(figure.axes[len(frame.views) :], frame.views, strict=True):
+    for ax, view in zip(figure.axes[len(frame.views) : -1], frame.views, strict=True):
         outlines = view.centers[:, :, None] + view.ellipses @ np.stack([np.cos(turn), np.sin(turn)])
         low, high = np.array([ax.get_xlim(), ax.get_ylim()]).T
         inside = (outlines.min(axis=(0, 2)) - low) / (high - low), (high - outlines.max(axis=(0, 2))) / (high - low)
