@@ -111,6 +111,7 @@ mutants: $(VENV)/.dev $(VENV)/.run
 
 # The site of the documents, in site/. Every code block and command of a page is run, and prints what the page says.
 docs: $(VENV)/.docs
+	$(BIN)/python docs/run_notebooks.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "Open site/index.html in a browser"
 

@@ -26,6 +26,9 @@ Marks = dict[str, Any]
 PAGE = 6.8
 """Width of a full page, in inches."""
 
+_ON_SCREEN = 120
+"""Dots per inch in a notebook."""
+
 SMALL = 7.0
 """Size of the smallest type, in points: notes and direct labels."""
 
@@ -170,6 +173,15 @@ def spread(wanted: Sequence[float], heights: Sequence[float]) -> Floats:
     placed = np.empty_like(values)
     placed[order] = np.clip(free, low, max(low, high)) + steps
     return placed
+
+
+class Picture(Figure):
+    """A figure that a notebook shows even if the program never imports pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png", dpi=_ON_SCREEN)
+        return buffer.getvalue()
 
 
 def stamp(figure: Figure, text: str) -> None:

@@ -2,7 +2,9 @@
 
 import doctest
 import inspect
+import json
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -257,3 +259,18 @@ def test_example(name, monkeypatch, tmp_path):
         doctest.DocTestRunner(optionflags=OPTIONS).run(test, out=lines.append)
     registry.remove(["centroid"])  # of the example of `study.register`
     assert "".join(lines) == ""
+
+
+@pytest.mark.parametrize("name", ["points", "study"])
+def test_notebooks_run(tmp_path, monkeypatch, capsys, name):
+    """Their cells run one after the other, and print what is stored; pictures and tables are not compared."""
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "examples").mkdir()
+    shutil.copy(ROOT / "docs" / "points.csv", tmp_path / "docs")
+    monkeypatch.chdir(tmp_path / "examples")
+    names = {}
+    for cell in json.loads((ROOT / "examples" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
+            stored = ["".join(output["text"]) for output in cell["outputs"] if output["output_type"] == "stream"]
+            assert capsys.readouterr().out == "".join(stored)

@@ -241,7 +241,7 @@ def draw(frame: FitFrame) -> Figure:
     zoomed = len(frame.groups) > 1 or bool(np.isfinite(frame.views[0].ellipses).any())
     below = frame.residuals is not None
     height = (3.2 if flat or not zoomed else 5.4) + _BELOW * below
-    figure = Figure(figsize=(style.PAGE, height), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, height), layout="constrained")
     rows, columns = (1, 1 + zoomed) if flat else (1 + zoomed, 2)
     heights = [3.1 - 0.1 * flat, 2.3][:rows] + [_BELOW] * below
     grid = figure.add_gridspec(rows + below, columns, height_ratios=heights)

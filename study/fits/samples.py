@@ -265,6 +265,9 @@ class Worded(IntEnum):
     def __str__(self) -> str:
         return self.name
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}.{self.name}"
+
 
 class Status(Worded):
     """Status of a fit.

@@ -391,7 +391,7 @@ def draw(case: CaseStudy) -> Figure:
     it are consecutive frames, which a shorter recording would have. Look at the slopes, printed with their intervals,
     and at the outliers, named with their reasons.
     """
-    figure = Figure(figsize=(style.PAGE, 4.6), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     plain = case.scatter[(case.scatter["way"] == "random") & ~case.scatter["dropped"]]
     outliers = set(case.joints.loc[case.joints["outlier"], "joint"])

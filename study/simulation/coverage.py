@@ -321,7 +321,7 @@ def draw(table: pd.DataFrame, stamp: str, level: float = 0.95) -> Figure:
     methods = list(dict.fromkeys(table["method"]))
     numbers = sorted(table["samples"].unique())
     low, high = band(level)
-    figure = Figure(figsize=(style.PAGE, 4.4), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 4.4), layout="constrained")
     axes = figure.subplots(2, len(methods), sharex=True, sharey="row", squeeze=False)
     for column, method in enumerate(methods):
         part = table[table["method"] == method]

@@ -52,7 +52,7 @@ def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, joint: str, angle: str) -> 
 @journal()
 def draw(gait: Gait) -> Figure:
     """Draw the nine angles over the gait cycle, left and right: mean over the cycles ± one standard deviation."""
-    figure, means = Figure(figsize=(style.PAGE, 6.2), layout="constrained"), gait.means()
+    figure, means = style.Picture(figsize=(style.PAGE, 6.2), layout="constrained"), gait.means()
     axes = figure.subplots(len(JOINTS), len(ANGLES), sharex=True)
     for row, joint in zip(axes, JOINTS, strict=True):
         for ax, angle in zip(row, ANGLES, strict=True):

@@ -214,7 +214,7 @@ class UgdkEllipse(EllipseFigure):
 
 def panels() -> tuple[Figure, Axes, Axes]:
     """A page-wide figure with a panel for the circles, and one for their centres enlarged."""
-    figure = Figure(figsize=(style.PAGE, 2.95), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 2.95), layout="constrained")
     whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.45])
     return figure, whole, zoom
 

@@ -125,7 +125,7 @@ def draw(frame: Frame) -> Figure:
     count = len(frame.panels)
     columns = min(count, _MOST_COLUMNS)
     rows = math.ceil(count / columns)
-    figure = Figure(figsize=(style.PAGE, 4.3 * rows + 0.7), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 4.3 * rows + 0.7), layout="constrained")
     axes = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=[1.25, 1.0] * rows)
     places = [(2 * row, column) for row in range(rows) for column in range(columns)]
     for (row, column), (_, panel) in zip(places, frame.panels.iterrows(), strict=False):

@@ -98,7 +98,7 @@ def _typical(distances: Floats) -> int:
 @style.journal()
 def draw(frame: Frame) -> Figure:
     """Draw the circles on the left, the distributions of the errors on the right."""
-    figure = Figure(figsize=(style.PAGE, 3.1), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 3.1), layout="constrained")
     whole, zoom = figure.subplots(1, 2, width_ratios=[1.0, 1.2])
     _circles(whole, frame)
     _errors(zoom, frame)

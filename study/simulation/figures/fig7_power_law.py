@@ -118,7 +118,7 @@ def draw(frame: Frame) -> Figure:
     levels = list(frame.limits.index)
     columns = min(2, len(levels))
     rows = math.ceil(len(levels) / columns)
-    figure = Figure(figsize=(style.PAGE, 4.2 if len(levels) == 1 else 3.0 * rows + 0.5), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 4.2 if len(levels) == 1 else 3.0 * rows + 0.5), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     biased = [_draw_panel(ax, frame, level, short=len(levels) > 1) for ax, level in zip(axes, levels, strict=False)]
     for ax in axes[len(levels) :]:

@@ -83,7 +83,7 @@ def prepare(tables: Tables) -> Frame:
 def draw(frame: Frame) -> Figure:
     """Draw the ranks on the left, the coverage on the right, with one legend above."""
     rows = len(frame.coverage[["likelihood", "method"]].drop_duplicates())
-    figure = Figure(figsize=(style.PAGE, 2.0 + max(1.5, 0.24 * rows)), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 2.0 + max(1.5, 0.24 * rows)), layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw_ranks(left, frame)
     _draw_coverage(right, frame)

@@ -94,7 +94,7 @@ def draw(frame: Frame) -> Figure:
     """Draw a panel per angle, two in a row, with one legend above."""
     angles = list(frame.marks["angle"])[:_MOST_PANELS]
     rows = math.ceil(len(angles) / 2)
-    figure = Figure(figsize=(style.PAGE, 0.7 + 2.5 * rows), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 0.7 + 2.5 * rows), layout="constrained")
     axes = figure.subplots(rows, 2 if len(angles) > 1 else 1, sharex=True, sharey=True, squeeze=False)
     for ax, angle in zip(axes.flat, angles, strict=False):
         _panel(ax, frame, angle)

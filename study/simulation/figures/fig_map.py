@@ -69,7 +69,7 @@ def draw(frame: Frame) -> Figure:
     """Draw a row of panels per estimator, a column per number of samples, and one colour scale."""
     names = list(dict.fromkeys(frame.ratios["estimator"]))
     counts = sorted(frame.ratios["samples"].unique())
-    figure = Figure(figsize=(style.PAGE, 0.9 + 0.95 * len(names)), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 0.9 + 0.95 * len(names)), layout="constrained")
     axes = figure.subplots(len(names), len(counts), sharex=True, sharey=True, squeeze=False)
     norm = LogNorm(1.0 / _FAR, _FAR)
     for row, name in zip(axes, names, strict=True):

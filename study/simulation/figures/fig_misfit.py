@@ -79,7 +79,7 @@ def draw(frame: Frame) -> Figure:
     directions = list(frame.medians["directions"].unique())[:_MOST]
     laws, names = (list(frame.medians[column].unique()) for column in ("law", "estimator"))
     height = 1.35 + 1.9 * len(directions)
-    figure = Figure(figsize=(style.PAGE, height))
+    figure = style.Picture(figsize=(style.PAGE, height))
     axes = figure.subplots(len(directions), len(angles), sharex=True, sharey=True, squeeze=False)
     figure.subplots_adjust(
         left=0.105, right=0.99, bottom=0.95 / height, top=1.0 - 0.5 / height, wspace=0.06, hspace=0.2

@@ -97,7 +97,7 @@ def _view(words: str, draws: pd.DataFrame, errors: pd.DataFrame, row: Any, colum
 @style.journal()
 def draw(frame: Frame) -> Figure:
     """Draw the two planes side by side, with one legend above."""
-    figure = Figure(figsize=(style.PAGE, 3.3), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 3.3), layout="constrained")
     for ax, view in zip(figure.subplots(1, 2), frame.views, strict=True):
         _plane(ax, view, frame.names)
     handles, labels = figure.axes[0].get_legend_handles_labels()

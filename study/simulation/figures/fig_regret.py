@@ -52,7 +52,7 @@ def prepare(tables: Tables) -> Frame:
 def draw(frame: Frame) -> Figure:
     """Draw the two panels, with one legend of the numbers of samples above."""
     names = list(frame.means["estimator"])
-    figure = Figure(figsize=(style.PAGE, 1.1 + 0.42 * len(names)), layout="constrained")
+    figure = style.Picture(figsize=(style.PAGE, 1.1 + 0.42 * len(names)), layout="constrained")
     for ax, name in zip(figure.subplots(1, 2, sharex=True, sharey=True), QUANTILES, strict=True):
         _panel(ax, frame, name, names)
     figure.axes[0].set_yticks(range(len(names)), [style.label(name) for name in names])

@@ -83,7 +83,7 @@ def draw(frame: Frame) -> Figure:
     """Draw a row of two panels per angle, with one legend above."""
     angles = list(frame.shares["angle"].unique())[:_MOST_ROWS]
     height = _TOP + _BOTTOM + _ROW * len(angles)
-    figure = Figure(figsize=(style.PAGE, height))
+    figure = style.Picture(figsize=(style.PAGE, height))
     axes = figure.subplots(len(angles), 2, sharex="col", sharey="col", squeeze=False)
     # a layout engine's solver rounds differently from time to time, and equal figures should be equal files
     sides = {"left": 0.72 / style.PAGE, "right": 1.0 - 0.05 / style.PAGE}
