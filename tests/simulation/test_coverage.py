@@ -144,9 +144,9 @@ def test_command(tmp_path):
 
 
 def test_band_follows_the_level(table):
-    """The band is .93 to .97 at .95, and at .5 as many standard errors of a share: .02 √(.25/.0475) either way."""
+    """The band is 0.93 to 0.97 at 0.95; at 0.5 as many standard errors of a share: 0.02 √(0.25/0.0475) either way."""
     assert band(0.95) == pytest.approx((0.93, 0.97), abs=1e-12)
     assert band(0.5) == pytest.approx((0.4541, 0.5459), abs=1e-4)
     assert band(0.999)[1] == 1.0
-    assert "within .93-.97" in summary(table, "interval")
-    assert "within .454-.546" in summary(table, "interval", 0.5)
+    assert "within 0.93-0.97" in summary(table, "interval")
+    assert "within 0.454-0.546" in summary(table, "interval", 0.5)
