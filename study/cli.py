@@ -370,14 +370,8 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (
-        commands.configs,
+        *(commands.configs, commands.plan, run, commands.status, posterior, commands.coverage, commands.worker),
         commands.laws,
-        commands.plan,
-        run,
-        commands.status,
-        posterior,
-        commands.coverage,
-        commands.worker,
     ),
     "Results": (
         *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),

@@ -351,7 +351,7 @@ REGISTRIES: list[Registry] = []
 """The registries that a file may enter something into."""
 
 
-def source(function: Callable[..., Any]) -> Origin:
+def source(function: Function) -> Origin:
     """The origin of a function that is registered now: the file that is being loaded, or this program."""
     return _source[-1] if _source else _in_program(function)
 
@@ -412,7 +412,7 @@ def only_here(estimators: Iterable[str]) -> list[str]:
     return _REGISTRY.only_here(estimators)
 
 
-def _in_program(function: Callable[..., Any]) -> Origin:
+def _in_program(function: Function) -> Origin:
     """The origin of a function that a program registers itself."""
     try:
         text = inspect.getsource(function)
@@ -596,7 +596,7 @@ def faults_of(name: str) -> dict[int, str]:
 
 
 def _fault(name: str) -> str:
-    """What goes wrong with an estimator on sound points in the plane and in space alike."""
+    """The fault of an estimator that fails on sound points in the plane and in space alike; empty for others."""
     faults = faults_of(name)
     return faults[3] if len(faults) == 2 else ""
 

@@ -266,7 +266,10 @@ def estimators() -> None:
 
 
 def laws() -> None:
-    """List the laws of noise, directions, outliers and coordinates that a config may name."""
+    """List the laws of noise and directions that a config may name.
+
+    Laws of outliers and of coordinates are among them.
+    """
     from study.simulation.experiment.laws import LAWS, PLAIN, written
 
     rows = [[word, kind, "where no other is named"] for kind, word in PLAIN.items() if word not in LAWS]

@@ -64,7 +64,7 @@ def save(run: Run, claims: pd.DataFrame) -> None:
 
 def judged(claims: pd.DataFrame) -> bool:
     """True if any claim has a verdict."""
-    return bool((claims["verdict"] != Verdict.NOT_EVALUATED).any())
+    return not claims.empty and bool((claims["verdict"] != Verdict.NOT_EVALUATED).any())
 
 
 def needs(claims: pd.DataFrame) -> str:

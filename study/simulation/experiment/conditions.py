@@ -122,8 +122,8 @@ _silent = partial(Condition, silent=True)
 
 def _of_laws(kind: str, **others: Any) -> Condition:
     """Make a condition whose values are the laws of a kind."""
-    words: dict[str, Any] = {"kind": str, "default": laws.PLAIN[kind], "allowed": partial(laws.is_law, kind)}
-    return _silent(laws=kind, **words, **others)
+    allowed = partial(laws.is_law, kind)
+    return _silent(laws=kind, kind=str, default=laws.PLAIN[kind], allowed=allowed, **others)
 
 
 SAMPLES = _placing(

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -169,7 +169,7 @@ def changed(kind: str, word: str, trials: Trials) -> Floats:
     return trials.values if found is None else found[0].function(trials, *found[1])
 
 
-def cell_noise(trials: Trials, conditions: Mapping[str, Any]) -> Floats:
+def cell_noise(trials: Trials, conditions: Mapping[str, float | str]) -> Floats:
     """Noise at σ = 1 of a cell (b, d, n), from normal noise: that of another law, then outliers.
 
     Args:
@@ -177,12 +177,12 @@ def cell_noise(trials: Trials, conditions: Mapping[str, Any]) -> Floats:
         conditions: values of ``law``, ``outlier_share``, ``outlier_size`` and ``outlier_law``, as far as they are not
             at their defaults; others do not matter.
     """
-    trials = trials._replace(values=changed(NOISE, conditions.get("law", PLAIN[NOISE]), trials))
-    share = conditions.get("outlier_share", 0.0)
+    trials = trials._replace(values=changed(NOISE, str(conditions.get("law", PLAIN[NOISE])), trials))
+    share = float(conditions.get("outlier_share", 0.0))
     if not share > 0.0:
         return trials.values
-    usual = LAWS[PLAIN[OUTLIERS]], [conditions.get("outlier_size", SIZE)]
-    law, numbers = law_of(OUTLIERS, conditions.get("outlier_law", "")) or usual
+    usual = LAWS[PLAIN[OUTLIERS]], [float(conditions.get("outlier_size", SIZE))]
+    law, numbers = law_of(OUTLIERS, str(conditions.get("outlier_law", ""))) or usual
     return noise.outliers(trials, share, law.function(trials, *numbers))
 
 
@@ -351,7 +351,7 @@ def sound_trials(d: int, trials: int = 3, n: int = 20, seed: int = 7) -> Trials:
 
 
 def _fault(name: str) -> str:
-    """What goes wrong with a law in the plane and in space alike."""
+    """The fault of a law that fails in the plane and in space alike; empty for others."""
     law = LAWS[name]
     faults = [tried(written(name, law.example), law.kind, d) for d in (2, 3)]
     return faults[1] if all(faults) else ""

@@ -8,6 +8,7 @@ import study
 from study.files import RunError
 from study.fits import registry
 from study.fits.registry import PluginError, load
+from study.simulation.analysis.summary import chosen_rows, printed
 from study.simulation.experiment import laws
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
@@ -255,8 +256,8 @@ def test_the_list(well, tmp_path):
 
 
 def test_values_with_commas(make_run):
-    """`--where` and `run.summary` take a law of two numbers."""
-    from study.simulation.analysis.summary import chosen_rows
-
-    run = make_run(config(trials=2, law=["normal", "form(0.4, 1)"], angle=[60, 90]))
-    assert len(chosen_rows(run, ["law=form(0.4, 1),angle=60"])) == 1
+    """`--where` takes a law of two numbers; the legend says what a condition is that is called as its symbol."""
+    run = make_run(config(trials=2, law=["normal", "form(0.4, 1)"], angle=[60, 90], directions=["area", "polar"]))
+    chosen = chosen_rows(run, ["law=form(0.4, 1),angle=60"])
+    assert (len(chosen), set(chosen["law"])) == (2, {"form(0.4, 1)"})
+    assert "directions: law of the directions" in "\n".join(printed(run, chosen))
