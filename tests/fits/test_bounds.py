@@ -236,8 +236,8 @@ def test_batches(rng):
 def test_a_plan_says_that_the_noise_is_too_large():
     """Beyond .35 r a fit is weakly identified, whatever the number of points."""
     for noise, told in ((17.0, False), (18.0, True)):
-        plan = study.plan_fit(noise, 50.0, 1.0, angle=90.0)
-        lines = list(plan_in_words(plan, noise, 50.0, 1.0))
+        plan = study.plan_fit(noise, 50.0, 8.0, angle=90.0)
+        lines = list(plan_in_words(plan, noise, 50.0, 8.0))
         assert any("above 0.35 radii: every fit will be weakly identified" in line for line in lines) == told
 
 

@@ -111,18 +111,18 @@ def _instead(efficiency: Frame | None) -> Iterator[Headline]:
     curves = efficiency.curves[efficiency.curves["level"] < 1.0]  # beyond, the noise hides the sphere from all of them
     if curves.empty:
         return
-    result = mean_regret(curves)
-    first, *rest = [str(name) for name in result.index if name in ESTIMATORS and not ESTIMATORS[str(name)].needs]
+    regrets = mean_regret(curves)
+    first, *rest = [str(name) for name in regrets.index if name in ESTIMATORS and not ESTIMATORS[str(name)].needs]
     if not rest:
         return
-    beside = [name for name in ("ugdk", "mle", "gdke") if name in result.index and name != first]
+    beside = [name for name in ("ugdk", "mle", "gdke") if name in regrets.index and name != first]
     cells = len(curves[["angle", "level"]].drop_duplicates())
-    others = "".join(f", {words.estimator(name)}'s {_three(result[name])} times" for name in beside)
+    others = "".join(f", {words.estimator(name)}'s {_three(regrets[name])} times" for name in beside)
     yield Headline(
-        f"Use the estimator {words.estimator(first)}{' instead' if 'ugdk' in result.index else ''}.",
+        f"Use the estimator {words.estimator(first)}{' instead' if 'ugdk' in regrets.index else ''}.",
         one_line(f"""
             It does not need the noise level. Over {cells} conditions with {words.count(efficiency.samples)} points and
-            noise below the radius, its median error is on average {_three(result[first])} times the least of all
+            noise below the radius, its median error is on average {_three(regrets[first])} times the least of all
             estimators{others}.
         """),
     )

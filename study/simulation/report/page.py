@@ -223,11 +223,11 @@ def _place(claim: _Claim) -> list[str]:
 
 def tally(claims: pd.DataFrame) -> Markup:
     """The sentence that counts each verdict, in the order of the verdicts."""
-    result = Counter(str(verdict) for verdict in claims["verdict"])
-    order = [*(str(v) for v in Verdict if str(v) in result), *sorted(set(result) - {str(v) for v in Verdict})]
+    counts = Counter(str(verdict) for verdict in claims["verdict"])
+    order = [*(str(v) for v in Verdict if str(v) in counts), *sorted(set(counts) - {str(v) for v in Verdict})]
     badges: list[str] = [f"{len(claims)} claim{'s' * (len(claims) > 1)}: "]
     for verdict in order:
-        badges += [_badge(verdict, f"{result[verdict]} {verdict}"), " "]
+        badges += [_badge(verdict, f"{counts[verdict]} {verdict}"), " "]
     return html.paragraph(badges[:-1])
 
 

@@ -78,7 +78,7 @@ def measure_cells(
 
 def _read(layout: Layout, parts: Parts, batch: CellBatch) -> pa.Table:
     """Read the rows of some cells, those of each in the order of its trials."""
-    result: list[pa.Table] = []
+    tables: list[pa.Table] = []
     order = sorted((index, number) for number, (pieces, _) in enumerate(batch) for index in range(len(pieces)))
     for index, number in order:  # across groups first: what was computed together is stored together
         pieces, cells = batch[number]
@@ -87,8 +87,8 @@ def _read(layout: Layout, parts: Parts, batch: CellBatch) -> pa.Table:
             rows = table.select(["cell", "estimator", *COLUMNS])
             if len(cells) < len(pieces[index].cells):
                 rows = rows.filter(pc.is_in(rows["cell"].cast(pa.string()), wanted))
-            result.append(rows)
-    return pa.concat_tables(result)
+            tables.append(rows)
+    return pa.concat_tables(tables)
 
 
 def _worst(precision: Precision, trials: int, measures: dict[str, Measure]) -> CellPrecision:
@@ -153,10 +153,10 @@ class GroupProgress:
         """True if a cell is to have more trials."""
         return len(self.reasons) < len(self.group.cells)
 
-    def take(self, result: Mapping[Cell, CellPrecision]) -> None:
+    def take(self, precisions: Mapping[Cell, CellPrecision]) -> None:
         """Note the precision of the last stage's cells; begin the next one with those that need, and may have, more."""
         for cell in self.stages[-1].cells:
-            self.last[cell] = precision = result[cell]
+            self.last[cell] = precision = precisions[cell]
             if precision.reached or precision.trials == self.checkpoints[-1]:
                 self.reasons[cell] = TARGET if precision.reached else CAP
         if self.open:
@@ -211,18 +211,18 @@ class Rounds(Layout):
                 before, now = self._pieces(progress)
                 if next(self.missing(parts, now), None) is None:
                     places[stream] = before + now
-        result = dict(measure_cells(self, parts, list(places.values()), self.precision))
+        precisions = dict(measure_cells(self, parts, list(places.values()), self.precision))
         for stream in places:
-            self.progress[stream].take(result)
+            self.progress[stream].take(precisions)
         return any(self.progress[stream].open for stream in places)
 
     def _pieces(self, progress: GroupProgress) -> tuple[list[Batch], list[Batch]]:
         """Pieces of the stages that are measured, and of the last one."""
-        result: tuple[list[Batch], list[Batch]] = [], []
+        pieces: tuple[list[Batch], list[Batch]] = [], []
         for stage in progress.stages:
             for unit in self.study.units_of(progress.group, stage.last):
-                result[stage is progress.stages[-1]].extend(_within(unit, stage))
-        return result
+                pieces[stage is progress.stages[-1]].extend(_within(unit, stage))
+        return pieces
 
     def restart(self) -> None:
         """Forget all measures, because some of the rows are lost, and begin at the first checkpoints."""
@@ -254,10 +254,10 @@ class Rounds(Layout):
         rows = []
         for progress in self.progress.values():
             for cell in progress.group.cells:
-                result = vars(progress.last.get(cell, NOTHING))
-                passed = sum(point <= result["trials"] for point in progress.checkpoints)
+                precision = vars(progress.last.get(cell, NOTHING))
+                passed = sum(point <= precision["trials"] for point in progress.checkpoints)
                 why = {"checkpoints": passed, "reason": progress.reasons[cell]}
-                rows.append({"cell": cell.name} | cell.values | result | why)
+                rows.append({"cell": cell.name} | cell.values | precision | why)
         columns = schemas.precision(self.study.conditions())
         return schemas.table(columns, {c.name: [row[c.name] for row in rows] for c in columns})
 

@@ -327,12 +327,12 @@ def give_up(study: Study, task: UnitTask, message: str) -> Packet:
     return _packed(study, (task,), lambda part, batch: lost(part, batch, message))
 
 
-def _packed(study: Study, tasks: tuple[UnitTask, ...], result: Callable[[Study, Batch], Result]) -> Packet:
+def _packed(study: Study, tasks: tuple[UnitTask, ...], answer: Callable[[Study, Batch], Result]) -> Packet:
     columns, of_tasks = schemas.of_units(study.dimension, study.conditions()), []
     for task in tasks:
         points = study.keep_points if any(o.startswith(POINTS) for o in task.outputs) else 0
         part = study.model_copy(update={"estimators": estimators_of(task.outputs), "keep_points": points})
-        filled = tables(part, result(part, task.batch))
+        filled = tables(part, answer(part, task.batch))
         of_tasks.append({name: schemas.table(columns[name], values) for name, values in filled.items() if values})
     return Packet.of([(task.key, task.outputs) for task in tasks], of_tasks)
 
@@ -446,15 +446,15 @@ class Layout:
         for unit in self.units():
             pieces = list(self.cut(unit))
             stored = [entry for piece in pieces for entry in self.stored(parts, piece, name)]
-            result = [table for _, table in stored]
+            rows = [table for _, table in stored]
             datasets = sum(piece.rows for piece in pieces) if name == "errors" else len(unit.cells)
-            if name == self.study.keep and sum(table.num_rows for table in result) != datasets * len(estimators):
+            if name == self.study.keep and sum(table.num_rows for table in rows) != datasets * len(estimators):
                 raise RunError(f"{parts.folder}: rows of trials {unit.first} to {unit.last - 1} are missing; run again")
-            in_order = len(result) == 1 and (name == "points" or estimators_of(stored[0][0]) == estimators)
+            in_order = len(rows) == 1 and (name == "points" or estimators_of(stored[0][0]) == estimators)
             if in_order or name == "timings":
-                yield from result
-            elif result:
-                table = pa.concat_tables(result)
+                yield from rows
+            elif rows:
+                table = pa.concat_tables(rows)
                 yield table.take(order(estimators, unit, table))
 
     def stored(self, parts: Parts, piece: Batch, name: str) -> Iterator[tuple[tuple[str, ...], pa.Table]]:

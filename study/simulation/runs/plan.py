@@ -70,9 +70,9 @@ def measure(study: Study, cells: Sequence[Cell], jobs: int) -> Pace:
     probes = [_probes(study, cells, int(size)) for size in sizes]
     jobs = min(jobs, os.cpu_count() or 1)
     with ThreadPoolExecutor(jobs) as pool:  # outside the main thread: see `study.simulation.runs.workers`
-        result = list(pool.map(lambda _: [_timed(bare, batches) for batches in probes], range(jobs)))
+        seconds = list(pool.map(lambda _: [_timed(bare, batches) for batches in probes], range(jobs)))
         summary = pool.submit(_time_of_summary, study, cells).result() if study.keep == "summary" else 0.0
-    draw, level = np.median(np.array(result), axis=0).T
+    draw, level = np.median(np.array(seconds), axis=0).T
     if study.route == "moments":  # a fit takes as long at any size, and a run makes those of all trials at once
         level = np.full(len(level), level.min())
     return Pace(sizes.astype(float), draw, level, summary)
@@ -98,7 +98,7 @@ def _probes(study: Study, cells: Sequence[Cell], size: int) -> list[Batch]:
 def _timed(study: Study, batches: list[Batch]) -> Floats:
     """Seconds per trial, and per trial and level, averaged over batches (2,)."""
     shared = ("draw", "bound", "moments") if study.route == "moments" else ("draw", "bound")
-    result = []
+    per_trial = []
     for batch in batches:
         times = []
         for repeat in range(_REPEATS):
@@ -110,8 +110,8 @@ def _timed(study: Study, batches: list[Batch]) -> Floats:
             if repeat and whole > _LONG_PROBE:  # the first one may have loaded compiled code
                 break
         fits, drawing = min(times)
-        result.append((drawing / batch.trials, fits / (batch.trials * len(batch.group.levels))))
-    seconds: Floats = np.mean(result, axis=0)
+        per_trial.append((drawing / batch.trials, fits / (batch.trials * len(batch.group.levels))))
+    seconds: Floats = np.mean(per_trial, axis=0)
     return seconds
 
 
@@ -250,5 +250,5 @@ def _extrapolated(study: Study, jobs: int) -> Plan:
         raise RunError(f"{study.run_name()}: {words}; {hint}")
     few = _MOST_COUNTED // 10
     design = study.design.model_copy(update={"trials": few})
-    result, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
-    return Plan(*(round(value * times) if isinstance(value, int) else value * times for value in vars(result).values()))
+    small, times = plan(study.model_copy(update={"design": design}), jobs), study.design.trials / few
+    return Plan(*(round(value * times) if isinstance(value, int) else value * times for value in vars(small).values()))

@@ -145,8 +145,8 @@ def _own_files(folder: Path) -> list[str]:
         Their names; none if all were shipped, or the manifest does not say.
     """
     try:
-        result = json.loads((folder / NAME).read_text(encoding="utf-8"))
-        entries = [*result.get("own_estimators", ()), *result.get("own_laws", ())]
+        manifest = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        entries = [*manifest.get("own_estimators", ()), *manifest.get("own_laws", ())]
         return list(dict.fromkeys(str(entry["from"]) for entry in entries))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return []
@@ -220,9 +220,9 @@ class Run:
         self.refuse_newer()
         if self.known():
             return  # the config may be damaged; it is written again
-        result = self.open(self.folder).study
-        if result.digest() != self.study.digest():
-            words = f"holds a run of another config ({result.run_name()}, not {self.study.run_name()})"
+        other = self.open(self.folder).study
+        if other.digest() != self.study.digest():
+            words = f"holds a run of another config ({other.run_name()}, not {self.study.run_name()})"
             raise RunError(f"{self.folder}: {words}; choose another folder with --out, or remove this one")
 
     @classmethod
@@ -234,11 +234,11 @@ class Run:
         """
         _refuse_other_names(folder)
         try:
-            result = (folder / "config.toml").is_file()
+            is_run = (folder / "config.toml").is_file()
         except OSError as error:
             words = f"cannot be read: {error.strerror or error}; make it readable, or give another folder"
             raise RunError(f"{folder}: {words}") from None
-        if not result:
+        if not is_run:
             raise RunError(f"{folder}: not a run folder (no config.toml in it); `study run CONFIG` makes one")
         try:
             return cls(folder, load(folder / "config.toml"))
@@ -360,10 +360,10 @@ class Run:
     def metadata(self, name: str) -> dict[str, str]:
         """Metadata of a stored table; empty if it is not there or cannot be read."""
         try:
-            result = pq.read_schema(self.path(name)).metadata or {}
+            metadata = pq.read_schema(self.path(name)).metadata or {}
         except (OSError, pa.ArrowInvalid):
             return {}
-        return {key.decode(): value.decode() for key, value in result.items()}
+        return {key.decode(): value.decode() for key, value in metadata.items()}
 
     def fingerprint(self, name: str) -> str | None:
         """SHA-256 of a table's file; None if it is not there."""
@@ -536,8 +536,8 @@ class Run:
         """Number of trials of each cell of an adaptive run, by name; empty while there is no precision table."""
         if not self.has("precision"):
             return {}
-        result = self.table("precision", ["cell", "trials"])
-        return dict(zip(result["cell"].astype(str), result["trials"].astype(int), strict=True))
+        precision = self.table("precision", ["cell", "trials"])
+        return dict(zip(precision["cell"].astype(str), precision["trials"].astype(int), strict=True))
 
     def maker(self) -> dict[str, object]:
         """The software that finished the run, as `provenance.software` has it; empty if it is not known."""

@@ -54,15 +54,15 @@ def budget_message(run: Run) -> str | None:
     """Message for a run that its budget stopped; None for another."""
     if (seconds := run.stopped()) is None:
         return None
-    result, all_cells = run.manifest()["precision"], run.manifest()["cells"]
-    done = f"{result.get(TARGET, 0):,} of {all_cells:,} cells reached the target"
+    reasons, all_cells = run.manifest()["precision"], run.manifest()["cells"]
+    done = f"{reasons.get(TARGET, 0):,} of {all_cells:,} cells reached the target"
     return f"{run.folder}: stopped by its budget of {seconds:g} s: {done}; {run.again()} resumes it"
 
 
 def failure_message(run: Run) -> str | None:
     """Message for a finished run whose share of failed fits is larger than its config tolerates; None for another."""
-    result, tolerated = run.manifest(), run.study.tolerate_failures
-    failures, fits = result["failures"], result["fits"]
+    manifest, tolerated = run.manifest(), run.study.tolerate_failures
+    failures, fits = manifest["failures"], manifest["fits"]
     if failures <= tolerated * fits:
         return None
     words = f"{failures:,} of {fits:,} fits raised an exception or killed their worker"
@@ -114,21 +114,21 @@ class EarlierRun:
         low, high = unit.first // size * size, -(-unit.last // size) * size
         whole = self._errors.rows(begin + per_trial * low, begin + per_trial * min(high, trials))
         use = among("estimator", estimators_of(outputs)) & of_batch(unit)
-        result = {"errors": whole.filter(use)}
-        if result["errors"].num_rows != unit.rows * len(outputs):
+        rows = {"errors": whole.filter(use)}
+        if rows["errors"].num_rows != unit.rows * len(outputs):
             return None
         if self._failures is not None:
-            cells = pc.unique(result["errors"]["cell"]).to_pylist()
-            result["failures"] = self._failures.filter(use & among("cell", cells))
-            if "worker" in pc.unique(result["failures"]["cause"]).to_pylist():
+            cells = pc.unique(rows["errors"]["cell"]).to_pylist()
+            rows["failures"] = self._failures.filter(use & among("cell", cells))
+            if "worker" in pc.unique(rows["failures"]["cause"]).to_pylist():
                 return None
-        ordered = {name: table.take(order(estimators_of(outputs), unit, table)) for name, table in result.items()}
+        ordered = {name: table.take(order(estimators_of(outputs), unit, table)) for name, table in rows.items()}
         return Packet.of([(task.key, outputs)], [ordered])
 
 
 def neighbour(study: Study, folder: Path) -> Run | None:
     """Find the finished run of the same name, next to a folder, that has most rows of a study."""
-    result: list[tuple[int, Run]] = []
+    earlier: list[tuple[int, Run]] = []
     for path in sorted(folder.parent.glob(f"{study.name}-*")):
         if path == folder or not re.fullmatch(r"[0-9a-f]{10}", path.name.removeprefix(f"{study.name}-")):
             continue
@@ -138,9 +138,9 @@ def neighbour(study: Study, folder: Path) -> Run | None:
             continue
         if run.study.digest() != study.digest() and related(study, run.study):
             shared = set(run.study.estimators) & set(study.estimators)
-            result.append((sum(item.rows for item in run.study.units()) * len(shared), run))
-    result.sort(key=lambda entry: -entry[0])
-    return next((run for rows, run in result if rows and EarlierRun.of(run)), None)
+            earlier.append((sum(item.rows for item in run.study.units()) * len(shared), run))
+    earlier.sort(key=lambda entry: -entry[0])
+    return next((run for rows, run in earlier if rows and EarlierRun.of(run)), None)
 
 
 Progress = Callable[[float], None]

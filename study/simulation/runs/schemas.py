@@ -260,17 +260,17 @@ def declared(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[
     }
 
 
-def fault(result: pa.Schema, columns: list[Column]) -> str | None:
+def fault(stored: pa.Schema, columns: list[Column]) -> str | None:
     """The first declared column that a stored table lacks, or has with another type; None if there is none.
 
     Counts of statuses and measures of all trials may be missing: a table may be older than they are.
     """
     for column in columns:
-        if result.get_field_index(column.name) < 0:
+        if stored.get_field_index(column.name) < 0:
             if column.name in NEWER:
                 continue
             return f"not a table of this version: no column {column.name!r}"
-        if (kind := result.field(column.name).type) != column.type:
+        if (kind := stored.field(column.name).type) != column.type:
             return f"not a table of this version: column {column.name!r} is of type {kind}, not {column.type}"
     return None
 

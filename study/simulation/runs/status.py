@@ -100,41 +100,41 @@ def _units(run: Run, parts: Parts, layout: Layout) -> dict[str, int | None]:
 
 def _cells(run: Run, layout: Layout) -> dict[str, int]:
     """Numbers of cells that have enough trials, by the reason, and of those that are open."""
-    result = Counter(run.manifest()["precision"]) if run.finished() else Counter[str]()
-    if not result and isinstance(layout, Rounds):
-        result = layout.reasons()
+    reasons = Counter(run.manifest()["precision"]) if run.finished() else Counter[str]()
+    if not reasons and isinstance(layout, Rounds):
+        reasons = layout.reasons()
     total = run.study.cells()
-    return {"total": total, "target": result[TARGET], "cap": result[CAP], "open": total - result.total()}
+    return {"total": total, "target": reasons[TARGET], "cap": reasons[CAP], "open": total - reasons.total()}
 
 
-def printed(result: RunStatus) -> Iterator[str]:
+def printed(status: RunStatus) -> Iterator[str]:
     """The status of a run for a terminal."""
-    yield f"{result.run}: {result.state}"
-    yield from columns(_facts(result), indent=2)
+    yield f"{status.run}: {status.state}"
+    yield from columns(_facts(status), indent=2)
 
 
-def _facts(result: RunStatus) -> Iterator[tuple[str, str]]:
+def _facts(status: RunStatus) -> Iterator[tuple[str, str]]:
     """Names and values of the lines."""
-    if result.writer is not None:
-        yield "written by", f"{result.writer}, at this moment"
-    total, done, missing = result.units.values()
+    if status.writer is not None:
+        yield "written by", f"{status.writer}, at this moment"
+    total, done, missing = status.units.values()
     if not missing:
         yield "units", "all done" if total is None else f"{total:,}, all done"
     else:
-        known = f"{total:,} up to this round" if result.cells else f"{total:,}"
+        known = f"{total:,} up to this round" if status.cells else f"{total:,}"
         yield "units", f"{known}, of which {done:,} are done and {missing:,} missing"
-    if (cells := result.cells) is not None:
+    if (cells := status.cells) is not None:
         counts = [f"{cells['target']:,} reached the target", f"{cells['cap']:,} the cap", f"{cells['open']:,} are open"]
         yield "cells", f"{cells['total']:,}, of which {', '.join(counts)}"
-    whole, damaged, aside = result.parts.values()
+    whole, damaged, aside = status.parts.values()
     yield "parts", f"{whole:,} whole, {damaged:,} damaged, {aside:,} set aside as damaged before"
     words = "known when the run is finished"
-    if result.failures is not None:
-        fits, failed, lost = result.failures.values()
+    if status.failures is not None:
+        fits, failed, lost = status.failures.values()
         words = f"{failed:,} of {fits:,} fits, {lost:,} of them because a worker died"
     yield "failures", words
-    names = [f"{name} (damaged)" if name in result.damaged else name for name in result.tables]
-    names += [f"{name} (missing)" for name in result.damaged if name not in result.tables]
+    names = [f"{name} (damaged)" if name in status.damaged else name for name in status.tables]
+    names += [f"{name} (missing)" for name in status.damaged if name not in status.tables]
     yield "tables", ", ".join(names) or "none"
-    for made in result.made_by or [{}]:
+    for made in status.made_by or [{}]:
         yield "made by", described(made) + (", not this one" if other_version(made) else "")

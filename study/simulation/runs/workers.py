@@ -510,9 +510,9 @@ class Dispatch(Generic[S, T]):
         items, again = self._sent.pop(future)
         error = future.exception()
         if error is None:
-            result = future.result()
-            assert isinstance(result, Packet)
-            self._parts.add(result)
+            packet = future.result()
+            assert isinstance(packet, Packet)
+            self._parts.add(packet)
             ended(items, "")
         elif isinstance(error, self._backend.fatal):
             self._broken = self._broken or isinstance(error, BrokenExecutor)
