@@ -508,9 +508,9 @@ class Fit(Hinting):
             >>> fit = study.fit(circle + np.random.default_rng(1).normal(0, 0.01, circle.shape))
             >>> fit.plot().savefig("circle.png")
         """
-        from study.fits.display import draw
+        from study.fits.fit_plot import picture  # imported here, since it loads matplotlib
 
-        return draw(self)
+        return picture(self)
 
     @cached_property
     def count(self) -> Ints:

@@ -1,4 +1,4 @@
-"""Fits as a reader sees them: a line for a terminal, a table for a notebook, a data frame, and a picture of one fit."""
+"""Fits as a reader sees them: a line for a terminal, a table for a notebook, and a data frame."""
 
 import html
 from collections.abc import Iterator
@@ -12,7 +12,6 @@ from study.text import number, with_error
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 
 _MOST_ROWS = 10
@@ -157,16 +156,3 @@ def _errors(fit: ShownFits) -> tuple[Floats, bool]:
     if fit.samples is None:
         return np.full((fit.estimates.radius.size, d + 1), np.nan), False
     return fit.standard_errors.reshape(-1, d + 1), True
-
-
-def draw(fit: Any) -> "Figure":
-    """Draw a single fit; see `Fit.plot`."""
-    from study.fits.fit_plot import draw, prepare
-
-    if fit.shape:
-        raise ValueError(f"fit of shape {fit.shape}: plot one of them, such as fit[0].plot()")
-    if fit.samples is None:
-        raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
-    d = len(fit.center)
-    names = list("xyz"[:d]) if d <= 3 else [str(i + 1) for i in range(d)]
-    return draw(prepare(fit.samples.points[0], {fit.estimator: fit}, names))

@@ -11,8 +11,9 @@ surface lies.
 """
 
 import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,13 +24,50 @@ from matplotlib.ticker import MaxNLocator
 
 from study import style
 from study.arrays import Bools, Floats, Ints
-from study.fits import Fit, Status
+from study.fits.samples import Samples, Status
 
 _MOST_POINTS = 5000
 _FARTHEST = 100  # points that are always shown, however many are left out
 _SAME = 0.1  # of a standard error
 _BELOW = 1.7  # height of the distances, in inches
 _SMALLEST = 1e-6  # difference, in radii, that a picture shows
+
+
+class DrawnFit(Protocol):
+    """The part of a single `Fit` that is drawn."""
+
+    @property
+    def estimator(self) -> str: ...
+    @property
+    def samples(self) -> Samples | None: ...
+    @property
+    def ordered(self) -> bool: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    @property
+    def center(self) -> Floats: ...
+    @property
+    def radius(self) -> Floats: ...
+    @property
+    def status(self) -> Any: ...
+    @property
+    def outliers(self) -> Bools: ...
+    @property
+    def covariance(self) -> Floats: ...
+    @property
+    def standard_errors(self) -> Floats: ...
+    def ellipsoid(self, level: float = 0.95) -> Floats: ...
+
+
+def picture(fit: DrawnFit) -> Figure:
+    """Draw a single fit; see `Fit.plot`."""
+    if fit.shape:
+        raise ValueError(f"fit of shape {fit.shape}: plot one of them, such as fit[0].plot()")
+    if fit.samples is None:
+        raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
+    d = len(fit.center)
+    names = list("xyz"[:d]) if d <= 3 else [str(i + 1) for i in range(d)]
+    return draw(prepare(fit.samples.points[0], {fit.estimator: fit}, names))
 
 
 @dataclass(frozen=True)
@@ -50,7 +88,7 @@ class Projection:
 
 
 @dataclass(frozen=True)
-class Residuals:
+class Distances:
     """Signed distances of the points from a fit.
 
     Attributes:
@@ -91,10 +129,10 @@ class FitFrame:
     fits_in: Bools
     caption: str
     notes: list[str]
-    residuals: Residuals | None
+    residuals: Distances | None
 
 
-def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> FitFrame:
+def prepare(points: Floats, fits: Mapping[str, DrawnFit], names: list[str]) -> FitFrame:
     """Project points and fits.
 
     Args:
@@ -138,7 +176,7 @@ def prepare(points: Floats, fits: dict[str, Fit], names: list[str]) -> FitFrame:
     return FitFrame(views, groups, radii, fits_in, caption, notes, residuals)
 
 
-def _residuals(name: str, fit: Fit) -> Residuals | None:
+def _residuals(name: str, fit: DrawnFit) -> Distances | None:
     """Signed distances from a fit, which holds its points."""
     if fit.samples is None:
         return None
@@ -154,12 +192,12 @@ def _residuals(name: str, fit: Fit) -> Residuals | None:
         across = away @ [-axis[1], axis[0]]
     angle = np.degrees(np.arctan2(across, along))
     place = shown + 1.0 if fit.ordered else angle
-    return Residuals(
+    return Distances(
         name, place, np.linalg.norm(away, axis=1) - radius, fit.outliers[shown], fit.ordered, _band(fit, axis, angle)
     )
 
 
-def _band(fit: Fit, axis: Floats, angle: Floats) -> Floats:
+def _band(fit: DrawnFit, axis: Floats, angle: Floats) -> Floats:
     """Angles between those of the points, and 1.96 standard errors of the surface there, averaged around the axis."""
     covariance, d = fit.covariance, len(axis)
     if fit.ordered or not np.isfinite(covariance).all():
@@ -176,7 +214,7 @@ def _band(fit: Fit, axis: Floats, angle: Floats) -> Floats:
     return np.stack([angles, 1.96 * np.sqrt(np.maximum(variance, 0.0))])
 
 
-def _groups(fits: dict[str, Fit]) -> list[list[str]]:
+def _groups(fits: Mapping[str, DrawnFit]) -> list[list[str]]:
     """Names of estimators whose answers and standard errors differ too little to be seen."""
     groups: list[list[str]] = []
     seen: list[tuple[Floats, Floats]] = []
@@ -220,12 +258,12 @@ def _view(points: Floats, centers: Floats, axes: Floats, plane: Floats, names: t
     return Projection(names, points @ plane, centers @ plane, ellipses)
 
 
-def _statuses(fits: dict[str, Fit], usable: dict[str, Fit]) -> list[str]:
+def _statuses(fits: Mapping[str, DrawnFit], usable: Mapping[str, DrawnFit]) -> list[str]:
     """Notes on fits that are not ok, and on fits that are not drawn."""
     said: dict[tuple[str, str], list[str]] = {}
     for name, fit in fits.items():
         if name not in usable or fit.status != Status.OK:
-            key = "" if name in usable else "not drawn: ", Status(int(fit.status)).text
+            key = "" if name in usable else "not drawn: ", fit.status.text
             said.setdefault(key, []).append(style.label(name))
     return [f"{prefix}{', '.join(labels)}: {words}" for (prefix, words), labels in said.items()]
 
@@ -264,7 +302,7 @@ def draw(frame: FitFrame) -> Figure:
     return figure
 
 
-def _distances(ax: Axes, residuals: Residuals, look: dict[str, Any]) -> None:
+def _distances(ax: Axes, residuals: Distances, look: dict[str, Any]) -> None:
     """Draw the distances from the first fit, and the band of its surface."""
     place, distance, named = residuals.place, residuals.distance, residuals.outliers
     ax.axhline(0.0, color=look["color"], linewidth=look["linewidth"])
