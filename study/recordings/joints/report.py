@@ -63,7 +63,7 @@ def accuracy_columns(joints: Calibration, place: JointPlace) -> dict[str, float]
     apart = max((side.distance for side in side_differences(estimate, place.estimates[1:])), default=np.nan)
     parent, child = joints.poses.get(place.joint.parent), joints.poses.get(place.joint.child)
     fit, angles = estimate.fit, np.degrees(estimate.fit.rms_angles)
-    if place.joint.kind == "hinge" and parent is not None and child is not None:
+    if place.joint.kind == "hinge" and estimate.sphere is not None and parent is not None and child is not None:
         angles = np.degrees(rms_rotation(relative_rotation(parent.rotation, child.rotation)))
     values |= {"error": place.standard_error, "floor": estimate.floor, "frames": float(fit.frames), "apart": apart}
     values |= {"worth": float(fit.effective_frames)}
