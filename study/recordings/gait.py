@@ -100,9 +100,13 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
         words = "no anatomical axes, so that zero is a standing pose, and curves of two subjects do not compare"
         notes.append(f"{', '.join(others)}: {words}")
     doubted = [place for place in calibration.joints if place.joint.name in legs_of and not place.usable]
-    reasons = ((p.joint.name, "doubted: " * (p.status not in ANATOMICAL) + p.reason) for p in doubted)
-    notes += by_words(reasons)
-    return Gait(pd.concat(cycles, ignore_index=True), pd.concat(curves, ignore_index=True), tuple(notes))
+    notes += by_words((p.joint.name, "doubted: " * (p.status not in ANATOMICAL) + p.reason) for p in doubted)
+    every = pd.concat(curves, ignore_index=True)
+    known = every.groupby(["side", "joint", "angle"], sort=False)["value"].count()
+    if missing := [" ".join(key) for key in known.index[known == 0].tolist()]:
+        limit = f"the error is above {motions[0].largest_angle_error:g}° in every frame"
+        notes.append(f"{', '.join(missing)}: missing: {limit}, or a segment is unknown")
+    return Gait(pd.concat(cycles, ignore_index=True), every, tuple(notes))
 
 
 def _joints(motion: ExportedMotion) -> dict[tuple[str, str], str]:

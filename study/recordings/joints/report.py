@@ -32,10 +32,10 @@ def joint_table(joints: Calibration) -> pd.DataFrame:
         contradict each other; floor (metres), what skin common to a segment's markers adds unseen (see `Estimate`);
         cov_xx ... cov_zz (m², in the parent's axes); axis_parent_* and axis_child_* of a hinge; radius_mean (metres) of
         the markers' spheres; sigma (metres), noise of one coordinate; rho, share of the smallest extent that is noise;
-        moved_least, moved_most (degrees), least and greatest root mean square angle by which both segments rotate
-        against each other, or the markers about the joint where a segment has no pose; frames; worth, the effective
-        number of independent frames; apart (metres), distance of the farthest other side's estimate that can be
-        compared (see `side_differences`). NaN where there is none.
+        moved_least, moved_most (degrees), least and greatest root mean square angle of motion about the joint, for a
+        hinge that of the relative rotation of both segments; frames; worth, the effective number of independent frames;
+        apart (metres), distance of the farthest other side's estimate that can be compared (see `side_differences`).
+        NaN where there is none.
     """
     rows: list[dict[str, object]] = []
     for place in joints.joints:
@@ -63,7 +63,7 @@ def accuracy_columns(joints: Calibration, place: JointPlace) -> dict[str, float]
     apart = max((side.distance for side in side_differences(estimate, place.estimates[1:])), default=np.nan)
     parent, child = joints.poses.get(place.joint.parent), joints.poses.get(place.joint.child)
     fit, angles = estimate.fit, np.degrees(estimate.fit.rms_angles)
-    if parent is not None and child is not None:
+    if place.joint.kind == "hinge" and estimate.sphere is not None and parent is not None and child is not None:
         angles = np.degrees(rms_rotation(relative_rotation(parent.rotation, child.rotation)))
     values |= {"error": place.standard_error, "floor": estimate.floor, "frames": float(fit.frames), "apart": apart}
     values |= {"worth": float(fit.effective_frames)}

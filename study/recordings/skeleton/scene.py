@@ -24,7 +24,7 @@ from study.recordings.markersets import Joint, MarkerSet, mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import quaternions
 from study.recordings.skeleton.calibrate import UNEVEN, gap_doubt, hull_distances, hull_doubt
-from study.recordings.skeleton.draw import Flag, Skeleton
+from study.recordings.skeleton.draw import LARGEST_ERROR, Flag, Skeleton
 from study.text import columns, number
 
 
@@ -182,8 +182,12 @@ def make_scene(
     calibration, upright = skeleton.calibration, upright_rotation(recording)
     joints, segments = calibration.joints, calibration.markerset.segments
     known = [i for i, center in enumerate(skeleton.centers) if not np.isnan(center).all()]
-    lost = [(joints[i].joint.name, doubts[i]) for i in range(len(joints)) if i not in known]
-    notes = [*notes, *(f"{name} is not shown: {doubt or 'known in no frame'}" for name, doubt in lost)]
+    lost = [(joints[i], doubts[i]) for i in range(len(joints)) if i not in known]
+    notes = [*notes]
+    for place, doubt in lost:
+        large = f"± {1000 * place.standard_error:.0f} mm (see --largest-error); "
+        words = large * (place.standard_error > LARGEST_ERROR) + (doubt or "known in no frame")
+        notes.append(f"{place.joint.name} is not shown: {words}")
     rejected = [
         f"{share:.1%} of {name}" for name, share in zip(skeleton.segments, skeleton.left_out, strict=True) if share
     ]

@@ -143,6 +143,9 @@ def test_a_gait_report_of_plug_in_gait(walk):
     gait = library.find_gait(walk[0])
     assert set(gait.cycles["side"]) == {"left", "right"}
     assert gait.means().groupby(["side", "joint", "angle"]).ngroups == 16
+    words = "missing: the error is above 10° in every frame, or a segment is unknown"
+    assert f"left ankle adduction, right ankle adduction: {words}" in gait.notes
+    assert not any("missing" in note for note in library.find_gait(walk[0], largest_angle_error=90.0).notes)
 
 
 def test_widths_of_files(walk, tmp_path):

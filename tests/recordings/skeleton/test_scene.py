@@ -85,6 +85,10 @@ def test_unknown_joints(body, of_truth):
     assert scene.joints == ("left_hip",)
     assert scene.flags[0].tolist() == [Flag.SEEN] * 3 + [Flag.UNKNOWN] + [Flag.SEEN] * 36
     assert scene.notes == ("neck is not shown: still",)
+    places = [replace(place, covariance=0.06**2 * np.eye(3)) for place in skeleton.calibration.joints]
+    wide = replace(skeleton, calibration=replace(skeleton.calibration, joints=tuple(places)))
+    (note,) = make_scene(wide, recording, ["", "still"], "test").notes
+    assert note == "neck is not shown: ± 60 mm (see --largest-error); still"
     skeleton.center("left_hip")[:] = np.nan
     with pytest.raises(RecordingError, match="nothing to show"):
         make_scene(skeleton, recording, ["", "still"], "test")
