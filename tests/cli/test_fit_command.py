@@ -197,12 +197,13 @@ def test_outliers_and_copies(call_here, rng, on_cap, tmp_path):
     assert (told["outliers"], told["copies"]) == ([4, 16, 21], 4)
 
 
-def test_what_is_not_used_or_may_be_meant_otherwise(well, rng, on_cap, tmp_path):
-    """A noise that no estimator uses is named; four columns without names are refused, unless all are asked for."""
+def test_what_may_be_meant_otherwise(call_here, well, rng, on_cap, tmp_path):
+    """A noise that is given is named; four columns without names are refused, unless all are asked for."""
     points, _ = on_cap(rng, 36, angle=120.0, noise=0.01)
     np.save(tmp_path / "p.npy", points)
-    told = "--noise 0.3 is not used by corrected: the noise is found in the points"
-    assert told in well(tmp_path, "fit", "p.npy", "--noise", "0.3")
+    told = "noise 0.01 is given, and the residuals are 0.9"
+    assert told in well(tmp_path, "fit", "p.npy", "--noise", "0.01")
+    assert "noise 0.3 is given" in call_here(tmp_path, "fit", "p.npy", "--noise", "0.3")[1]
     assert "--noise" not in well(tmp_path, "fit", "p.npy", "--noise", "0.3", "-e", "mle")
     np.save(tmp_path / "timed.npy", np.column_stack([np.arange(36) / 100.0, points]))
     well(tmp_path, "fit", "timed.npy", "--columns", "2,3,4")
