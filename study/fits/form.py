@@ -11,7 +11,7 @@ A form error also moves a fit. `forms_that_move` says how large one of low degre
 """
 
 from math import factorial, prod
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.closed_forms import taubin
 from study.fits.goodness import columns, harmonics
 from study.fits.samples import Samples
+from study.words import Hinting
 
 FORM_DEGREES = (2, 3)
 """Degrees of the forms whose effect on a fit is told: 2 makes an ellipsoid, 3 a pear."""
@@ -55,6 +56,9 @@ class MinimumZone(NamedTuple):
     radius: Floats
     width: Floats
     optimal: Bools
+
+    if not TYPE_CHECKING:  # a named tuple has no other base
+        __getattr__ = Hinting.__getattr__
 
 
 def minimum_zone(points: ArrayLike) -> MinimumZone:

@@ -45,13 +45,14 @@ from study.fits.samples import (
 )
 from study.fits.score import Markers
 from study.text import number, with_error
+from study.words import Hinting
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class JointFit:
+class JointFit(Hinting):
     """The common centre of several markers, as `mgdk` finds it.
 
     Attributes:

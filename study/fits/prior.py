@@ -106,10 +106,9 @@ def given_of(
             raise ValueError("scale = 'estimated' needs a noise for each point: (n,), (n, d) or (n, d, d)")
         if array is None:
             return Given(known, None, False, None, stated)
-        covariance = noise_covariance(array, d)
         if array.ndim == 0:
             return Given(known, None, False, float(array), stated)
-        array = np.broadcast_to(covariance, (n, d, d))
+        array = np.broadcast_to(noise_covariance(array, d), (n, d, d))
     variance = point_noise(array, shape)
     if variance.ndim == 4 and np.array_equal(variance, variance[..., :1, :1] * np.eye(d), equal_nan=True):
         variance = variance[..., 0, 0]  # isotropic

@@ -259,12 +259,14 @@ def fit(
     assumed = Assumptions.of(ordered, assume, law)
     entry = ESTIMATORS[estimator]
     finds = entry.covariance is not None or (entry.without_outliers and np.ndim(noise) == 0)  # the noise, by itself
-    stated = noise is not None and (finds or is_per_point(np.shape(noise), n, d))
+    each = noise is not None and is_per_point(np.shape(noise), n, d)
+    if noise is not None and not each:
+        noise_covariance(noise, d)
+    stated = each or (noise is not None and finds)
     if radius is not None or scale != "given" or stated or assumed.radial:
         given = given_of(array.shape, noise, radius, scale)._replace(radial=assumed.radial)
         return fit_given(array, estimator, entry, given, assumed)
     if noise is not None:
-        noise_covariance(noise, d)
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
     x = array.reshape(-1, n, d).swapaxes(1, 2)
     lent = array.size > _MOST_COPIED if copy is None else not copy

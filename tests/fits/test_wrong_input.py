@@ -251,7 +251,10 @@ def test_a_mixed_batch(holed, estimator, noise):
             assert np.isnan(fit.residual_rms[t])
             continue
         alone = study.fit(points[~np.isnan(points).any(axis=1)], estimator, noise)
-        assert_same(alone, fit, t)
+        if estimator == "corrected" and np.ndim(noise) == 2:  # which weighs each point, with sums over all rows
+            np.testing.assert_allclose([*alone.center, alone.radius], [*fit[t].center, fit[t].radius], rtol=1e-13)
+        else:
+            assert_same(alone, fit, t)
         for name in ("count", "residual_rms", "covariance", "standard_errors"):
             got, expected = getattr(fit, name)[t], getattr(alone, name)
             np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12, err_msg=name)
