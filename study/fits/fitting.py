@@ -239,7 +239,7 @@ def fit_all(
     known: dict[str, Any] = {"radius": radius, "scale": scale, "ordered": assumed.ordered}
     known |= {"assume": "sphere" if assumed.sphere else None, "law": "radial" if assumed.radial else "isotropic"}
     if len(estimators) > 1 and (radius is not None or isinstance(noise, np.ndarray) or assumed.radial):
-        estimators = [name for name in estimators if takes(name, assumed.radial, points.shape, noise, radius, scale)]
+        estimators = [name for name in estimators if takes(name, points.shape, noise, radius, scale, assumed.radial)]
     try:
         return {name: fit(points, name, noise, **known) for name in estimators}
     except ValueError as error:

@@ -57,8 +57,9 @@ class MinimumZone(NamedTuple):
     width: Floats
     optimal: Bools
 
-    if not TYPE_CHECKING:  # a named tuple has no other base
-        __getattr__ = Hinting.__getattr__
+
+if not TYPE_CHECKING:  # a named tuple has no other base
+    MinimumZone.__getattr__ = Hinting.__getattr__
 
 
 def minimum_zone(points: ArrayLike) -> MinimumZone:

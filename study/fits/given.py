@@ -524,7 +524,7 @@ def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ass
     """`study.fit` with a known radius or a noise for each point; see there."""
     *lead, n, d = points.shape
     x = np.array(points.reshape(-1, n, d).swapaxes(1, 2), dtype=float, order="C")
-    if given.stated_alone:
+    if given.stated_alone and given.sigma is not None:
         samples = Samples(x, given.sigma)
         answer = careful_fit(estimator, samples)
         answer.noise_variance[np.isfinite(answer.noise_variance)] = given.sigma**2

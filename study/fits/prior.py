@@ -9,7 +9,7 @@ it. For τ → 0 this is the fit with the radius r₀, for τ → ∞ the radius
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -140,10 +140,17 @@ def check_way(estimator: str, given: Given) -> None:
         raise ValueError("estimator = 'ugdk': subtracts the known noise: pass noise=σ, or use als, which finds it")
 
 
-def takes(estimator: str, radial: bool, shape: tuple[int, ...], *known: Any) -> bool:
-    """True for an estimator that takes what is known: noise, radius and scale as `study.fit` has them."""
+def takes(
+    estimator: str,
+    shape: tuple[int, ...],
+    noise: ArrayLike | None,
+    radius: ArrayLike | tuple[ArrayLike, ArrayLike] | None,
+    scale: str,
+    radial: bool,
+) -> bool:
+    """True for an estimator that takes what is known: noise, radius and scale as `study.fit` has them, and the law."""
     try:
-        check_way(estimator, given_of(shape, *known)._replace(radial=radial))
+        check_way(estimator, given_of(shape, noise, radius, scale)._replace(radial=radial))
     except ValueError:
         return False
     return True

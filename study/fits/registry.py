@@ -258,11 +258,10 @@ def fit(
         raise ValueError(f"points have shape {array.shape}: {needs}{hint}")
     assumed = Assumptions.of(ordered, assume, law)
     entry = ESTIMATORS[estimator]
-    finds = entry.covariance is not None or (entry.without_outliers and np.ndim(noise) == 0)  # the noise, by itself
-    each = noise is not None and is_per_point(np.shape(noise), n, d)
-    if noise is not None and not each:
-        noise_covariance(noise, d)
-    stated = each or (noise is not None and finds)
+    stated = noise is not None and is_per_point(np.shape(noise), n, d)
+    if noise is not None and not stated:
+        noise_covariance(noise, d)  # an estimator that finds the noise by itself would not use it
+        stated = entry.covariance is not None or (entry.without_outliers and np.ndim(noise) == 0)
     if radius is not None or scale != "given" or stated or assumed.radial:
         given = given_of(array.shape, noise, radius, scale)._replace(radial=assumed.radial)
         return fit_given(array, estimator, entry, given, assumed)

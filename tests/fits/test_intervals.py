@@ -403,7 +403,7 @@ def test_a_given_noise_fixes_the_scale(half_spheres, name):
     assert not own.noise_is_known
     np.testing.assert_array_equal(one.center, own.center)
     lengths = [np.linalg.norm(each.ellipsoid(0.95), axis=1) for each in (one, two)]
-    np.testing.assert_allclose(lengths[1], 2.0 * lengths[0], rtol=1e-2)
+    np.testing.assert_allclose(lengths[1], 2.0 * lengths[0], rtol=0.05)  # curvature is of second order in the noise
     kept = ~own.outliers.any(axis=1)  # whose errors allow for nothing else
     scale = np.sqrt(3.0 * f.ppf(0.95, 3, 6) / chi2.ppf(0.95, 3)) * own.sigma / 0.01
     share = np.linalg.norm(own.ellipsoid(0.95), axis=1) / np.linalg.norm(one.ellipsoid(0.95), axis=1)
