@@ -700,8 +700,8 @@ class Fit(Hinting):
             >>> arc = np.column_stack([np.cos(angles), np.sin(angles)])
             >>> fit = study.fit(arc + np.random.default_rng(1).normal(0, 0.01, arc.shape))
             >>> fit.sensitivity().round(2)
-            array([[0.21, 0.25, 0.21],
-                   [0.17, 0.14, 0.14]])
+            array([[0.32, 0.31, 0.43],
+                   [0.19, 0.18, 0.2 ]])
         """
         points, d = self._points, self.center.shape[-1]
         weights = np.ones(points.used.shape) if points.samples.weights is None else points.samples.weights
