@@ -82,7 +82,12 @@ _ORDERED = "the rows are in order of time: errors allow for noise that neighbour
 Ordered = Annotated[bool, typer.Option("--ordered", help=_ORDERED)]
 _ASSUME = "sphere, if the points are known to lie on one: their shape is then not tested"
 Assume = Annotated[str | None, typer.Option("--assume", help=_ASSUME)]
+_LAW = "isotropic, or radial, if the noise is along the radius alone, as of a probe or a scanner at the centre"
+NoiseLaw = Annotated[str, typer.Option("--law", help=_LAW)]
 KnownRadius = Annotated[float | None, typer.Option("--radius", help="the radius, if it is known")]
+RadiusError = Annotated[float | None, typer.Option("--radius-error", help="standard uncertainty of that radius")]
+_SENSITIVITY = "print how large a form error of low degree moves each number by its ±"
+Sensitivity = Annotated[bool, typer.Option("--sensitivity", help=_SENSITIVITY)]
 _SCALE = "given, if the noise in columns sigma, or sx, sy, sz, is as large as that; estimated, if only ratios are known"
 NoiseScale = Annotated[str, typer.Option("--scale", help=_SCALE)]
 _COLUMNS = "coordinates by name or number of column [default: x,y,z if there are such names, else all of two or three]"
@@ -193,12 +198,15 @@ def fit(
     estimator: Estimator = "corrected",
     noise: Noise = None,
     radius: KnownRadius = None,
+    radius_error: RadiusError = None,
     scale: NoiseScale = "given",
     spheres: SphereCount = None,
     ordered: Ordered = False,
     assume: Assume = None,
+    law: NoiseLaw = "isotropic",
     columns: Columns = None,
     dimension: Dimension = None,
+    sensitivity: Sensitivity = False,
     plot: Plot = None,
     as_json: FitsAsJson = False,
     as_csv: Csv = False,
@@ -218,11 +226,17 @@ def fit(
         raise typer.BadParameter("give --json or --csv, not both")
     if assume not in (None, "sphere"):
         raise typer.BadParameter(f"--assume {assume}: only a sphere can be assumed: --assume sphere")
-    assumed = Assumptions(ordered, assume is not None)
+    if law not in ("isotropic", "radial"):
+        raise typer.BadParameter(f"--law {law}: isotropic, or radial for noise along the radius alone")
+    assumed = Assumptions(ordered, assume is not None, law == "radial")
     if plot is not None and len(files) > 1:
         raise typer.BadParameter("--plot: give one file")
+    if sensitivity and (len(files) > 1 or as_json or as_csv):
+        raise typer.BadParameter("--sensitivity prints lines about one file; in Python they are fit.sensitivity()")
+    if radius_error is not None and radius is None:
+        raise typer.BadParameter(f"--radius-error {radius_error:g}: give the radius too, as --radius")
     if spheres is not None:
-        if noise is not None or radius is not None or plot is not None or as_csv or any(assumed):
+        if noise is not None or radius is not None or plot is not None or as_csv or sensitivity or any(assumed):
             raise typer.BadParameter("--spheres goes with --estimator, --columns, --dimension and --json alone")
         _fit_spheres(files, spheres, estimator, columns, dimension, as_json)
         return
@@ -231,7 +245,8 @@ def fit(
     for file in files:
         try:
             table = read_points(file, columns or None, dimension)
-            fits = fit_all(table.points, chosen, table.noise_or(noise), assumed, radius, scale)
+            known = radius if radius_error is None or radius is None else (radius, radius_error)
+            fits = fit_all(table.points, chosen, table.noise_or(noise), assumed, known, scale)
             results.append(fitting.FileFits(file, table, fits))
         except PointFileError as error:
             complaints.append(str(error))
@@ -240,7 +255,7 @@ def fit(
     if as_json or as_csv:
         typer.echo(fitting.as_json(results) if as_json else fitting.as_csv(results))
     else:
-        echo(fitting.as_text(results, noise))
+        echo(fitting.as_text(results, noise, sensitivity))
     if plot is not None:
         (only,) = results
         _plot(only.table.points, only.fits, only.table.names, plot)

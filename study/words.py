@@ -131,5 +131,5 @@ class Hinting:
             if name.startswith("_"):
                 raise AttributeError(message)
             own, words = ANSWERS.get(_plain(name), ("", ""))
-            public = [one for one in dir(kind) if not one.startswith("_")]
+            public = [one for one in dir(self) if not one.startswith("_")]
             raise AttributeError(f"{message}: {f'use {words}' if own in public else did_you_mean(name, public)}")

@@ -126,3 +126,17 @@ def test_all_leaves_out_variants():
     assert set(study.ESTIMATORS) - set(choose("all", 0.1)) == {"lls_single", "mle_mirror"}
     for name in ("lls_single", "mle_mirror"):
         assert choose(name, None) == [name]
+
+
+def test_other_answers_hint_as_a_fit_does():
+    """The fit of several markers, spheres of a cloud and the minimum zone name what they have for the field's words."""
+    rng = np.random.default_rng(12)
+    ball = rng.normal(size=(200, 3))
+    ball = ball / np.linalg.norm(ball, axis=1)[:, None] + rng.normal(0.0, 0.01, (200, 3))
+    for one in (study.mgdk([ball, 2.0 * ball]), study.fit_spheres(ball, 1), study.minimum_zone(ball)):
+        with pytest.raises(AttributeError, match="has no attribute 'centre': use center"):
+            _ = one.centre
+        with pytest.raises(AttributeError, match="_nothing"):
+            _ = one._nothing
+    with pytest.raises(AttributeError, match=r"'JointFit' object has no attribute 'stderr': use standard_errors"):
+        _ = study.mgdk([ball, 2.0 * ball]).stderr

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from study.arrays import Bools, Floats, Ints, as_number, real_array
 from study.fits.circle import Circle, fit_circles, lowest_radius
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
-from study.fits.form import MinimumZone, minimum_zone
+from study.fits.form import MinimumZone, forms_that_move, minimum_zone
 from study.fits.goodness import Answer, Goodness
 from study.fits.intervals import Intervals, intervals
 from study.fits.judge import NOTHING, Assumptions, PointEvidence, gather, influence, judge, widened
@@ -157,10 +157,14 @@ class FittedPoints:
         different, seen = self.different, self._evidence
         white, stretch = intervals(different, level), seen.stretch(level, self.spare) * self.selection
         ends = widened(white, stretch, lambda sets, factors: intervals(different.take(sets), level, factors))
-        if not seen.hinge.any():
+        return self.open_on_hinges(ends, level)
+
+    def open_on_hinges(self, ends: Intervals, level: float) -> Intervals:
+        """Intervals of a level that are open along the axis where the points lie on a circle."""
+        sets = np.flatnonzero(self._evidence.hinge)
+        if not len(sets):
             return ends
-        sets = np.flatnonzero(seen.hinge)
-        least = lowest_radius(fit_circles(different.take(sets)), level, self.spare[sets] + 1)
+        least = lowest_radius(fit_circles(self.different.take(sets)), level, self.spare[sets] + 1)
         radius, center = ends.radius.copy(), ends.center.copy()
         center[sets] = -np.inf, np.inf
         radius[sets] = np.column_stack([least, np.full(len(sets), np.inf)])
@@ -686,6 +690,39 @@ class Fit(Hinting):
             raise ValueError(f"k = {k!r}: a coverage factor must be positive and finite, such as 2")
         return k * self.standard_errors
 
+    def sensitivity(self) -> Floats:
+        """Form errors that move ĉ's components and r̂ by their standard errors (…, 2, d+1), in units of σ.
+
+        A ball that is not round moves a fit, and what it moves most leaves the least in the residuals. The first row
+        has forms of degree 2, such as an ellipsoid's, the second those of degree 3, each the worst of its degree; their
+        size is the root mean square over the whole sphere. If you cannot exclude a form of this size, the number is
+        less certain than its error says. It is infinite for a radius that is known exactly.
+
+        Raises:
+            ValueError: if the fit does not hold its points.
+
+        Example:
+            >>> import numpy as np, study
+            >>> angles = np.linspace(0, 1.5, 50)
+            >>> arc = np.column_stack([np.cos(angles), np.sin(angles)])
+            >>> fit = study.fit(arc + np.random.default_rng(1).normal(0, 0.01, arc.shape))
+            >>> fit.sensitivity().round(2)
+            array([[0.32, 0.31, 0.43],
+                   [0.19, 0.18, 0.2 ]])
+        """
+        points, d = self._points, self.center.shape[-1]
+        weights = np.ones(points.used.shape) if points.samples.weights is None else points.samples.weights
+        weights = np.where(points.used & (points.distance > 0.0), weights, 0.0)
+        errors = self.standard_errors.reshape(-1, d + 1)
+        found = forms_that_move(points.directions, weights, errors, self._held)
+        with np.errstate(all="ignore"):
+            return np.asarray((found / self.sigma.reshape(-1, 1, 1)).reshape(*self.shape, *found.shape[1:]))
+
+    @property
+    def _held(self) -> Floats:
+        """Noise variance over the squared uncertainty of a radius that is known (b,): of none here."""
+        return np.zeros(self.radius.size)
+
     @property
     def correlation(self) -> Floats:
         """Correlation of (ĉ, r̂) (…, d+1, d+1); NaN where the covariance is not finite."""
@@ -723,7 +760,7 @@ class Fit(Hinting):
 
     @property
     def noise_is_known(self) -> bool:
-        """True if the covariance stands on a noise that was given. `corrected` always estimates it."""
+        """True if the covariance stands on a noise that was given."""
         return self._samples is not None and self._samples.noise is not None and self._covariance_of is None
 
     @cached_property

@@ -16,10 +16,12 @@ import numpy as np
 from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import meanings, statuses
-from study.fits.given import GivenFit, takes
+from study.fits.form import FORM_DEGREES
+from study.fits.given import GivenFit
 from study.fits.judge import INFLUENCE, NOTHING, Assumptions
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
+from study.fits.prior import takes
 from study.fits.registry import load
 from study.text import columns, inert, json_text, number, with_error
 from study.words import estimator_remedy
@@ -120,7 +122,7 @@ def noise_law_in_words(fit: Fit, other: Fit, names: list[str]) -> Iterator[str]:
     mle = _digits(float(others[place]), float(fit.standard_errors[place]))
     yield (
         f"{name} {value} by corrected, {mle} by mle: corrected is right if the noise is alike in all directions, mle "
-        "if it is along the radius alone, as of a probe or a scanner within; the points cannot tell"
+        "if it is along the radius alone, as of a probe or a scanner within (--law radial); the points cannot tell"
     )
 
 
@@ -133,6 +135,14 @@ def answers_in_words(fit: Fit) -> str:
     reasons = [answer.partition(": ")[2] for answer in by_answer]
     parts = [f"{part} ({reason})" if reason else part for part, reason in zip(parts, reasons, strict=True)]
     return f"tests: {'; '.join(parts)}"
+
+
+def sensitivity_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
+    """Lines with the form errors that move each number by its ±."""
+    for degree, sizes in zip(FORM_DEGREES, fit.sensitivity(), strict=True):
+        told = zip([*names, "radius"], sizes, strict=True)
+        parts = [f"{name} {number(float(size), '.2g')} σ" for name, size in told if size < math.inf]
+        yield f"form of degree {degree}, rms over the whole sphere, that moves a number by its ±: {', '.join(parts)}"
 
 
 def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
@@ -210,7 +220,7 @@ def fit_all(
     estimators: list[str],
     noise: float | Floats | None,
     assumed: Assumptions = NOTHING,
-    radius: float | None = None,
+    radius: float | tuple[float, float] | None = None,
     scale: str = "given",
 ) -> dict[str, Fit]:
     """Fit points (n, d) by each estimator.
@@ -220,16 +230,16 @@ def fit_all(
         estimators: their names; of several, those that do not take what is known are left out.
         noise: standard deviation of a coordinate, of all points or of each, if it is known; see `study.fit`.
         assumed: what is known of the points.
-        radius: the radius, if it is known.
+        radius: the radius, if it is known, or the radius and its standard uncertainty.
         scale: see `study.fit`.
 
     Raises:
         PointFileError: if an estimator does not take what is known, with those that do.
     """
     known: dict[str, Any] = {"radius": radius, "scale": scale, "ordered": assumed.ordered}
-    known["assume"] = "sphere" if assumed.sphere else None
-    if len(estimators) > 1 and (radius is not None or isinstance(noise, np.ndarray)):
-        estimators = [name for name in estimators if takes(name, points.shape, noise, radius, scale)]
+    known |= {"assume": "sphere" if assumed.sphere else None, "law": "radial" if assumed.radial else "isotropic"}
+    if len(estimators) > 1 and (radius is not None or isinstance(noise, np.ndarray) or assumed.radial):
+        estimators = [name for name in estimators if takes(name, points.shape, noise, radius, scale, assumed.radial)]
     try:
         return {name: fit(points, name, noise, **known) for name in estimators}
     except ValueError as error:
@@ -320,12 +330,13 @@ class FileFits(NamedTuple):
         return all(bool(fit.ok) and fit.outlier_influence <= INFLUENCE for fit in self.fits.values())
 
 
-def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
+def as_text(files: list[FileFits], noise: float | None = None, sensitivity: bool = False) -> Iterator[str]:
     """Lines for a terminal: the fits of a file, or a line for each of several, and what the numbers are.
 
     Args:
         files: the fits.
         noise: the noise that was given.
+        sensitivity: say how large a form error moves the numbers of the first fit of a file.
     """
     if len(files) == 1:
         (only,) = files
@@ -334,21 +345,20 @@ def as_text(files: list[FileFits], noise: float | None = None) -> Iterator[str]:
         yield from intervals_in_words(first, only.table.names)
         yield from doubts(first)
         yield answers_in_words(first)
-        if first.ok and next(iter(only.fits)) == "corrected" and not isinstance(first, GivenFit):
+        known = isinstance(first, GivenFit) and not first.stated_alone
+        if first.ok and next(iter(only.fits)) == "corrected" and not known:
             yield from noise_law_in_words(first, fit(only.table.points, "mle"), only.table.names)
         if isinstance(first, GivenFit):
             yield from first.remarks()
+        if sensitivity:
+            yield from sensitivity_in_words(first, only.table.names)
     else:
         yield from _table(files)
     tables = [one.table for one in files if one.table.left]
     chosen = [f"coordinates are {', '.join(t.names)}; columns left out: {', '.join(t.left)}" for t in tables]
     yield from dict.fromkeys(chosen)
-    plain = next((file.fits for file in files if file.table.noise is None), {})
-    idle = [] if noise is None else [name for name, fit in plain.items() if not fit.noise_is_known]
     if noise is not None and any(file.table.noise is not None for file in files):
         yield f"--noise {noise:g} is not used where columns (sigma, or sx, sy, sz) have the noise of each point"
-    if idle:
-        yield f"--noise {noise:g} is not used by {', '.join(idle)}: the noise is found in the points"
     yield STANDARD_UNCERTAINTY
 
 

@@ -6,19 +6,26 @@ them nearer. These are the conditions of a linear programme, the problem lineari
 
 Each step solves that programme for the points that matter, those near the largest distance, in a trust region that
 shrinks where the true width does not fall. In the end Newton's method solves R - r = s t for the d + 2 points.
+
+A form error also moves a fit. `forms_that_move` says how large one of low degree need be.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from math import factorial, prod
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from study.arrays import Bools, Floats, Ints, real_array
 from study.fits.closed_forms import taubin
+from study.fits.goodness import columns, harmonics
 from study.fits.samples import Samples
+from study.words import Hinting
 
+FORM_DEGREES = (2, 3)
+"""Degrees of the forms whose effect on a fit is told: 2 makes an ellipsoid, 3 a pear."""
 _MOST_STEPS = 200
 _TINY = 1e-13
 """Share of the radius below which a zone's width is rounding, and a step none."""
@@ -51,6 +58,10 @@ class MinimumZone(NamedTuple):
     radius: Floats
     width: Floats
     optimal: Bools
+
+
+if not TYPE_CHECKING:  # a named tuple has no other base
+    MinimumZone.__getattr__ = Hinting.__getattr__
 
 
 def minimum_zone(points: ArrayLike) -> MinimumZone:
@@ -209,3 +220,38 @@ def _proven(y: Floats, active: Ints, signs: Floats, center: Floats) -> bool:
     rounding = 1e-13 * distance.max()
     inside = (distance <= outer.max() + rounding) & (distance >= inner.min() - rounding)
     return bool(inside.all() and (multipliers > 0.0).all() and outer.max() > inner.min())
+
+
+def forms_that_move(directions: Floats, weights: Floats, errors: Floats, held: Floats) -> Floats:
+    """Size of the forms that move the centre's coordinates and the radius by their errors (b, 2, d + 1).
+
+    A form is r + f(e) with a harmonic f of degree 2, or 3. With rows X = (e, 1) a least-squares fit moves by
+    (XWXᵀ + H)⁻¹XW f to first order, linear in the coefficients of f. So of all forms of one size, which is the root
+    mean square of f over the whole sphere, the worst moves a number by the length of that row.
+
+    Args:
+        directions: e of the points (b, d, n).
+        weights: of the points, of mean 1 over those that are used, and 0 for others (b, n).
+        errors: standard errors (b, d + 1).
+        held: H, the noise variance over the squared uncertainty of a radius that is known (b,); infinite where it is
+            exact, 0 where nothing is known of it.
+    """
+    b, d, _ = directions.shape
+    basis = harmonics(d, max(FORM_DEGREES))
+    e = np.where(weights[:, None] > 0.0, directions, 0.0)
+    X, exact = np.concatenate([e, np.ones_like(e[:, :1])], axis=1), np.isinf(held)
+    X[exact, d] = 0.0
+    normal = (X * weights[:, None]) @ X.swapaxes(1, 2)
+    normal[:, d, d] += np.where(exact, 1.0, held)
+    fine = np.isfinite(normal).all(axis=(1, 2)) & (weights.sum(axis=1) > d)
+    normal[~fine] = np.eye(d + 1)
+    pull = np.linalg.pinv(normal, hermitian=True) @ (X * weights[:, None])
+    Y, result = columns(e, basis), np.full((b, len(FORM_DEGREES), d + 1), np.nan)
+    with np.errstate(all="ignore"):
+        for row, degree in enumerate(FORM_DEGREES):
+            mean_square = factorial(degree) / prod(d + 2 * k for k in range(degree))  # of the basis, over the sphere
+            moved = pull @ Y[:, basis.degree == degree].swapaxes(1, 2)
+            size = errors * np.sqrt(mean_square) / np.linalg.norm(moved, axis=2)
+            result[fine, row] = size[fine]
+    result[exact, :, d] = np.inf
+    return result

@@ -1,12 +1,13 @@
-"""Fits with what is known beforehand: the radius, or the noise of each point.
+"""Fits with what is known beforehand: the radius, the noise of each point, or its law.
 
-`study.fit` hands points here when a radius is given, or a noise for each point. Which estimators take which is in
-`check_way`. Their answer is a `GivenFit`: a `Fit` whose covariances and intervals use what is known.
+`study.fit` hands points here when a radius is given, a noise for each point, or one that lies along the radius. The
+noise of all points comes here, too, for estimators that find it by themselves: it fixes σ, errors, intervals and the
+status, while centre and radius stay. Which estimators take which is in `check_way`. Their answer is a `GivenFit`: a
+`Fit` whose covariances and intervals use what is known.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
@@ -14,15 +15,13 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
-from study.arrays import Bools, Floats, Ints, real_array
+from study.arrays import Bools, Floats, Ints
 from study.fits.answer import Fit, FittedPoints
-from study.fits.bounds import is_per_point, point_noise
 from study.fits.goodness import Goodness, number_of
 from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radius, intervals_of
 from study.fits.judge import NOTHING, Assumptions, PointEvidence, weighted_outliers, widened
-from study.fits.prior import Believed, StatedRadius
+from study.fits.prior import CLOSED, Believed, Given, StatedRadius, check_way
 from study.fits.robust import find
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit
 from study.fits.weighted import Spheres, Weighted, along_normals, closed, cost, covariance, solve
@@ -30,8 +29,6 @@ from study.text import number, with_error
 
 _FULLER = 2.0
 """Fuller's constant where the radius is fitted: bias is removed in full, and tails are short (theory 9.3)."""
-_EXACT = 1e-9
-"""Uncertainty of a radius, in radii, below which rounding leaves no less of it."""
 _NOWHERE = 1e-5
 """Level up to which the free radius is taken to lie in its interval, where a stated one is uncertain."""
 _FAR = 1e7
@@ -44,118 +41,13 @@ _SIDES = 3.0
 """Standard errors by which a known radius must fit better on one side of the points than on the other."""
 
 
-_CLOSED = ("als", "ugdk", "gdke")
-_ITERATED = ("corrected", "mle")
-"""Estimators that take what is known beforehand: all of it, while the closed forms do not take every covariance."""
-
-
-class Given(NamedTuple):
-    """Knowledge beforehand of a flat batch: a radius, or the noise of each point.
-
-    Attributes:
-        radius: r of each set (b,), NaN where it is not known.
-        noise: variance of each point (b, n), or its covariance (b, n, d, d); None where all points have the same.
-        relative: only ratios of the noise are known.
-        sigma: σ of all points, for `ugdk`; None if it is not known.
-        prior: stated radii with their uncertainties, of which ``radius`` is what points and statement give together;
-            None where a radius is exact or not known.
-    """
-
-    radius: Floats
-    noise: Floats | None
-    relative: bool
-    sigma: float | None
-    prior: StatedRadius | None = None
-
-    def take(self, places: Ints) -> Given:
-        """Part of the batch."""
-        part = self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])
-        return (
-            part if self.prior is None else part._replace(prior=StatedRadius(*(array[places] for array in self.prior)))
-        )
-
-
-def given_of(
-    shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike | tuple[ArrayLike, ArrayLike] | None, scale: str
-) -> Given:
-    """Check what is given for points of a shape (…, n, d), and bring it to the flat batch.
-
-    Raises:
-        TypeError: if a value is no real number.
-        ValueError: if a shape or value cannot be used; the message says which.
-    """
-    *lead, n, d = shape
-    b = math.prod(lead)
-    if scale not in ("given", "estimated"):
-        raise ValueError(f"scale = {scale!r}: 'given' takes the noise as it is, 'estimated' its ratios alone")
-    known, stated = np.full(b, np.nan), None
-    radius, uncertain = radius if isinstance(radius, tuple) and len(radius) == 2 else (radius, None)
-    if radius is not None:
-        value = real_array(radius, "radius").astype(float)
-        if value.shape not in ((), tuple(lead)):
-            raise ValueError(f"radius has shape {value.shape}: give one number, or one for each set, {tuple(lead)}")
-        if (wrong := value[~((value > 0.0) & (value < 1e150))]).size:
-            raise ValueError(f"radius = {wrong[0]:g}: a known radius must be positive and finite")
-        known = np.broadcast_to(value, lead).reshape(b).astype(float)
-    if uncertain is not None:
-        value = real_array(uncertain, "radius").astype(float)
-        if value.shape not in ((), tuple(lead)) or not ((value > 0.0) & (value < 1e150)).all():
-            remedy = "must be positive and finite; give an exact radius alone, as one number"
-            raise ValueError(f"radius = (…, {uncertain}): a standard uncertainty {remedy}")
-        stated = StatedRadius(known, np.maximum(np.broadcast_to(value, lead).reshape(b), _EXACT * known))
-    array = None if noise is None else real_array(noise, "noise").astype(float)
-    if array is None or not is_per_point(array.shape, n, d):
-        if scale == "estimated":
-            raise ValueError("scale = 'estimated' needs a noise for each point: (n,), (n, d) or (n, d, d)")
-        if array is not None and array.ndim:
-            raise ValueError(
-                f"noise has shape {array.shape}: with a known radius give one σ, or a noise for each point, "
-                f"({n},), ({n}, {d}) or ({n}, {d}, {d})"
-            )
-        return Given(known, None, False, None if array is None else float(array), stated)
-    variance = point_noise(array, shape)
-    if variance.ndim == 4 and np.array_equal(variance, variance[..., :1, :1] * np.eye(d), equal_nan=True):
-        variance = variance[..., 0, 0]  # isotropic
-    return Given(known, variance, scale == "estimated", None, stated)
-
-
-def check_way(estimator: str, given: Given) -> None:
-    """Raise a ValueError, which names those that can, if an estimator does not take what is known."""
-    able, known = [*_ITERATED, *_CLOSED], ["known radius"] * bool(np.isfinite(given.radius).any())
-    if estimator == "robust" and given.prior is not None:
-        raise ValueError("estimator = 'robust': takes no uncertain radius; give an exact one, as one number")
-    if given.noise is None:
-        able.insert(2, "robust")
-    if given.noise is not None and given.noise.ndim == 4:
-        able = [*_ITERATED] if known else [name for name in able if name != "als"]
-        known.append("covariance for each point")
-    elif given.noise is not None:
-        known.append("noise for each point")
-    if estimator not in able:
-        names = f"{', '.join(able[:-1])} and {able[-1]}"
-        raise ValueError(f"estimator = {estimator!r}: takes no {' and a '.join(known)}; {names} do")
-    if estimator == "ugdk" and given.relative:
-        raise ValueError("estimator = 'ugdk': subtracts the noise, so that its scale must be given; als finds it")
-    if estimator == "ugdk" and given.noise is None and given.sigma is None:
-        raise ValueError("estimator = 'ugdk': subtracts the known noise: pass noise=σ, or use als, which finds it")
-
-
-def takes(estimator: str, shape: tuple[int, ...], *known: Any) -> bool:
-    """True for an estimator that takes what is known: noise, radius and scale as `study.fit` has them."""
-    try:
-        check_way(estimator, given_of(shape, *known))
-    except ValueError:
-        return False
-    return True
-
-
 def weighted(x: Floats, given: Given, estimator: str) -> Weighted:
     """The points (b, d, n) with the weights that are given."""
     noise, known = given.noise, not given.relative
     if noise is None:
-        sigma = given.sigma if estimator == "ugdk" else None
-        noise, known = np.full((x.shape[0], x.shape[2]), 1.0 if sigma is None else sigma**2), sigma is not None
-    return Weighted.of(x.swapaxes(1, 2), noise, known, given.radius)
+        known = given.sigma is not None
+        noise = np.full((x.shape[0], x.shape[2]), 1.0 if given.sigma is None else given.sigma**2)
+    return Weighted.of(x.swapaxes(1, 2), noise, known, given.radius)._replace(radial=given.radial)
 
 
 def estimate(sets: Weighted, estimator: str) -> Estimates:
@@ -169,8 +61,8 @@ def estimate(sets: Weighted, estimator: str) -> Estimates:
     part = sets.take(places)
     with np.errstate(all="ignore"):
         extent = np.linalg.eigvalsh(np.einsum("bn,bni,bnj->bij", part.weights, part.points, part.points))
-        sphere = closed(part, estimator if estimator in _CLOSED else "gdke")
-        if estimator not in _CLOSED:
+        sphere = closed(part, estimator if estimator in CLOSED else "gdke")
+        if estimator not in CLOSED:
             sphere = solve(part, sphere, corrected=False)
         if estimator == "corrected":
             sphere = solve(part, sphere, corrected=True, fuller=_FULLER)
@@ -197,7 +89,7 @@ class RadiusTest(NamedTuple):
 
 
 class GivenFit(Fit):
-    """Spheres that were fitted with a known radius, or with a noise for each point; see `study.fit`.
+    """Spheres that were fitted with a known radius, noise, or law of the noise; see `study.fit`.
 
     It has all that a `Fit` has. Covariances and intervals use what is known. A radius that was given with its standard
     uncertainty is fitted with it, and has an error and an interval of its own. Where each point has a noise of its own,
@@ -252,9 +144,10 @@ class GivenFit(Fit):
         """The points with their weights; what they show is judged by the sphere of the free fit."""
         center = self.center.reshape(-1, self.center.shape[-1])
         samples, free = self._samples, None
-        if self._given.noise is not None and not self._nothing_known.all():
+        if (self._given.noise is not None or self._given.radial) and not self._nothing_known.all():
             sets, sphere = self._sets, self._free
-            samples = replace(samples, weights=self._along(sphere))
+            if self._given.noise is not None:
+                samples = replace(samples, weights=self._along(sphere))
             with np.errstate(all="ignore"):
                 middle = sets.origin + sphere.center * sets.unit[:, None]
                 numbers = middle, sphere.radius * sets.unit, sphere.scale * sets.unit**2
@@ -272,6 +165,13 @@ class GivenFit(Fit):
         return weighted(x, self._given, self._estimator)
 
     @cached_property
+    def _different(self) -> Weighted:
+        """The points that intervals stand on: copies count once."""
+        if not self._points.repeated.any():
+            return self._sets
+        return weighted(self._points.different.x, self._given, self._estimator)
+
+    @cached_property
     def _spheres(self) -> Spheres:
         """The answers in the units of the sets."""
         sets, flat = self._sets, self._estimates.reshape(-1)
@@ -282,8 +182,13 @@ class GivenFit(Fit):
         return Spheres(center, flat.radius / sets.unit, scale, np.isfinite(flat.radius))
 
     @property
+    def stated_alone(self) -> bool:
+        """True if the noise of all points was given, and nothing else."""
+        return self._given.stated_alone
+
+    @property
     def noise_is_known(self) -> bool:
-        """True if the size of the noise was given for each point, or to `ugdk`."""
+        """True if the size of the noise was given."""
         return bool(np.isfinite(self._sets.scale).any())
 
     @cached_property
@@ -297,9 +202,9 @@ class GivenFit(Fit):
             added = np.nan_to_num(deviation[:, None, None] ** 2 * line[:, :, None] * line[:, None], nan=0.0)
             result += added
         result *= (self._sets.unit**2)[:, None, None]
-        if self._nothing_known.any():
-            plain = super().own_covariance.reshape(result.shape)
-            result[self._nothing_known] = plain[self._nothing_known]
+        plain = self._nothing_known | self._given.stated_alone
+        if plain.any():
+            result[plain] = super().own_covariance.reshape(result.shape)[plain]
         return result.reshape(*self.shape, *result.shape[1:])
 
     @property
@@ -347,6 +252,13 @@ class GivenFit(Fit):
         A radius that is itself wrong moves the centre of a cap along its axis by more than that (…, d+1).
         """
         return (self._evidence.ratio * self._points.selection).reshape(*self.shape, self.center.shape[-1] + 1)
+
+    @property
+    def _held(self) -> Floats:
+        prior, radius = self._given.prior, self._given.radius
+        if prior is None:
+            return np.where(np.isfinite(radius), np.inf, 0.0)
+        return np.asarray(self.noise_variance.reshape(-1) / prior.uncertainty**2)
 
     @cached_property
     def noise_scale(self) -> Floats:
@@ -410,6 +322,11 @@ class GivenFit(Fit):
             times = number(float(self.noise_scale), ".3g")
             scaled = "its scale is found in them" if self._given.relative else "± stands on the noise as it is given"
             yield f"each point has a noise of its own, and the residuals are {times} times as large; {scaled}"
+        elif self._given.sigma is not None:
+            times, given = number(float(self.noise_scale), ".3g"), f"noise {self._given.sigma:g} is given"
+            yield f"{given}, and the residuals are {times} times as large; ± stands on the noise as it is given"
+        if self._given.radial:
+            yield "the noise is taken to be along the radius alone"
 
     @cached_property
     def outliers(self) -> Bools:
@@ -423,7 +340,7 @@ class GivenFit(Fit):
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
-            sets, stretch = self._sets, self._evidence.stretch(level, self._points.spare) * self._points.selection
+            sets, stretch = self._different, self._evidence.stretch(level, self._points.spare) * self._points.selection
             if self._given.prior is not None:
                 known[level] = self._uncertain_intervals(level, stretch)
                 return known[level]
@@ -433,6 +350,8 @@ class GivenFit(Fit):
                 return given_intervals(sets.take(some), level, factors)
 
             known[level] = widened(given_intervals(sets, level, np.ones(len(stretch))), stretch, again)
+            if self._given.stated_alone:
+                known[level] = self._points.open_on_hinges(known[level], level)
             if (plain := self._nothing_known).any():
                 for whole, part in zip(known[level], self._points.intervals(level), strict=True):
                     whole[plain] = part[plain]
@@ -464,7 +383,7 @@ class GivenFit(Fit):
         """The status by the rule for every fit, which a known radius must pass, and a noise that is given, by χ²."""
         status, goodness = super()._judged
         refused = self.radius_test.p < _NOTICED
-        if self._given.noise is not None and not self._given.relative:
+        if self.noise_is_known:
             sets, sphere = self._sets, self._spheres
             spare = np.maximum(sets.size - self.center.shape[-1] - ~np.isfinite(sets.radius), 1.0)
             with np.errstate(all="ignore"):
@@ -550,7 +469,8 @@ def _for_kernels(sets: Weighted, spheres: Spheres) -> Iterator[tuple[Ints, Point
         if not same and sets.covariances is not None:
             p, bent, scale = along_normals(part, sphere)
         else:
-            p, bent, scale = part.weights, np.empty((len(places), 2, 0)), part.scale
+            p, scale = part.weights, part.scale
+            bent = np.zeros((*p.shape, 2)) if part.radial else np.empty((len(places), 2, 0))
 
         def dense(array: Floats, part: Weighted = part, shape: tuple[int, int] = (len(places), count)) -> Floats:
             return np.ascontiguousarray(np.moveaxis(array[part.present].reshape(*shape, -1), 2, 1))
@@ -605,8 +525,13 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
 def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, assumed: Assumptions = NOTHING) -> Fit:
     """`study.fit` with a known radius or a noise for each point; see there."""
     *lead, n, d = points.shape
-    check_way(name, given)
     x = np.array(points.reshape(-1, n, d).swapaxes(1, 2), dtype=float, order="C")
+    if given.stated_alone and given.sigma is not None:
+        samples = Samples(x, given.sigma)
+        answer = careful_fit(estimator, samples)
+        answer.noise_variance[np.isfinite(answer.noise_variance)] = given.sigma**2
+        return GivenFit(answer.reshape(*lead), samples, name, given, assumed, estimator.covariance)
+    check_way(name, given)
     if given.noise is not None:  # a point without a noise is missing
         unknown = given.noise <= 0.0 if given.noise.ndim == 2 else np.einsum("bnii->bn", given.noise) <= 0.0
         x[np.broadcast_to(unknown[:, None], x.shape)] = np.nan

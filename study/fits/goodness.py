@@ -63,8 +63,8 @@ _LEAST_TERMS = 4
 """Points for each moment of waves beyond those that centre, radius and noise take, at least."""
 _DEPENDENT = 1e-8
 """Share of the largest eigenvalue of the moments' correlation below which they depend on each other."""
-_FAR = 1e-3
-"""Noise in radii below which a distance is normal."""
+_FAR, _SHRUNK = 1e-3, 1e-5
+"""Noise in radii below which a distance is normal; and one that stands for any noise along the radius."""
 _LARGEST_SCORE = 8.0
 _LEAST_SPARE = 16
 """Least degrees of freedom of a test of unequal noise and tails."""
@@ -317,6 +317,11 @@ class Residuals(NamedTuple):
         """Some sets of the batch."""
         weights = None if self.weights is None else self.weights[places]
         return Residuals(self.R[places], self.Y[places], self.s[places], weights, self.basis)
+
+    def shrunk(self) -> "Residuals":
+        """The same for noise along the radius, whose law is that of small noise whatever its size."""
+        share = np.where(self.s > 0.0, _SHRUNK / np.sqrt(np.maximum(self.s, _NO_NOISE)), 1.0)
+        return self._replace(R=1.0 + (self.R - 1.0) * share[:, None], s=self.s * share**2)
 
     @property
     def dimension(self) -> int:

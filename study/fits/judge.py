@@ -70,19 +70,23 @@ class Assumptions(NamedTuple):
     Attributes:
         ordered: the rows are in the order in which they were measured.
         sphere: the points lie on a sphere: their shape is not tested.
+        radial: their noise is along the radius alone.
     """
 
     ordered: bool = False
     sphere: bool = False
+    radial: bool = False
 
     @classmethod
-    def of(cls, ordered: bool, assume: str | None) -> "Assumptions":
+    def of(cls, ordered: bool, assume: str | None, law: str = "isotropic") -> "Assumptions":
         """Check what a user says; a TypeError or ValueError names what cannot be used."""
         if isinstance(ordered, str):
             raise TypeError(f"ordered = {ordered!r}: expected True or False")
         if assume not in (None, "sphere"):
             raise ValueError(f"assume = {assume!r}: only 'sphere' can be assumed, or nothing, None")
-        return cls(bool(ordered), assume == "sphere")
+        if law not in ("isotropic", "radial"):
+            raise ValueError(f"law = {law!r}: 'isotropic' for noise alike in all directions, 'radial' along the radius")
+        return cls(bool(ordered), assume == "sphere", law == "radial")
 
 
 NOTHING = Assumptions()
@@ -189,7 +193,8 @@ def _look(
     """Test some complete sets, and fill in their places in the evidence."""
     (_, d, n), (result, sets) = samples.shape, part
     with np.errstate(all="ignore"):
-        seen = see(Residuals.about(tested.x, spheres, tested.weights, highest_degree(tested.shape[2], d)))
+        about = Residuals.about(tested.x, spheres, tested.weights, highest_degree(tested.shape[2], d))
+        seen = see(about.shrunk() if assumed.radial else about)
         answer, spare, ordered = seen.goodness, n - d - 1, assumed.ordered
         if assumed.sphere:
             answer.shape[:] = np.nan

@@ -47,13 +47,14 @@ from study.fits.samples import (
 )
 from study.fits.score import Markers
 from study.text import number, with_error
+from study.words import Hinting
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class JointFit:
+class JointFit(Hinting):
     """The common centre of several markers, as `mgdk` finds it.
 
     Attributes:
@@ -414,8 +415,8 @@ class Incremental:
 
         Args:
             estimator: one that needs the moments alone, such as ``study.ESTIMATORS["als"]``.
-            noise: standard deviation σ in the unit of the points, a covariance (d, d), or None where the estimator
-                does not need it.
+            noise: standard deviation σ in the unit of the points, or a covariance (d, d), for ``ugdk`` and ``hinge``.
+                Others find it in the points, and a fit without points has no errors that could stand on it.
             assume: "sphere" if the points are known to lie on one, which their moments cannot test: a fit that its
                 estimator calls ok is then ok, and else untested.
 
@@ -426,12 +427,15 @@ class Incremental:
 
         Raises:
             TypeError: if the noise is no real number.
-            ValueError: if the estimator needs the points themselves, which are not stored, or the noise cannot be used.
+            ValueError: if the estimator needs the points themselves, which are not stored, or the noise cannot be used,
+                or is not used.
         """
         if not estimator.moments_suffice:
             raise ValueError("this estimator reads the points, which are not stored: take gdke, ugdk or als")
         if noise is not None:
             noise_covariance(noise, self.dimension)
+            if estimator.needs != "noise" and not estimator.takes_noise:
+                raise ValueError(f"noise = {noise}: this estimator finds it in the points; leave it out, or take ugdk")
         if self.moments is None or self.moments.n[0] < self.dimension + 1:
             status = Status.TOO_FEW_POINTS
         elif np.trace(self.moments.second[0]) > 0.0 and not is_ordinary(self.moments.fourth):

@@ -1,21 +1,29 @@
-"""A radius that is known with an uncertainty: a value r₀ and its standard uncertainty τ.
+"""Knowledge beforehand: a radius, the noise of each point, or its law; and a radius with an uncertainty.
 
-The radius has a normal law about r₀. On a grid of radii r the fit with r given has the centre ĉ(r), its errors e(r) and
-the score T(r), which is Student's t where r is right, or normal where the noise is known (theory 10.6). The score's law
-is the points' own distribution of the radius, of density f(T) |dT/dr|. Its product with the prior is that of both, and
-the centre's law is the mixture of the laws of ĉ(r) over it. For τ → 0 this is the fit with the radius r₀, for τ → ∞
-the radius and its interval are those of the free fit.
+A radius that is stated as r₀ with its standard uncertainty τ has a normal law about r₀. On a grid of radii r the fit
+with r given has the centre ĉ(r), its errors e(r) and the score T(r), which is Student's t where r is right, or normal
+where the noise is known (theory 10.6). The score's law is the points' own distribution of the radius, of density
+f(T) |dT/dr|. Its product with the prior is that of both, and the centre's law is the mixture of the laws of ĉ(r) over
+it. For τ → 0 this is the fit with the radius r₀, for τ → ∞ the radius and its interval are those of the free fit.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
-from study.arrays import Floats
+from study.arrays import Floats, Ints, real_array
+from study.fits.bounds import is_per_point, noise_covariance, point_noise
 from study.fits.intervals import AtRadius
 
+CLOSED = ("als", "ugdk", "gdke")
+ITERATED = ("corrected", "mle")
+"""Estimators that take what is known beforehand: all of it, while the closed forms do not take every covariance."""
+_EXACT = 1e-9
+"""Uncertainty of a radius, in radii, below which rounding leaves no less of it."""
 _GRID = 101
 _WIDE = 5.0
 """Standard uncertainties about the stated radius, beyond which the prior is nil."""
@@ -29,6 +37,123 @@ class StatedRadius(NamedTuple):
 
     radius: Floats
     uncertainty: Floats
+
+
+class Given(NamedTuple):
+    """Knowledge beforehand of a flat batch: a radius, or the noise of each point.
+
+    Attributes:
+        radius: r of each set (b,), NaN where it is not known.
+        noise: variance of each point (b, n), or its covariance (b, n, d, d); None where all points have the same.
+        relative: only ratios of the noise are known.
+        sigma: σ of all points; None if it is not known.
+        prior: stated radii with their uncertainties, of which ``radius`` is what points and statement give together;
+            None where a radius is exact or not known.
+        radial: the noise is along the radius alone.
+    """
+
+    radius: Floats
+    noise: Floats | None
+    relative: bool
+    sigma: float | None
+    prior: StatedRadius | None = None
+    radial: bool = False
+
+    @property
+    def stated_alone(self) -> bool:
+        """True if the noise of all points is known, and nothing else."""
+        return self.sigma is not None and not self.radial and not np.isfinite(self.radius).any()
+
+    def take(self, places: Ints) -> "Given":
+        """Part of the batch."""
+        part = self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])
+        return (
+            part if self.prior is None else part._replace(prior=StatedRadius(*(array[places] for array in self.prior)))
+        )
+
+
+def given_of(
+    shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike | tuple[ArrayLike, ArrayLike] | None, scale: str
+) -> Given:
+    """Check what is given for points of a shape (…, n, d), and bring it to the flat batch.
+
+    Raises:
+        TypeError: if a value is no real number.
+        ValueError: if a shape or value cannot be used; the message says which.
+    """
+    *lead, n, d = shape
+    b = math.prod(lead)
+    if scale not in ("given", "estimated"):
+        raise ValueError(f"scale = {scale!r}: 'given' takes the noise as it is, 'estimated' its ratios alone")
+    known, stated = np.full(b, np.nan), None
+    radius, uncertain = radius if isinstance(radius, tuple) and len(radius) == 2 else (radius, None)
+    if radius is not None:
+        value = real_array(radius, "radius").astype(float)
+        if value.shape not in ((), tuple(lead)):
+            raise ValueError(f"radius has shape {value.shape}: give one number, or one for each set, {tuple(lead)}")
+        if (wrong := value[~((value > 0.0) & (value < 1e150))]).size:
+            raise ValueError(f"radius = {wrong[0]:g}: a known radius must be positive and finite")
+        known = np.broadcast_to(value, lead).reshape(b).astype(float)
+    if uncertain is not None:
+        value = real_array(uncertain, "radius").astype(float)
+        if value.shape not in ((), tuple(lead)) or not ((value > 0.0) & (value < 1e150)).all():
+            remedy = "must be positive and finite; give an exact radius alone, as one number"
+            raise ValueError(f"radius = (…, {uncertain}): a standard uncertainty {remedy}")
+        stated = StatedRadius(known, np.maximum(np.broadcast_to(value, lead).reshape(b), _EXACT * known))
+    array = None if noise is None else real_array(noise, "noise").astype(float)
+    if array is None or not is_per_point(array.shape, n, d):
+        if scale == "estimated":
+            raise ValueError("scale = 'estimated' needs a noise for each point: (n,), (n, d) or (n, d, d)")
+        if array is None:
+            return Given(known, None, False, None, stated)
+        if array.ndim == 0:
+            return Given(known, None, False, float(array), stated)
+        array = np.broadcast_to(noise_covariance(array, d), (n, d, d))
+    variance = point_noise(array, shape)
+    if variance.ndim == 4 and np.array_equal(variance, variance[..., :1, :1] * np.eye(d), equal_nan=True):
+        variance = variance[..., 0, 0]  # isotropic
+    return Given(known, variance, scale == "estimated", None, stated)
+
+
+def check_way(estimator: str, given: Given) -> None:
+    """Raise a ValueError, which names those that can, if an estimator does not take what is known."""
+    if given.radial and estimator not in ITERATED:
+        raise ValueError(f"estimator = {estimator!r}: takes no law = 'radial'; corrected and mle do")
+    if given.radial and given.noise is not None and given.noise.ndim == 4:
+        raise ValueError("law = 'radial': the noise has one size at a point, no covariance; give σ of each, (n,)")
+    able, known = [*ITERATED, *CLOSED], ["known radius"] * bool(np.isfinite(given.radius).any())
+    if estimator == "robust" and given.prior is not None:
+        raise ValueError("estimator = 'robust': takes no uncertain radius; give an exact one, as one number")
+    if given.noise is None:
+        able.insert(2, "robust")
+    if given.noise is not None and given.noise.ndim == 4:
+        able = [*ITERATED] if known else [name for name in able if name != "als"]
+        known.append("covariance for each point")
+    elif given.noise is not None:
+        known.append("noise for each point")
+    if estimator not in able:
+        names = f"{', '.join(able[:-1])} and {able[-1]}"
+        raise ValueError(f"estimator = {estimator!r}: takes no {' and a '.join(known)}; {names} do")
+    if estimator == "ugdk" and given.relative:
+        raise ValueError("estimator = 'ugdk': subtracts the noise, so that its scale must be given; als finds it")
+    if estimator == "ugdk" and given.noise is None and given.sigma is None:
+        raise ValueError("estimator = 'ugdk': subtracts the known noise: pass noise=σ, or use als, which finds it")
+
+
+def takes(
+    estimator: str,
+    shape: tuple[int, ...],
+    noise: ArrayLike | None,
+    radius: ArrayLike | tuple[ArrayLike, ArrayLike] | None,
+    scale: str,
+    radial: bool,
+) -> bool:
+    """True for an estimator that takes what is known: noise, radius and scale as `study.fit` has them, and the law."""
+    try:
+        check_way(estimator, given_of(shape, noise, radius, scale)._replace(radial=radial))
+    except ValueError:
+        return False
+    return True
 
 
 class Believed(NamedTuple):

@@ -35,9 +35,10 @@ from study.fits.bounds import is_per_point, noise_covariance
 from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk, ugdk_cov
 from study.fits.corrected import corrected, corrected_01, corrected_02, corrected_12, corrected_covariance, sandwich
 from study.fits.geometric import mle, mle_centroid, mle_early, mle_mirror
-from study.fits.given import fit_given, given_of
+from study.fits.given import fit_given
 from study.fits.judge import NOTHING, Assumptions
 from study.fits.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
+from study.fits.prior import given_of
 from study.fits.robust import robust
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
 from study.words import estimator_remedy, hinting
@@ -162,7 +163,13 @@ ESTIMATORS: dict[str, Estimator] = {
     "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True),
     "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", flops=_moments, moments_suffice=True),
     "fuller": Estimator(fuller, "Fuller 1987, for als", flops=_moments, moments_suffice=True),
-    "hinge": Estimator(hinge, "als, without directions of insignificant extent", flops=_moments, moments_suffice=True),
+    "hinge": Estimator(
+        hinge,
+        "als, without directions of insignificant extent",
+        flops=_moments,
+        moments_suffice=True,
+        takes_noise=True,
+    ),
     "taubin": Estimator(taubin, "Taubin 1991", flops=_moments, moments_suffice=True),
     "pratt": Estimator(pratt, "Pratt 1987", flops=_moments, moments_suffice=True),
     "hyper": Estimator(hyper, "Al-Sharadqah & Chernov 2009", flops=_moments, moments_suffice=True),
@@ -185,6 +192,7 @@ def fit(
     copy: bool | None = None,
     ordered: bool = False,
     assume: str | None = None,
+    law: str = "isotropic",
 ) -> Fit:
     """Fit a sphere (a circle, if d = 2) to each of one or many point sets.
 
@@ -197,7 +205,9 @@ def fit(
         noise: standard deviation σ of each coordinate, in the unit of the points, or a covariance Σ (d, d); None if
             it is not known. Only ``ugdk`` cannot do without. Where points differ: σ of each (n,), of each coordinate
             of each (n, d), or the covariance of each (n, d, d), with the leading axes of the points or none. A file's
-            columns sigma, or sx, sy and sz, count in its place.
+            columns sigma, or sx, sy and sz, count in its place. Errors stand on it. So do the intervals and the status
+            of fits with a known radius, of points that differ, and of ``corrected`` and ``robust``; other fits find
+            the noise of their intervals in the points.
         radius: the radius, where it is known, or one for each set (…): then the centre alone is fitted. A tuple of two
             is a radius and its standard uncertainty, which the errors and intervals allow for; not for ``robust``.
         scale: "given" if the noise of each point is as large as that; "estimated" if only its ratios are known.
@@ -207,11 +217,14 @@ def fit(
         ordered: True if the rows are in the order in which they were measured: where neighbours share their noise,
             errors and intervals then allow for it.
         assume: "sphere" if the points are known to lie on one (a circle, if d = 2): their shape is then not tested.
+        law: "isotropic" for noise alike in all directions; "radial" for noise along the radius alone, as of a probe or
+            a scanner at the centre. Then ``corrected`` and ``mle`` are one, and other estimators refuse.
 
     Returns:
         A `Fit` whose arrays have the leading axes of ``points``; a `GivenFit` where the radius or the noise of each
-        point was given, which corrected, mle, als, ugdk and gdke take. Look at ``fit.ok`` before using the numbers:
-        data that determine no sphere have a status, and raise nothing.
+        point was given, which corrected, mle, als, ugdk and gdke take, where the law is radial, and where corrected
+        and robust have a noise. Look at ``fit.ok`` before using the numbers: data that determine no sphere have a
+        status, and raise nothing.
 
     Raises:
         TypeError: if the points or the noise are not real numbers, or the estimator is no name.
@@ -241,17 +254,20 @@ def fit(
         hint = "; points are rows: swap the last two axes" if n in (2, 3) and d > 4 else ""
         needs = f"a sphere in {d} dimensions needs at least {d + 1} points"
         raise ValueError(f"points have shape {array.shape}: {needs}{hint}")
-    assumed = Assumptions.of(ordered, assume)
-    if radius is not None or scale != "given" or (noise is not None and is_per_point(np.shape(noise), n, d)):
-        given = given_of(array.shape, noise, radius, scale)
-        return fit_given(array, estimator, ESTIMATORS[estimator], given, assumed)
+    assumed = Assumptions.of(ordered, assume, law)
+    entry = ESTIMATORS[estimator]
+    stated = noise is not None and is_per_point(np.shape(noise), n, d)
+    if noise is not None and not stated:
+        noise_covariance(noise, d)  # an estimator that finds the noise by itself would not use it
+        stated = entry.covariance is not None or (entry.without_outliers and np.ndim(noise) == 0)
+    if radius is not None or scale != "given" or stated or assumed.radial:
+        given = given_of(array.shape, noise, radius, scale)._replace(radial=assumed.radial)
+        return fit_given(array, estimator, entry, given, assumed)
     if noise is not None:
-        noise_covariance(noise, d)
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
     x = array.reshape(-1, n, d).swapaxes(1, 2)
     lent = array.size > _MOST_COPIED if copy is None else not copy
     samples = Samples(x.astype(float, copy=False) if lent else np.array(x, dtype=float, order="C"), noise, lent)
-    entry = ESTIMATORS[estimator]
     if is_ordinary(samples.moments.fourth):
         estimates = entry(samples)
     else:

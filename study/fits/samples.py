@@ -216,6 +216,7 @@ class Estimator:
         function: computes `Estimates` from `Samples`. It never raises on data, only on a noise that it cannot use.
         reference: publication that it follows.
         needs: argument of `study.fit` without which it raises; empty if points are enough.
+        takes_noise: the function uses a noise that is given, though it need not be.
         flops: floating-point operations per sample in d dimensions: sums, products, quotients, square roots.
         flops_of: the part of a fit that ``flops`` counts; empty for all of it.
         caution: warning for the user that holds whatever the status; empty if there is none.
@@ -245,6 +246,7 @@ class Estimator:
     covariance: Callable[[Samples, Estimates], Floats] | None = None
     without_outliers: bool = False
     version: int | str = 1
+    takes_noise: bool = False
 
     def __call__(self, samples: Samples) -> Estimates:
         """Fit each set of the batch."""

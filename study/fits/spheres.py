@@ -30,7 +30,7 @@ from study.fits.display import meanings, statuses
 from study.fits.random import stream
 from study.text import columns, with_error
 from study.text import number as text_number
-from study.words import estimator_remedy
+from study.words import Hinting, estimator_remedy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +67,7 @@ _TOO_LARGE = 1e150
 
 
 @dataclass(frozen=True, eq=False)
-class CloudSpheres:
+class CloudSpheres(Hinting):
     """Spheres in one cloud, as `fit_spheres` finds them: those that are ok first, in the order of their points.
 
     Attributes:

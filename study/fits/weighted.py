@@ -15,6 +15,8 @@ of second order (theory 9.7): with P = I - eeᵀ and q = eᵀΣPΣe
 
     ρ - r = λ - r = s [tr PΣ / 2r - 2 p q / r],    and p s PΣe/r is taken from the term (R - λ) p e.
 
+Noise along the radius alone has ρ = λ = r and V = s/p whatever its size: least squares are the corrected equations.
+
 Closed forms are unbiased linear equations (theory 9.8). With y = x - x̄ about the weighted centroid, weights p of mean 1
 and a noise covariance T of each point, ĉ = x̄ + a solves
 
@@ -66,6 +68,7 @@ class Weighted(NamedTuple):
         radius: r (b,) where it is known, else NaN.
         origin: the centroids (b, d).
         unit: the spreads (b,).
+        radial: the noise is along the radius alone.
     """
 
     points: Floats
@@ -75,6 +78,7 @@ class Weighted(NamedTuple):
     radius: Floats
     origin: Floats
     unit: Floats
+    radial: bool = False
 
     @classmethod
     def of(cls, points: Floats, noise: Floats, known: bool, radius: Floats) -> "Weighted":
@@ -141,11 +145,12 @@ class Weighted(NamedTuple):
     def alike(self) -> Bools:
         """True for sets whose points all weigh the same, and the scale is not known (b,)."""
         plain = np.isnan(self.scale) & ((self.weights == 1.0) | ~self.present).all(axis=1)
-        return np.asarray(plain & (self.covariances is None))
+        return np.asarray(plain & (self.covariances is None) & (not self.radial))
 
     def take(self, places: Bools | Ints) -> "Weighted":
         """Some sets of the batch."""
-        return Weighted(*(part if part is None else part[places] for part in self))  # type: ignore[arg-type]
+        parts = (part[places] if isinstance(part, np.ndarray) else part for part in self)
+        return Weighted(*parts)  # type: ignore[arg-type]
 
 
 class Spheres(NamedTuple):
@@ -282,6 +287,8 @@ def solve(sets: Weighted, start: Spheres, corrected: bool = True, fuller: Floats
     """
     free: Bools = np.isnan(sets.radius)
     d, n = start.center.shape[1], sets.size
+    if sets.radial:
+        corrected, fuller = False, 0.0
     center, radius = start.center.copy(), np.where(free, start.radius, sets.radius)
     scale = np.where(np.isfinite(sets.scale), sets.scale, np.where(np.isfinite(start.scale), start.scale, 0.0))
     found: Bools = np.zeros(len(center), dtype=np.bool_)
@@ -346,7 +353,7 @@ def covariance(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Floa
     That of the corrected equations is J⁻¹ Σ p² V (e, 1)(e, 1)ᵀ J⁻ᵀ; else it is the Cramér-Rao bound with the estimates
     plugged in. A known radius has no error. NaN where there is no sphere.
     """
-    d, free = spheres.center.shape[1], np.isnan(sets.radius)
+    d, free, corrected = spheres.center.shape[1], np.isnan(sets.radius), corrected and not sets.radial
     result = np.zeros((len(free), d + 1, d + 1))
     with np.errstate(all="ignore"):
         at = _about(sets, spheres.center, spheres.radius, spheres.scale, corrected)

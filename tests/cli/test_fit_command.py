@@ -197,12 +197,13 @@ def test_outliers_and_copies(call_here, rng, on_cap, tmp_path):
     assert (told["outliers"], told["copies"]) == ([4, 16, 21], 4)
 
 
-def test_what_is_not_used_or_may_be_meant_otherwise(well, rng, on_cap, tmp_path):
-    """A noise that no estimator uses is named; four columns without names are refused, unless all are asked for."""
+def test_what_may_be_meant_otherwise(call_here, well, rng, on_cap, tmp_path):
+    """A noise that is given is named; four columns without names are refused, unless all are asked for."""
     points, _ = on_cap(rng, 36, angle=120.0, noise=0.01)
     np.save(tmp_path / "p.npy", points)
-    told = "--noise 0.3 is not used by corrected: the noise is found in the points"
-    assert told in well(tmp_path, "fit", "p.npy", "--noise", "0.3")
+    told = "noise 0.01 is given, and the residuals are "
+    assert told in well(tmp_path, "fit", "p.npy", "--noise", "0.01")
+    assert "noise 0.3 is given" in call_here(tmp_path, "fit", "p.npy", "--noise", "0.3")[1]
     assert "--noise" not in well(tmp_path, "fit", "p.npy", "--noise", "0.3", "-e", "mle")
     np.save(tmp_path / "timed.npy", np.column_stack([np.arange(36) / 100.0, points]))
     well(tmp_path, "fit", "timed.npy", "--columns", "2,3,4")
@@ -432,3 +433,40 @@ def test_plan_fit(well, tmp_path):
     told = json.loads(well(tmp_path, *words, "--points", "400", "--json"))
     plan = study.plan_fit(0.1, 50.0, points=400, angle=60.0)
     assert told == plan._asdict() | dict(zip(("ok_share", "ok_error"), ok_share(plan, 0.1, 50.0), strict=True))
+
+
+def test_a_radius_with_an_uncertainty_and_forms_that_move(well, call_here, rng, on_cap, tmp_path):
+    """The command hands over what the library takes, and prints its numbers; what does not go together is refused."""
+    points = on_cap(rng, 60, angle=80.0, noise=0.02)[0]
+    np.save(tmp_path / "p.npy", points)
+    stated = study.fit(points, radius=(1.0, 0.01))
+    said = well(tmp_path, "fit", "p.npy", "--radius", "1", "--radius-error", "0.01", "--sensitivity")
+    assert "radius 1.000 ± 0.010 is given" in said
+    assert f"{float(stated.radius):.4f} ± {float(stated.standard_errors[3]):.4f}" in said
+    for degree, sizes in zip((2, 3), stated.sensitivity(), strict=True):
+        parts = [f"{name} {size:.2g} σ" for name, size in zip(["1", "2", "3", "radius"], sizes, strict=True)]
+        line = f"form of degree {degree}, rms over the whole sphere, that moves a number by its ±: "
+        assert f"\n{line}{', '.join(parts)}\n" in said
+    for words, reason in (
+        (["--radius-error", "0.1"], "--radius-error 0.1: give the radius too"),
+        (["--sensitivity", "--json"], "--sensitivity prints lines about one file"),
+        (["--law", "along"], "--law along: isotropic, or radial"),
+        (["--law", "radial", "-e", "als"], "takes no law = 'radial'; corrected and mle do"),
+        (["--radius", "1", "--radius-error", "-1"], "standard uncertainty must be positive"),
+    ):
+        code, _, complaint = call_here(tmp_path, "fit", "p.npy", *words)
+        assert code == 2
+        assert reason in " ".join(complaint.replace("│", " ").split())
+
+
+def test_noise_along_the_radius_is_told(well, call_here, rng, on_cap, tmp_path):
+    """With --law radial the radius is that of `mle`, and a line says so; of all estimators, those that take it fit."""
+    u = on_cap(rng, 400, angle=150.0, noise=0.0)[0]
+    points = u * (1.0 + 0.06 * rng.standard_normal((400, 1)))
+    np.save(tmp_path / "p.npy", points)
+    said = well(tmp_path, "fit", "p.npy", "--law", "radial")
+    assert "\nthe noise is taken to be along the radius alone\n" in said
+    told = json.loads(well(tmp_path, "fit", "p.npy", "--law", "radial", "-e", "all", "--json"))
+    assert [one["estimator"] for one in told] == ["mle", "corrected"]
+    for one in told:
+        np.testing.assert_allclose(one["radius"], study.fit(points, "mle").radius, rtol=1e-7)

@@ -1,9 +1,10 @@
-"""The minimum-zone sphere, beside a search through all sets of d + 2 points and beside known solutions."""
+"""The minimum-zone sphere, beside a search through all sets of d + 2 points; forms that move fits."""
 
 import itertools
 
 import numpy as np
 import pytest
+from scipy.special import sph_harm_y
 
 import study
 
@@ -89,3 +90,54 @@ def test_of_a_fit(rng, on_cap):
     of_fit = study.fit(points, "als").minimum_zone
     for one, other in zip(of_fit, study.minimum_zone(points), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def real_harmonics(u, degree):
+    """Real harmonics (2l + 1, n) of a degree, of mean square 1 over the sphere, from SciPy's complex ones."""
+    polar, turn = np.arccos(np.clip(u[:, 2], -1.0, 1.0)), np.arctan2(u[:, 1], u[:, 0])
+    rows = []
+    for order in range(degree + 1):
+        value = np.sqrt(4.0 * np.pi) * sph_harm_y(degree, order, polar, turn)
+        rows += [value.real] if order == 0 else [np.sqrt(2.0) * value.real, np.sqrt(2.0) * value.imag]
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    "known", [{}, {"radius": 2.0}, {"radius": (2.0, 0.02)}, {"noise": np.linspace(0.01, 0.05, 90)}]
+)
+@pytest.mark.parametrize("angle", [40.0, 120.0])
+def test_a_form_of_the_stated_size_moves_a_number_by_its_error(rng, on_cap, angle, known):
+    """Of points that each harmonic deforms a little, refits by `mle` move so; the worst mixture moves each by its ±."""
+    u = on_cap(rng, 90, angle, noise=0.0)[0]
+    points = 2.0 * u + 0.02 * rng.standard_normal(u.shape)
+    fit = study.fit(points, "mle", **known)
+    away = points - fit.center
+    e = away / np.linalg.norm(away, axis=1)[:, None]
+    for row, degree in enumerate((2, 3)):
+        moves = []
+        for f in real_harmonics(e, degree):
+            ends = [study.fit(points + side * f[:, None] * e, "mle", **known) for side in (-1e-4, 1e-4)]
+            moves.append(np.append(ends[1].center - ends[0].center, ends[1].radius - ends[0].radius) / 2e-4)
+        worst = np.linalg.norm(moves, axis=0)
+        expected = np.divide(fit.standard_errors, worst * fit.sigma, out=np.full(4, np.inf), where=worst > 1e-9)
+        expected[3] = np.inf if np.ndim(known.get("radius", ())) == 0 and "radius" in known else expected[3]
+        np.testing.assert_allclose(fit.sensitivity()[row], expected, rtol=0.1)
+
+
+def test_sensitivity_of_a_batch_and_of_circles(rng, on_cap):
+    """Each set has its own, in every unit; an outlier that is left out does not count; an ellipse on a whole circle.
+
+    On a whole circle a form of degree 2 moves neither centre nor radius: the points' own unevenness is left.
+    """
+    points = on_cap(rng, 40, 60.0, noise=0.02, sets=3)[0]
+    fits = study.fit(points)
+    assert fits.sensitivity().shape == (3, 2, 4)
+    np.testing.assert_allclose(study.fit(100.0 * points[1] - 7.0).sensitivity(), fits.sensitivity()[1], rtol=1e-6)
+    far = points[0].copy()
+    far[3] *= 3.0
+    kept, rest = study.fit(far, "robust"), study.fit(np.delete(far, 3, axis=0), "robust")
+    assert list(np.flatnonzero(kept.outliers)) == [3]
+    np.testing.assert_allclose(kept.sensitivity() / kept.allowance, rest.sensitivity() / rest.allowance, rtol=1e-3)
+    turn = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
+    circle = np.column_stack([np.cos(turn), np.sin(turn)]) + 1e-6 * rng.standard_normal((36, 2))
+    assert (study.fit(circle).sensitivity() > 100.0).all()

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import root
 from scipy.signal import lfilter
 from scipy.special import erf, gamma, hyp1f1, ndtr, ndtri
+from scipy.stats import chi2, f
 from scipy.stats import t as student
 
 import study
@@ -393,12 +394,20 @@ def test_nominal_coverage(half_spheres, noise):
         assert np.mean(away < 1.0) == pytest.approx(0.95, abs=4 * np.sqrt(0.0475 / TRIALS))
 
 
-def test_corrected_does_not_take_a_given_noise(half_spheres):
-    """Its ellipsoid is the same with the noise given, since it estimates the noise."""
-    points = half_spheres(7, 10)
-    given, own = study.fit(points, "corrected", 0.01), study.fit(points, "corrected")
-    assert not given.noise_is_known
-    np.testing.assert_array_equal(given.ellipsoid(0.95), own.ellipsoid(0.95))
+@pytest.mark.parametrize("name", ["corrected", "robust"])
+def test_a_given_noise_fixes_the_scale(half_spheres, name):
+    """The ellipsoid has the length of χ², and the size of the noise that is given: twice the noise, twice the axes."""
+    points = half_spheres(7, 10)[:200]
+    own, one, two = study.fit(points, name), study.fit(points, name, 0.01), study.fit(points, name, 0.02)
+    assert one.noise_is_known
+    assert not own.noise_is_known
+    np.testing.assert_array_equal(one.center, own.center)
+    lengths = [np.linalg.norm(each.ellipsoid(0.95), axis=1) for each in (one, two)]
+    np.testing.assert_allclose(lengths[1], 2.0 * lengths[0], rtol=0.05)  # curvature is of second order in the noise
+    kept = ~own.outliers.any(axis=1)  # whose errors allow for nothing else
+    scale = np.sqrt(3.0 * f.ppf(0.95, 3, 6) / chi2.ppf(0.95, 3)) * own.sigma / 0.01
+    share = np.linalg.norm(own.ellipsoid(0.95), axis=1) / np.linalg.norm(one.ellipsoid(0.95), axis=1)
+    np.testing.assert_allclose(share[kept], np.repeat(scale[kept, None], 3, axis=1), rtol=1e-2)
 
 
 def test_robust_ellipsoid_counts_the_points_that_are_left(half_spheres):

@@ -263,11 +263,11 @@ def test_one_by_one_in_lumps_and_in_parts(rng, on_cap, d):
 
 @pytest.mark.parametrize("name", GROWING)
 def test_every_closed_form(rng, on_cap, name):
-    """From lumps each closed form - those that remove the bias too - has the batch's answer, with σ or Σ given."""
+    """From lumps each closed form - those that remove the bias too - has the batch's answer, with a noise if it can."""
     points = on_cap(rng, 5000, 60.0, noise=0.05, radius=2.0, center=3.0)[0]
     growing = fed(points, np.sort(rng.integers(0, 5000, 30)))
     noises = [0.05] if name == "hinge" else [0.05, 0.05**2 * np.diag([1.0, 2.0, 1.5])]
-    for noise in noises:
+    for noise in noises if name in ("ugdk", "hinge") else [None]:
         one, two = growing.fit(ESTIMATORS[name], noise), study.fit(points, name, noise)
         for field in FIELDS:
             np.testing.assert_allclose(getattr(one, field), getattr(two, field), rtol=1e-9, atol=1e-9)
