@@ -701,7 +701,7 @@ class Fit(Hinting):
         Raises:
             ValueError: if the fit does not hold its points.
 
-        Example:
+        Examples:
             >>> import numpy as np, study
             >>> angles = np.linspace(0, 1.5, 50)
             >>> arc = np.column_stack([np.cos(angles), np.sin(angles)])

@@ -443,7 +443,8 @@ def report(
     It has the claims, figures, tables and provenance, and needs no other file. With --figures and --claims the command
     does the work of `study figures` and `study claims` too, and nothing is made twice.
     """
-    from study.simulation.claims import judge_all, tally
+    from study.simulation.claims import judge_all, judged, tally
+    from study.simulation.claims import printed as printed_claims
     from study.simulation.claims import save as save_claims
     from study.simulation.claims.readings import Readings
     from study.simulation.claims.recordings import read_case_studies
@@ -468,9 +469,10 @@ def report(
     echo(map(str, drawn.save(figures) if figures is not None else []))
     echo(printed(material))
     if claims:
-        save_claims(runs[0], verdicts)
-        typer.echo(f"{tally(verdicts)}; `study claims` prints each")
+        echo([f"{tally(verdicts)}; `study claims` prints each"] if judged(verdicts) else printed_claims(verdicts))
     typer.echo(str(path))
+    if claims:  # in the end, since another process may be writing to the run
+        save_claims(runs[0], verdicts)
     if figures is not None and (failures := drawn.failures()):
         for name, reason in failures.items():
             typer.echo(f"{name}: {reason}", err=True)

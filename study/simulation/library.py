@@ -88,7 +88,7 @@ class StudyRun:
         folder: its folder.
         name: its name: that of the config, and the config's digest.
 
-    Example:
+    Examples:
         >>> import study
         >>> run = study.run("smoke", folder="smoke")
         >>> run
@@ -269,7 +269,7 @@ def run(
         ConfigError: if the config has a fault; the message has all of them.
         RunError: if the run cannot be computed or written.
 
-    Example:
+    Examples:
         >>> import study
         >>> run = study.run("smoke", folder="smoke")
         >>> run.name, len(run.errors)
@@ -297,7 +297,7 @@ def read_run(run: str | Path, plugins: Sequence[str | Path] = ()) -> StudyRun:
     Raises:
         RunError: if there is no run.
 
-    Example:
+    Examples:
         >>> import study
         >>> folder = study.run("smoke", folder="smoke").folder
         >>> study.read_run(folder).regret().columns[:4].tolist()

@@ -279,7 +279,7 @@ def register_law(
         TypeError: if the function cannot be called.
         ValueError: if the name cannot be used or is taken, there is no such kind, no sentence, or no example.
 
-    Example:
+    Examples:
         >>> import numpy as np, study
         >>> def two_rings(trial, tilt):
         ...     "Directions on two rings about the first axis, at an angle to it and at half of that."

@@ -317,14 +317,15 @@ def test_the_page_judges_and_stores_when_asked(run, judged, monkeypatch, capsys,
     run.remove("claims")
     before = files_of(run.folder)
     commands.report([run.folder], page)
+    findings = capsys.readouterr().out.removesuffix(f"{page}\n")
     assert files_of(run.folder) == before
     commands.report([run.folder], page, claims=True)
-    assert capsys.readouterr().out == f"{page}\n{said}{page}\n"
+    assert capsys.readouterr().out == f"{findings}{said}{page}\n"
     assert run.path("claims").read_bytes() == table
     run.remove("claims")
     with writing(run.folder), pytest.raises(RunError, match="is writing to it"):
         commands.report([run.folder], page, claims=True)
-    assert capsys.readouterr().out == f"{said}{page}\n"  # the work is not lost
+    assert capsys.readouterr().out == f"{findings}{said}{page}\n"  # the work is not lost
 
 
 def test_verdicts_that_cannot_be_stored_are_printed(run, capsys, files_of, monkeypatch):

@@ -182,7 +182,7 @@ def test_a_page_about_other_questions(make_run, make_claims, read):
     """
     text = config({"name": "ball-bar", "estimators": ["gdke", "lls", "mle"]}, trials=300, samples=100, angle=[40, 180])
     run = make_run("# Which fit for our ball bar?\n" + text)
-    page = render([run], make_claims((Verdict.NOT_EVALUATED, {"reads": "paper/errors"})))
+    page = render(Material([run], make_claims((Verdict.NOT_EVALUATED, {"reads": "paper/errors"}))))
     document = read(page)
     assert "<h1>ball-bar</h1>" in page
     assert "Knight" not in document.text.split("Words and symbols")[0]
