@@ -415,6 +415,7 @@ def render(material: Material) -> str:
 def printed(material: Material) -> Iterator[str]:
     """The findings for a terminal, numbered, in lines of at most 100 characters."""
     words = [one_line(f"{finding.head} {finding.rest}").replace("`", "") for finding in material.findings]
+    words = [line.replace(" %", "\N{NO-BREAK SPACE}%") for line in words]
     return columns(([str(number), line] for number, line in enumerate(words, start=1)), align="><", width=100)
 
 
