@@ -135,7 +135,7 @@ class _Way(threading.local):
     Attributes:
         plain: true within a loop that runs as plain Python, whose own loops do too.
         compile: true where numbers have to be the same to the bit on every machine.
-        called: the loop that was called last, and its arguments.
+        called: the loop that was called, and its arguments, while its code is sought.
     """
 
     plain = False
@@ -178,6 +178,7 @@ class Loop:
         self._done = 0
         with contextlib.suppress(RuntimeError):  # no folder can be written: the code lasts as long as the process
             dispatcher.enable_caching()
+        self._compile_for, dispatcher._compile_for_args = dispatcher._compile_for_args, self._compile
         cache = dispatcher._cache
         self._load = cache.load_overload
         cache.load_overload = self._stored
@@ -188,13 +189,18 @@ class Loop:
         """Run the function."""
         if _WAY.plain:
             return self.function(*arguments)
-        _WAY.called = self, arguments
         try:
             return self.dispatcher(*arguments)
         except _NotStoredError:
             return self._run_plain(arguments)
+
+    def _compile(self, *arguments: object) -> object:
+        """Find or make the code for arguments of types that are new; numba calls this, and then runs the code."""
+        before, _WAY.called = _WAY.called, (self, arguments)
+        try:
+            return self._compile_for(*arguments)
         finally:
-            _WAY.called = None
+            _WAY.called = before
 
     def _stored(self, signature: object, context: object) -> object:
         """The compiled code from the cache; None has numba compile it."""

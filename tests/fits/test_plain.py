@@ -10,6 +10,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from numba.core.caching import IndexDataCacheFile
 from numba.core.registry import CPUDispatcher
 
 import study
@@ -99,6 +100,7 @@ def loop(monkeypatch):
     """A loop that is not compiled, outside of what keeps the tests' loops compiled; and what it was run with."""
     monkeypatch.setattr(jit._WAY, "compile", False)
     monkeypatch.setattr(jit, "_PLAIN", 100)
+    monkeypatch.setattr(IndexDataCacheFile, "load", lambda file, key: None)  # else an earlier test run has stored it
 
     @compiled
     def largest(row):
