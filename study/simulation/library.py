@@ -22,6 +22,7 @@ from study.simulation.runs.parts import takes_long
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import Workers
 from study.text import did_you_mean
+from study.words import Hinting
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,7 +80,7 @@ def complete(
     return done, [words for words in (runner.budget_message(done), runner.failure_message(done)) if words]
 
 
-class StudyRun:
+class StudyRun(Hinting):
     """A run, whose tables are read when they are first asked for.
 
     `study.run` and `study.read_run` make it.

@@ -69,6 +69,12 @@ def test_one_line_says_what_it_is(run):
     assert re.fullmatch(r"test-[0-9a-f]{10}", run.name)
 
 
+def test_a_wrong_name_is_answered(run):
+    """A missing attribute is answered with what there is."""
+    with pytest.raises(AttributeError, match="did you mean 'errors'"):
+        _ = run.error
+
+
 def test_tables(run):
     """Errors are those of the file, read once; other tables have their names; what is unknown is refused."""
     pd.testing.assert_frame_equal(run.errors, pq.read_table(run.folder / "errors.parquet").to_pandas())
