@@ -122,7 +122,7 @@ def test_findings_for_a_terminal():
     found = [material.Headline("Use `als`.", "It " + "is good " * 30 + "`always`."), material.Headline("No.", "2 %.")]
     lines = list(printed(SimpleNamespace(findings=found)))
     assert lines[0].startswith("1  Use als. It is good ")
-    assert lines[-1] == "2  No. 2 %."
+    assert lines[-1] == "2  No. 2\u00a0%."  # which no line ends between
     assert max(map(len, lines)) <= 100
     words = " ".join(" ".join(lines[:-1]).split())
     assert words == "1 Use als. It " + "is good " * 30 + "always."
