@@ -15,6 +15,7 @@ from itertools import product
 
 import numpy as np
 import pandas as pd
+from joblib import Parallel, delayed
 from scipy import stats
 from studies import store
 
@@ -70,19 +71,19 @@ def mean_by_body(joints, values):
     return mean, np.sqrt((residuals**2).sum() * BODIES / (BODIES - 1))
 
 
-def cells():
-    """The row of each cell."""
-    for motion, law in product(("functional", "gait"), LAWS):
-        joints = joints_of(law, motion == "gait")
-        covered, undoubted = joints["covered"], joints["undoubted"]
-        row = {"skin": law, "motion": motion, "bodies": BODIES, "without_estimate": covered.isna().mean()}
-        row["covered_hinges"] = covered[joints["joint"].isin(HINGES)].mean()
-        row |= {f"median_{name}_mm": 1000 * joints[name].median() for name in ("off", "error")}
-        shares = {"covered": covered, "undoubted": undoubted, "undoubted_covered": covered.where(undoubted)}
-        for name, values in (shares | {"undoubted_far": undoubted & (joints["off"] > FAR)}).items():
-            row[name], row[f"{name}_se"] = mean_by_body(joints, values)
-        yield row
+def cell(motion, law):
+    """The row of a cell."""
+    joints = joints_of(law, motion == "gait")
+    covered, undoubted = joints["covered"], joints["undoubted"]
+    row = {"skin": law, "motion": motion, "bodies": BODIES, "without_estimate": covered.isna().mean()}
+    row["covered_hinges"] = covered[joints["joint"].isin(HINGES)].mean()
+    row |= {f"median_{name}_mm": 1000 * joints[name].median() for name in ("off", "error")}
+    shares = {"covered": covered, "undoubted": undoubted, "undoubted_covered": covered.where(undoubted)}
+    for name, values in (shares | {"undoubted_far": undoubted & (joints["off"] > FAR)}).items():
+        row[name], row[f"{name}_se"] = mean_by_body(joints, values)
+    return row
 
 
 if __name__ == "__main__":
-    store("skin", cells(), "%.4g")
+    cells = product(("functional", "gait"), LAWS)
+    store("skin", Parallel(2, return_as="generator")(delayed(cell)(*each) for each in cells), "%.4g")
