@@ -24,7 +24,8 @@ from matplotlib.ticker import MaxNLocator
 
 from study import style
 from study.arrays import Bools, Floats, Ints
-from study.fits.samples import Samples, Status
+from study.fits.display import ShownFits
+from study.fits.samples import Status
 
 _MOST_POINTS = 5000
 _FARTHEST = 100  # points that are always shown, however many are left out
@@ -33,29 +34,19 @@ _BELOW = 1.7  # height of the distances, in inches
 _SMALLEST = 1e-6  # difference, in radii, that a picture shows
 
 
-class DrawnFit(Protocol):
+class DrawnFit(ShownFits, Protocol):
     """The part of a single `Fit` that is drawn."""
 
     @property
-    def estimator(self) -> str: ...
-    @property
-    def samples(self) -> Samples | None: ...
-    @property
     def ordered(self) -> bool: ...
-    @property
-    def shape(self) -> tuple[int, ...]: ...
     @property
     def center(self) -> Floats: ...
     @property
     def radius(self) -> Floats: ...
     @property
-    def status(self) -> Any: ...
-    @property
     def outliers(self) -> Bools: ...
     @property
     def covariance(self) -> Floats: ...
-    @property
-    def standard_errors(self) -> Floats: ...
     def ellipsoid(self, level: float = 0.95) -> Floats: ...
 
 
