@@ -63,8 +63,8 @@ def em_vmf(samples, known=None):
     """
     start, result = fit_samples(samples, "als"), blank(*samples.shape[:2])
     for t, x in enumerate(samples.points):
-        center, radius, variance = start.center[t], float(start.radius[t]), float(start.noise_variance[t])
-        result.status[t] = start.own_status[t]
+        center, radius, variance = start.center[t], float(start.radius[t]), float(start.estimates.noise_variance[t])
+        result.status[t] = start.estimates.status[t]
         if not (np.isfinite(center).all() and radius > 0.0 and variance > 0.0):
             center, radius, variance = x.mean(axis=0), float(np.sqrt(x.var(axis=0).sum())), float(x.var())
         d, middle = x.shape[1], x.mean(axis=0)

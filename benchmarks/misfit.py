@@ -311,7 +311,7 @@ def scans(folder):
         fit = study.fit(x, "corrected" if file.stem.startswith("t") else "robust")
         low, high = fit.interval("radius")
         row = {"name": file.stem, "samples": fit.count, "radius": fit.radius}
-        row |= {"error_white": np.sqrt(fit.own_covariance[3, 3]), "error": fit.standard_errors[3]}
+        row |= {"error_white": np.sqrt(fit._own_covariance[3, 3]), "error": fit.standard_errors[3]}
         row |= {"low": low, "high": high, **{f"p {k}": p for k, p in zip(BLOCKS, fit.goodness.values, strict=True)}}
         row |= {"misfit": fit.goodness.first(), "F": series_ratio(fit)}
         row |= {"status": Status(int(fit.status)).name.lower(), "holds_50": low <= 50.0 <= high}
@@ -339,7 +339,7 @@ def series_ratio(fit):
     rho, e = fit.residuals, (fit.samples.points[0] - fit.center)
     e /= np.linalg.norm(e, axis=1, keepdims=True)
     two = [e[:, i] * e[:, j] for i in range(3) for j in range(i, 3)][:5]
-    kept = ~fit.outliers if fit.without_outliers else np.ones(len(rho), dtype=bool)
+    kept = ~fit.outliers if fit.estimator == "robust" else np.ones(len(rho), dtype=bool)
     Q = np.linalg.qr(np.column_stack([np.ones(len(e)), e, *two])[kept])[0]
     b = Q.T @ rho[kept]
     left = rho[kept] @ rho[kept] - b @ b

@@ -9,6 +9,7 @@ The blocks of a document are run in their order in one temporary folder:
 - ``python``: run in one namespace; a ``text`` block directly below is what the block prints.
 - any block whose first line is a comment of a file's name alone (``# my.py``) is saved under that name.
 - a block below the comment ``<!-- skip: next -->`` is not run.
+- a picture of ``assets/`` that a block saves under its name is stored by ``--write``.
 - between ``<!-- made: x -->`` and ``<!-- end -->`` stands what ``docs/made_pages.py`` prints for x.
 
 A line ``…`` in an output stands for any number of lines. What depends on the machine (`MASKS`) is not compared.
@@ -19,6 +20,7 @@ import contextlib
 import io
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -36,6 +38,7 @@ BLOCK = re.compile(
     r"^(?P<skip><!-- skip: next -->\n+)?```(?P<language>console|python|text|toml)\n(?P<code>.*?)^```$", re.M | re.S
 )
 FILE = re.compile(r"# ([\w-]+\.(?:py|toml|csv))\n")
+PICTURE = re.compile(r"\]\((assets/[\w/-]+\.png)\)")
 MADE = re.compile(r"(?<=<!-- made: )(\w+) -->\n(.*?)(?=<!-- end -->)", re.DOTALL)
 LONGEST = 600
 """Seconds after which a command is stopped."""
@@ -87,6 +90,13 @@ def run(path: Path, write: bool = False) -> int:
             elif language == "text" and ended >= 0 and not text[ended : block.start()].strip():
                 new = _checked(f"{path}:{line}: this block of Python", code, printed, write)
                 edits.append((*block.span("code"), new))
+        for name in PICTURE.findall(text):
+            made = Path(folder) / Path(name).name
+            if not made.exists():
+                raise OutputError(f"{path}: no block saves {made.name}, which the page shows")
+            if write:
+                (DOCS / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(made, DOCS / name)
     for part in MADE.finditer(text):
         import made_pages  # only pages with made parts need the packages that it loads
 

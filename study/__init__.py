@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from study.simulation.library import StudyRun, read_run, run
 
 
-__version__ = "1.0.0"
+__version__ = "2.0.0"
 __all__ = [
     "ESTIMATORS",
     "CloudSpheres",

@@ -49,15 +49,30 @@ ANSWERS = {
     **dict.fromkeys(["rms", "rmse", "rss", "cost"], ("residual_rms", "residual_rms")),
     **dict.fromkeys(["score", "r2", "rsquared", "chi2", "pvalue", "pvalues"], ("goodness", "goodness")),
     **dict.fromkeys(["success", "converged", "valid"], ("ok", "ok")),
-    "message": ("status_text", "status_text"),
-    **dict.fromkeys(["nit", "niter"], ("iterations", "iterations")),
+    **dict.fromkeys(["message", "statustext"], ("status", "status.text, or the column status of to_frame()")),
+    "ownstatus": ("estimates", "estimates.status"),
+    "noisevariance": ("estimates", "sigma ** 2, or estimates.noise_variance"),
+    **dict.fromkeys(["condition", "rho"], ("estimates", "estimates.condition")),
+    **dict.fromkeys(["nit", "niter", "iterations"], ("estimates", "estimates.iterations")),
+    "diameter": ("radius", "2 * radius, and interval('diameter')"),
+    "expandeduncertainty": ("standard_errors", "k * standard_errors"),
+    "correlation": ("to_dict", "to_dict()['correlation'], or covariance"),
+    "largestdeviation": ("residuals", "abs(residuals).max(), or to_dict()['largest_deviation']"),
+    "minimumzone": ("samples", "study.minimum_zone(points)"),
+    "owncovariance": ("covariance", "covariance, and allowance, by which it is longer than that of white noise"),
+    **dict.fromkeys(["copies", "outlierinfluence", "ordered"], ("to_dict", "to_dict(), which has it")),
+    "withoutoutliers": ("estimator", "estimator, of which 'robust' leaves outliers out"),
+    "noiseisknown": ("estimates", "what you gave as noise"),
     **dict.fromkeys(["nobs", "n"], ("count", "count")),
     **dict.fromkeys(["inliers", "inliermask"], ("outliers", "~fit.outliers")),
     **dict.fromkeys(["std", "noise", "sd"], ("sigma", "sigma, the standard deviation of a coordinate")),
-    **dict.fromkeys(["sphericity", "roundness", "circularity"], ("form_error", "form_error or minimum_zone")),
+    **dict.fromkeys(
+        ["formerror", "sphericity", "roundness", "circularity"],
+        ("residuals", "np.ptp(residuals), or study.minimum_zone(points)"),
+    ),
     **dict.fromkeys(["tocsv", "save"], ("to_frame", "to_frame().to_csv(path)")),
 }
-"""What a fit has, by the other names of it: an attribute, and words for it."""
+"""What a fit has, by the other names of it, those of version 1 among them: an attribute, and words for it."""
 
 ARGUMENTS = {
     "sigma": "give noise=, the standard deviation of a coordinate",

@@ -28,6 +28,7 @@ from scipy.special import stdtrit
 from study import style
 from study.arrays import Bools, Floats, Words
 from study.fits import ESTIMATORS, Samples, Status, cap
+from study.fits.answer import white_covariance
 from study.fits.bounds import Cap, attainable_bound, cramer_rao, crlb
 from study.fits.intervals import intervals
 from study.fits.jit import always_compiled
@@ -199,10 +200,10 @@ def _outcomes(design: CoverageDesign, samples: Samples, directions: Floats, sigm
     for name in design.estimators:
         fit = fit_samples(samples, name)
         with np.errstate(all="ignore"):
-            half = quantile * np.sqrt(np.einsum("bii->bi", fit.own_covariance))
+            half = quantile * np.sqrt(np.einsum("bii->bi", white_covariance(fit)))
             estimate = np.column_stack([fit.center, fit.radius])
             ends = np.stack([estimate - half, estimate + half], axis=2)
-        result[name] = _outcome(ends, fit.own_status == Status.OK, efficient)
+        result[name] = _outcome(ends, fit.estimates.status == Status.OK, efficient)
     known = intervals(samples, design.level)
     both = np.concatenate([known.center, known.radius[:, None]], axis=1)
     result[INTERVAL] = _outcome(both, known.identified, efficient)

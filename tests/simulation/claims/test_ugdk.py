@@ -385,7 +385,7 @@ def test_fits_are_those_of_the_library(on_cap, noise, weighted):
     center, squares, definite = fit_joints(markers, noise, weighted)
     each = [mgdk(sets, noise=noise, weighted=weighted) for sets in zip(*markers, strict=True)]
     np.testing.assert_allclose(center, [f.center for f in each], rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(definite, [f.own_status == Status.OK for f in each])
+    np.testing.assert_array_equal(definite, [f.estimates.status == Status.OK for f in each])
     radii = np.sqrt(np.where(squares >= 0.0, squares, np.nan))
     np.testing.assert_allclose(radii.T, [f.radii for f in each], rtol=1e-7)
 
@@ -396,4 +396,4 @@ def test_one_marker_is_fitted_by_ugdk(on_cap, noise):
     points, _ = on_cap(np.random.default_rng(5), 50, 50.0, 3, noise, 1.0, sets=40)
     (center, _, definite), expected = fit_joints([points], noise), fit(points, "ugdk", noise=noise)
     np.testing.assert_allclose(center, expected.center, rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(definite, expected.own_status == Status.OK)
+    np.testing.assert_array_equal(definite, expected.estimates.status == Status.OK)
