@@ -20,6 +20,7 @@ from studies import ROOT, clean, covered, share, store
 
 import study
 from study import Status
+from study.fits.answer import white_covariance
 from study.fits.goodness import BLOCKS, SMALL, Goodness
 from study.fits.intervals import intervals
 from study.fits.random import lanes
@@ -311,7 +312,7 @@ def scans(folder):
         fit = study.fit(x, "corrected" if file.stem.startswith("t") else "robust")
         low, high = fit.interval("radius")
         row = {"name": file.stem, "samples": fit.count, "radius": fit.radius}
-        row |= {"error_white": np.sqrt(fit._own_covariance[3, 3]), "error": fit.standard_errors[3]}
+        row |= {"error_white": np.sqrt(white_covariance(fit)[3, 3]), "error": fit.standard_errors[3]}
         row |= {"low": low, "high": high, **{f"p {k}": p for k, p in zip(BLOCKS, fit.goodness.values, strict=True)}}
         row |= {"misfit": fit.goodness.first(), "F": series_ratio(fit)}
         row |= {"status": Status(int(fit.status)).name.lower(), "holds_50": low <= 50.0 <= high}

@@ -9,6 +9,7 @@ from scipy.stats import binom
 
 import study
 from study import Status
+from study.fits.answer import white_covariance
 from study.fits.cap import sample_cap
 
 CLOSED = ["als", "ugdk", "gdke"]
@@ -133,7 +134,7 @@ def test_equal_noise_is_the_plain_fit(rng, on_cap, name, d):
         np.testing.assert_allclose(getattr(fit, field), getattr(plain, field), rtol=0, atol=1e-9)
     if name != "gdke":  # which has its noise from algebraic residuals, here from distances
         np.testing.assert_allclose(fit.estimates.noise_variance, plain.estimates.noise_variance, rtol=1e-6)
-        errors = [np.sqrt(np.diagonal(one._own_covariance, axis1=1, axis2=2)) for one in (fit, plain)]
+        errors = [np.sqrt(np.diagonal(white_covariance(one), axis1=1, axis2=2)) for one in (fit, plain)]
         np.testing.assert_allclose(*errors, rtol=0.01)
 
 
@@ -440,7 +441,7 @@ def test_halves_of_a_sphere_with_a_form_agree(rng):
         side = u[:, 1] > np.median(u[:, 1])
         halves = [study.fit(x[part], radius=1.0) for part in (side, ~side)]
         apart = np.abs(halves[0].center - halves[1].center)
-        white = [1.96 * np.sqrt(np.diag(half._own_covariance)[:3]) for half in halves]
+        white = [1.96 * np.sqrt(np.diag(white_covariance(half))[:3]) for half in halves]
         allowed = [0.5 * np.ptp(half.interval("center"), axis=-1) for half in halves]
         for name, lengths in (("white", white), ("allowed", allowed)):
             agree[name].append(apart <= np.hypot(*lengths))

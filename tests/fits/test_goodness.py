@@ -13,6 +13,7 @@ from scipy.stats import binom, f
 import study
 from study import Status
 from study.fits import Samples, goodness
+from study.fits.answer import white_covariance
 from study.fits.cap import sample_cap
 from study.fits.goodness import Answer, Residuals, columns, harmonics, lengths, wave_moments
 from study.fits.intervals import intervals
@@ -345,7 +346,7 @@ def test_clean_points_keep_their_errors_to_the_digit():
     fit = study.fit(noisy(rng, on_cap(rng, 1000, 120, 70.0)))
     same = (fit.allowance == 1.0).all(axis=1)
     assert same.mean() >= 0.97
-    np.testing.assert_array_equal(fit.covariance[same], fit._own_covariance[same])
+    np.testing.assert_array_equal(fit.covariance[same], white_covariance(fit)[same])
     np.testing.assert_array_equal(fit.interval("radius")[same], intervals(fit.samples).radius[same])
     assert fit.ok.mean() >= 0.96
 
