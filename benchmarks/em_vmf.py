@@ -5,7 +5,7 @@ points, each u has such a law again, of the natural parameter κμ + r (x - c)/�
 updates are in closed form. It is biased where the directions have another law, a cap's with its sharp rim among them.
 
     study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py
-    python benchmarks/em_vmf.py     # the published setting; stored in results/em-vmf-published.csv
+    python benchmarks/em_vmf.py     # the published setting; stored in docs/assets/tables/em-vmf-published.csv
 
 The published method is *given* κ and μ. `em_vmf_given` is that method with κ = 0, a whole sphere, which needs no μ;
 `given` makes one for any κ and μ. `em_vmf` estimates both from the points: it is a variant, and its errors are not

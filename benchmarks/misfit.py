@@ -1,4 +1,4 @@
-"""The test of fit, and what follows from it, measured; `python benchmarks/misfit.py` stores results/misfit*.csv.
+"""The test of fit, and what follows from it, measured; `python benchmarks/misfit.py` stores tables misfit*.csv.
 
 misfit-level.csv has the level on clean data in the cells of configs/coverage.toml, and statuses and coverage by the
 estimator's own intervals and by those that a user gets. misfit.csv has the power for shapes and laws of noise,

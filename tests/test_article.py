@@ -19,11 +19,11 @@ ROOT = Path(__file__).parents[1]
 @pytest.fixture(scope="module")
 def article():
     """The script that makes the report, and the numbers of the documents."""
-    sys.path.insert(0, str(ROOT / "docs"))
+    sys.path.insert(0, str(ROOT / "tools"))
     try:
         return importlib.import_module("make_article")
     finally:
-        sys.path.remove(str(ROOT / "docs"))
+        sys.path.remove(str(ROOT / "tools"))
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,10 @@ from study.fits import registry
 from study.simulation.runs import schemas
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "docs"))
+sys.path.insert(0, str(ROOT / "tools"))
 import sentences  # noqa: E402
 
-sys.path.remove(str(ROOT / "docs"))
+sys.path.remove(str(ROOT / "tools"))
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 NAMES = [str(path.relative_to(ROOT)) for path in PAGES]
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
@@ -109,7 +109,7 @@ TABLES = ROOT / "docs" / "tables.md"
 
 
 def test_the_page_of_tables_has_them_all():
-    """Every table that a run may have stands there, with its columns, which `docs/run_blocks.py` keeps up to date."""
+    """Every table that a run may have stands there, with its columns, which `tools/run_blocks.py` keeps up to date."""
     text = TABLES.read_text(encoding="utf-8")
     for name, columns in schemas.declared(3).items():
         (made,) = re.findall(rf"<!-- made: table_{name} -->\n(.*?)<!-- end -->", text, re.DOTALL)
@@ -166,7 +166,7 @@ def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
 
 @pytest.mark.parametrize("path", sentences.paths(), ids=lambda path: path.name)
 def test_sentences_are_short(path):
-    """At most 20 words on average, and at most a tenth above 30; docs/sentences.py prints those."""
+    """At most 20 words on average, and at most a tenth above 30; tools/sentences.py prints those."""
     page = sentences.page(path.read_text(encoding="utf-8"))
     assert len(page.sentences) > 5
     assert page.mean <= 20.0

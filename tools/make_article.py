@@ -1,6 +1,6 @@
 """Typeset the replication report: `make article` writes results/article.pdf, results/metadata.yaml and codecheck.yml.
 
-The text is article/article.typ, whose numbers docs/bound_numbers.py compares with the stored tables first. Its tables
+The text is article/article.typ, whose numbers tools/bound_numbers.py compares with the stored tables first. Its tables
 are made here from the same stored tables. No file is fetched: the compiler of Typst and its fonts come with the Python
 package. `metadata.yaml` has the fields of ReScience C, and `codecheck.yml` those of CODECHECK 2.0, as far as a program
 knows them. What only a person can give is left out, and printed.

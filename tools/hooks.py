@@ -14,9 +14,9 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-DOCS = Path(__file__).resolve().parent
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 ROOT = DOCS.parent
-SHOWN = ["figures/*.png", "configs/*.toml", "results/*.csv", "CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "CHANGELOG.md"]
+SHOWN = ["figures/*.png", "configs/*.toml", "CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "CHANGELOG.md"]
 """Files outside of docs/ that the site has, under the same names."""
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
 FORMULA = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -35,14 +35,14 @@ def on_pre_build(config: MkDocsConfig) -> None:
     """Run the blocks of every page."""
     if _COMMAND != ["build"]:
         return
-    sys.path.insert(0, str(DOCS))
+    sys.path.insert(0, str(Path(__file__).parent))
     import run_blocks
 
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:  # blocks print, and change folders
         try:
             list(pool.map(run_blocks.run, sorted(DOCS.glob("*.md"))))
         except run_blocks.OutputError as error:
-            raise PluginError(f"{error}\nTo store what the blocks print: docs/run_blocks.py --write PAGE") from None
+            raise PluginError(f"{error}\nTo store what the blocks print: tools/run_blocks.py --write PAGE") from None
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

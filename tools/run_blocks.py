@@ -1,7 +1,7 @@
 """Run the code blocks of the documents, and compare what they print with what the documents say.
 
-    python docs/run_blocks.py docs/fitting.md             # fails at the first block that prints something else
-    python docs/run_blocks.py --write docs/fitting.md     # writes what the blocks print into the document
+    python tools/run_blocks.py docs/fitting.md             # fails at the first block that prints something else
+    python tools/run_blocks.py --write docs/fitting.md     # writes what the blocks print into the document
 
 The blocks of a document are run in their order in one temporary folder:
 
@@ -10,7 +10,7 @@ The blocks of a document are run in their order in one temporary folder:
 - any block whose first line is a comment of a file's name alone (``# my.py``) is saved under that name.
 - a block below the comment ``<!-- skip: next -->`` is not run.
 - a picture of ``assets/`` that a block saves under its name is stored by ``--write``.
-- between ``<!-- made: x -->`` and ``<!-- end -->`` stands what ``docs/made_pages.py`` prints for x.
+- between ``<!-- made: x -->`` and ``<!-- end -->`` stands what ``tools/made_pages.py`` prints for x.
 
 A line ``…`` in an output stands for any number of lines. What depends on the machine (`MASKS`) is not compared.
 """
@@ -29,7 +29,7 @@ from pathlib import Path
 from bound_numbers import replaced
 from number_tables import markdown
 
-DOCS = Path(__file__).resolve().parent
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 MASKS = re.compile(r"\d[\d.,]* ?(?:s|ms|µs|min|MB|kB|data sets)\b")
 """Times, sizes of files, work done in a time."""
 COMPILING = "study: compiling loops"
@@ -102,7 +102,7 @@ def run(path: Path, write: bool = False) -> int:
 
         edits.append((*part.span(2), f"\n{markdown(getattr(made_pages, part[1])()).strip()}\n\n"))
         if edits[-1][2] != part[2] and not write:
-            raise OutputError(f"{path}: a made table is not up to date; run docs/run_blocks.py --write {path}")
+            raise OutputError(f"{path}: a made table is not up to date; run tools/run_blocks.py --write {path}")
     if write and (new := replaced(text, edits)) != text:
         path.write_text(new, encoding="utf-8")
     return len(blocks)

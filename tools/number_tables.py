@@ -1,6 +1,6 @@
-r"""Tables of the documents that are made from stored tables; see `docs/bound_numbers.py`.
+r"""Tables of the documents that are made from stored tables; see `tools/bound_numbers.py`.
 
-A section ``[made.x]`` of `docs/numbers.toml` describes table x:
+A section ``[made.x]`` of `tools/numbers.toml` describes table x:
 
 - ``table``, ``rows``, ``sort``: a stored table, the query and the order of its rows;
 - ``cells``: for each column its title, and its cell with expressions of columns in braces and their formats. A title

@@ -1,7 +1,7 @@
 """Parts of the documents that are made from the package: tables of config keys, conditions, estimators, figures, names.
 
-`docs/run_blocks.py` puts what a function here yields between the marks of that name, and fails if it is out of date.
-Like those of `docs/number_tables.py`, functions yield rows and paragraphs.
+`tools/run_blocks.py` puts what a function here yields between the marks of that name, and fails if it is out of date.
+Like those of `tools/number_tables.py`, functions yield rows and paragraphs.
 """
 
 import inspect
