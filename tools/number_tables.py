@@ -183,7 +183,8 @@ def choices(tables: Tables) -> Rows:
 
 def readings(tables: Tables) -> Rows:
     """Verdicts on the claims under each reading; those that differ from the used one are bold."""
-    short = {"reproduced": "yes", "partly": "part", "not reproduced": "no", "not evaluated": "–", "": "·"}
+    short = {"reproduced": "yes", "partly, within limits": "limits", "partly, another cause": "cause"}
+    short |= {"not reproduced": "no", "not evaluated": "–", "": "·"}
     judged = _readings(tables)
     yield ["claim", "used", *(judged.letters[key] for key in judged.others)]
     for row in tables("verdicts").itertuples():

@@ -249,7 +249,7 @@ class Verdict(StrEnum):
     """The outcome of a claim.
 
     A claim in part is of one of two kinds: it is true in some conditions, or its effect is there and the paper's reason
-    for it is not. A rule says ``PARTLY`` alone, and so do tables of version 1; the claim has the kind.
+    for it is not. A rule says ``PARTLY``, as tables of version 1 do; tables say of which kind.
     """
 
     REPRODUCED = "reproduced"
@@ -326,7 +326,7 @@ class Claim:
         heads: for a claim at the top of the page, its finding in a few words: if it is reproduced, partly, and not.
             "{otherwise}" stands for how it fares under other readings of the paper.
         story: the numbers behind that finding, formatted as those of ``answer``.
-        in_part: the verdict where it holds in part.
+        in_part: of which kind it is where its rule says ``PARTLY``.
     """
 
     number: int
@@ -402,8 +402,7 @@ def _judged(claim: Claim, evidence: Evidence) -> Finding:
     if unknown := [number.words for number in numbers if math.isnan(number.value)]:
         reason = f"too few trials or conditions in the tables for: {'; '.join(unknown)}"
         return Finding(claim, Verdict.NOT_EVALUATED, numbers, reason)
-    verdict = claim.judge(numbers)
-    return Finding(claim, claim.in_part if verdict == Verdict.PARTLY else verdict, numbers)
+    return Finding(claim, claim.judge(numbers), numbers)
 
 
 def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
@@ -422,7 +421,7 @@ def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
                 "value": head.value,
                 "error": head.error,
                 "trials": min((n.trials for n in numbers if n.trials), default=0),
-                "verdict": str(verdict),
+                "verdict": str(claim.in_part if verdict == Verdict.PARTLY else verdict),
                 "finding": reason or "\n".join(map(str, numbers)),
                 "criterion": claim.criterion,
                 "remark": claim.remark,

@@ -296,8 +296,9 @@ def readings_section(material: Material) -> Iterable[Section]:
         lines.append([html.link(f"{row['number']} {row['name']}", f"claim-{row['number']}"), short, *cells])
     titles = ["Claim", "used", *(readings.letters[key] for key in readings.others)]
     caption = one_line("""
-        Verdicts under each reading: reproduced (yes), partly within limits or of another cause, not reproduced (no), not evaluated (–); a dot where a
-        reading cannot change it. A verdict that changes, or cannot be given, is framed.
+        Verdicts under each reading: reproduced (yes), partly (within limits, or of another cause), not reproduced
+        (no), not evaluated (–); a dot where a reading cannot change it. A verdict that changes, or cannot be given, is
+        framed.
     """)
     matrix = html.table("Claims under each reading", caption, titles, lines)
     told = [

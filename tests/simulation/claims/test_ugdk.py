@@ -385,7 +385,7 @@ def test_fits_are_those_of_the_library(on_cap, noise, weighted):
     center, squares, definite = fit_joints(markers, noise, weighted)
     each = [mgdk(sets, noise=noise, weighted=weighted) for sets in zip(*markers, strict=True)]
     np.testing.assert_allclose(center, [f.center for f in each], rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(definite, [f.estimates.status == Status.OK for f in each])
+    np.testing.assert_array_equal(definite, [f.own_status == Status.OK for f in each])
     radii = np.sqrt(np.where(squares >= 0.0, squares, np.nan))
     np.testing.assert_allclose(radii.T, [f.radii for f in each], rtol=1e-7)
 
