@@ -5,7 +5,7 @@ Nothing here makes another name work: the messages of errors say which name does
 
 import inspect
 import unicodedata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
 from typing import TYPE_CHECKING, TypeVar, cast
 
@@ -86,6 +86,20 @@ ARGUMENTS = {
 """The answer to arguments that other libraries have, by the beginning of their names."""
 
 
+KEYS = {
+    **dict.fromkeys(["method", "methods", "algorithms", "fits", "fitters"], "estimators"),
+    **dict.fromkeys(["repetitions", "replications", "reps", "runs", "ntrials", "nsim", "nrep"], "trials"),
+    **dict.fromkeys(["n", "samplesize", "points", "npoints", "size", "nsamples"], "samples"),
+    **dict.fromkeys(["sigma", "noise", "noiselevel", "sd", "std"], "noise_over_radius"),
+    **dict.fromkeys(["cap", "arc", "halfangle", "coneangle", "confinement", "phi"], "angle"),
+    **dict.fromkeys(["r", "radii"], "radius"),
+    **dict.fromkeys(["d", "dim", "ndim"], "dimension"),
+    **dict.fromkeys(["randomseed", "rng", "rngseed"], "seed"),
+    **dict.fromkeys(["outlier", "contamination", "outlierfraction", "clutter"], "outliers"),
+}
+"""Keys of a study's config by their other names."""
+
+
 def _plain(word: str) -> str:
     """A word in small letters, without accents, blanks, hyphens and underscores."""
     return "".join(c for c in unicodedata.normalize("NFKD", word).casefold() if c.isalnum())
@@ -112,6 +126,22 @@ def name_remedy(word: str, known: Iterable[str]) -> str:
         return f"use study.{own}"
     estimator = word if word in _OWN else ESTIMATORS.get(_plain(word))
     return did_you_mean(word, known) if estimator is None else f"use study.fit(points, {estimator!r})"
+
+
+def key_remedy(word: str, names: Iterable[str], elsewhere: Mapping[str, Iterable[str]]) -> str:
+    """The remedy for a key that a table of a config does not have, as the end of a message.
+
+    Args:
+        word: the key.
+        names: keys of the table.
+        elsewhere: keys of the other tables, by their names.
+    """
+    own, names = KEYS.get(_plain(word), word), list(names)
+    if own in names:
+        return f"use {own!r}"
+    if table := next((name for name, keys in elsewhere.items() if own in keys), None):
+        return f"use {own!r} in [{table}]"
+    return did_you_mean(word, names)
 
 
 def argument_remedy(word: str, known: Iterable[str]) -> str:

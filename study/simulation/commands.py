@@ -293,6 +293,8 @@ def check(
     from study.simulation.experiment.laws import check as check_law
     from study.simulation.experiment.laws import laws_of
 
+    if file.suffix == ".toml":
+        raise typer.BadParameter(f"{file} is a config, which study plan checks")
     result = check_file(file, limit=limit)
     echo(printed(result))
     checked = [check_law(name) for name in laws_of(file.name)]
