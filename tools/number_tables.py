@@ -183,7 +183,7 @@ def choices(tables: Tables) -> Rows:
 
 def readings(tables: Tables) -> Rows:
     """Verdicts on the claims under each reading; those that differ from the used one are bold."""
-    short = {"reproduced": "yes", "partly, within limits": "limits", "partly, another cause": "cause"}
+    short = {"reproduced": "yes", "partly, within limits": "part", "partly, another cause": "part"}
     short |= {"not reproduced": "no", "not evaluated": "–", "": "·"}
     judged = _readings(tables)
     yield ["claim", "used", *(judged.letters[key] for key in judged.others)]
