@@ -25,7 +25,7 @@ from study.text import with_error
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = "article/article.typ"
 DOCUMENTS = ["published", "decades", "regret", "choices", "readings", "readings_changed"]
-"""Tables that the documents have, too."""
+"""Tables that are made as those of the documents are; all but ``readings`` stand there, too."""
 DEPOSIT = tomllib.loads((ROOT / "article" / "deposit.toml").read_text(encoding="utf-8"))
 """Words of the metadata, files to check, and what only a person can give."""
 as_yaml = partial(yaml.safe_dump, sort_keys=False, allow_unicode=True, width=120)

@@ -193,11 +193,11 @@ def readings(tables: Tables) -> Rows:
 
 
 def readings_changed(tables: Tables) -> Rows:
-    """Verdicts that another reading changes, with the first numbers behind them, and the claims that stand."""
-    yield ["claim", "verdict", "reading", "numbers"]
+    """Verdicts that another reading changes, with the first number behind each, and the claims that stand."""
+    yield ["claim", "verdict", "reading", "first number"]
     judged, numbers = _readings(tables), tables("verdicts").set_index("name")["number"]
     for row in judged.changed.itertuples():
-        first = "; ".join(str(row.finding).split("; ")[:2])
+        first = str(row.finding).split("; ")[0]
         yield [f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", judged.reading(row).clause, first]
     stand = ", ".join(f"{numbers[name]} {name}" for name in sorted(judged.standing, key=numbers.get))
     yield f"Under every reading stand {len(judged.standing)} verdicts: {stand}."

@@ -113,7 +113,8 @@ def test_the_page_of_tables_has_them_all():
     text = TABLES.read_text(encoding="utf-8")
     for name, columns in schemas.declared(3).items():
         (made,) = re.findall(rf"<!-- made: table_{name} -->\n(.*?)<!-- end -->", text, re.DOTALL)
-        assert re.findall(r"^\| `(\w+)` \|", made, re.MULTILINE) == [column.name for column in columns]
+        cells = re.findall(r"^\| (`.*?) \|", made, re.MULTILINE)
+        assert sorted(re.findall(r"`(\w+)`", " ".join(cells))) == sorted(column.name for column in columns)
         assert f"`{name}.parquet`" in text
 
 
