@@ -229,6 +229,15 @@ def test_displayed_formulas_of_theory_are_in_latex():
     assert len(numbers) == len(set(numbers))
 
 
+def test_formulas_in_the_text_of_theory_are_in_latex():
+    """Between dollars, on one line; no index or exponent stands outside of them and of code."""
+    text = FENCED.sub("", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8"))
+    text = re.sub(r"`[^`\n]*`", "", text)
+    assert len(re.findall(r"\$[^$\n]+\$", text)) > 300
+    rest = re.sub(r"\$[^$\n]+\$", "", text).replace("NOT_CONVERGED", "")
+    assert re.findall(r".*[$_^\\].*", rest) == []
+
+
 CALLED = (inspect.isclass, inspect.isfunction)
 PUBLIC = [name for name in study.__all__ if any(is_kind(getattr(study, name)) for is_kind in CALLED)]
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.DONT_ACCEPT_TRUE_FOR_1
