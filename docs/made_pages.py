@@ -91,7 +91,7 @@ def statuses() -> Rows:
 
 
 _WORDS = {"double": "number", "string": "text", "dictionary<values=string, indices=int32, ordered=0>": "text, coded"}
-"""Words for types of columns; the others are whole numbers."""
+"""Words for types of columns; those of whole numbers are as they are, such as int64."""
 _SHARED = [
     (r"(\d+ = .*?; )+\d+ = .*", "[status code](#status-codes)"),
     (r"^fits with the status: .*", "fits with this status"),
@@ -115,10 +115,10 @@ def _columns(name: str) -> Rows:
     rows: dict[tuple[str, ...], list[str]] = {}
     place: dict[str, tuple[str, ...]] = {}
     for column in schemas.declared(3)[name]:
-        kind, meaning = _WORDS.get(str(column.type), f"whole number ({column.type})"), column.meaning
+        kind, meaning = _WORDS.get(str(column.type), str(column.type)), column.meaning
         for pattern, shared in _SHARED:
             meaning = re.sub(pattern, shared, meaning)
-        row = place.setdefault(column.name, place.get(meaning, (kind, column.unit or "-", meaning)))
+        row = place.setdefault(column.name, place.get(meaning, (kind, column.unit, meaning)))
         rows.setdefault(row, []).append(f"`{column.name}`")
     yield from ([", ".join(names), *row] for row, names in rows.items())
 

@@ -209,11 +209,6 @@ def coverage_summary(tables: Tables) -> Rows:
     yield from (list(rows[0]), *(list(row.values()) for row in rows))
 
 
-def coverage_cells(tables: Tables) -> Rows:
-    """Coverage in every cell, by three methods."""
-    yield from coverage.by_cell(tables("coverage"), ["mle", "als", "interval"])
-
-
 def speed(tables: Tables) -> Rows:
     """Ratios of the stored benchmarks, in the order of their description."""
     yield ["what", "beside", "ratio"]

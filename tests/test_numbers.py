@@ -23,7 +23,6 @@ QUOTED = {
     "choices": ("readings", CHANGED, []),
     "readings_changed": ("readings", CHANGED, []),
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"]),
-    "coverage_cells": ("coverage", "method != 'corrected'", ["radius"]),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"]),
 }
 """Tables of documents that functions make: the stored table, rows and columns that are quoted."""
