@@ -118,7 +118,10 @@ def _columns(name: str) -> Rows:
         kind, meaning = _WORDS.get(str(column.type), str(column.type)), column.meaning
         for pattern, shared in _SHARED:
             meaning = re.sub(pattern, shared, meaning)
-        row = place.setdefault(column.name, place.get(meaning, (kind, column.unit, meaning)))
+        row = place.get(meaning, (kind, column.unit, meaning))
+        if column.name in CONDITIONS and name != "draws":  # there, noise is a draw
+            row = ("number", "", "[conditions](config.md#conditions)")
+        place[column.name] = row
         rows.setdefault(row, []).append(f"`{column.name}`")
     yield from ([", ".join(names), *row] for row, names in rows.items())
 
