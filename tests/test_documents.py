@@ -165,6 +165,18 @@ def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
     assert places == sorted(places)
 
 
+def test_every_page_says_in_its_first_line_who_needs_it():
+    """The line below the heading begins "For you if", in italics."""
+    opens = re.compile(r"# .+\n\n\*For you if .+\*")
+    assert [path.name for path in ROOT.glob("docs/*.md") if not opens.match(path.read_text(encoding="utf-8"))] == []
+
+
+def test_the_documents_are_no_longer_than_they_need_to_be():
+    """The pages of docs/ and the README, with tables and outputs: what is new takes the place of something old."""
+    pages = [*ROOT.glob("docs/*.md"), ROOT / "README.md"]
+    assert sum(sentences.page(path.read_text(encoding="utf-8")).words for path in pages) <= 48_000
+
+
 @pytest.mark.parametrize("path", sentences.paths(), ids=lambda path: path.name)
 def test_sentences_are_short(path):
     """At most 20 words on average, and at most a tenth above 30; docs/sentences.py prints those."""
