@@ -92,5 +92,5 @@ def _typeset(formula: re.Match[str]) -> str:
 
 
 def _inline(part: re.Match[str]) -> str:
-    """A formula of the text as MathML; in a span, because Markdown takes a line that begins with `<math` for a block."""
+    """A formula of the text as MathML; in a span, as Markdown takes a line that begins with `<math` for a block."""
     return part[1] or f"<span>{convert(part[2])}</span>"
