@@ -113,7 +113,8 @@ def test_the_page_of_tables_has_them_all():
     text = TABLES.read_text(encoding="utf-8")
     for name, columns in schemas.declared(3).items():
         (made,) = re.findall(rf"<!-- made: table_{name} -->\n(.*?)<!-- end -->", text, re.DOTALL)
-        assert re.findall(r"^\| `(\w+)` \|", made, re.MULTILINE) == [column.name for column in columns]
+        cells = re.findall(r"^\| (`.*?) \|", made, re.MULTILINE)
+        assert sorted(re.findall(r"`(\w+)`", " ".join(cells))) == sorted(column.name for column in columns)
         assert f"`{name}.parquet`" in text
 
 
@@ -162,6 +163,18 @@ def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
     places = [text.find(part) for part in order]
     assert -1 not in places
     assert places == sorted(places)
+
+
+def test_every_page_says_in_its_first_line_who_needs_it():
+    """The line below the heading begins "For you if", in italics."""
+    opens = re.compile(r"# .+\n\n\*For you if .+\*")
+    assert [path.name for path in ROOT.glob("docs/*.md") if not opens.match(path.read_text(encoding="utf-8"))] == []
+
+
+def test_the_documents_are_no_longer_than_they_need_to_be():
+    """The pages of docs/ and the README, with tables and outputs: what is new takes the place of something old."""
+    pages = [*ROOT.glob("docs/*.md"), ROOT / "README.md"]
+    assert sum(sentences.length(path.read_text(encoding="utf-8")) for path in pages) <= 42_000
 
 
 @pytest.mark.parametrize("path", sentences.paths(), ids=lambda path: path.name)
@@ -226,6 +239,15 @@ def test_displayed_formulas_of_theory_are_in_latex():
             assert rows == []
     numbers = re.findall(r"\\tag\{(.*?)\}", text)
     assert len(numbers) == len(set(numbers))
+
+
+def test_formulas_in_the_text_of_theory_are_in_latex():
+    """Between dollars, on one line; no index or exponent stands outside of them and of code."""
+    text = FENCED.sub("", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8"))
+    text = re.sub(r"`[^`\n]*`", "", text)
+    assert len(re.findall(r"\$[^$\n]+\$", text)) > 300
+    rest = re.sub(r"\$[^$\n]+\$", "", text).replace("NOT_CONVERGED", "")
+    assert re.findall(r".*[$_^\\].*", rest) == []
 
 
 CALLED = (inspect.isclass, inspect.isfunction)

@@ -21,10 +21,8 @@ CHANGED = "verdict != used and verdict != 'not evaluated' and used != 'not evalu
 QUOTED = {
     "claim_commands": ("verdicts", "value > 0", ["value"]),
     "choices": ("readings", CHANGED, []),
-    "readings": ("readings", "", []),
     "readings_changed": ("readings", CHANGED, []),
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"]),
-    "coverage_cells": ("coverage", "method != 'corrected'", ["radius"]),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"]),
 }
 """Tables of documents that functions make: the stored table, rows and columns that are quoted."""

@@ -25,7 +25,7 @@ from study.simulation.runs.provenance import swhids
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = "article/article.typ"
 DOCUMENTS = ["published", "decades", "regret", "choices", "readings", "readings_changed"]
-"""Tables that the documents have, too."""
+"""Tables that are made as those of the documents are; all but ``readings`` stand there, too."""
 FIGURES = ["fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig_efficiency"]
 """Figures of the report."""
 DEPOSIT = tomllib.loads((ROOT / "article" / "deposit.toml").read_text(encoding="utf-8"))

@@ -194,11 +194,11 @@ def readings(tables: Tables) -> Rows:
 
 
 def readings_changed(tables: Tables) -> Rows:
-    """Verdicts that another reading changes, with the first numbers behind them, and the claims that stand."""
-    yield ["claim", "verdict", "reading", "numbers"]
+    """Verdicts that another reading changes, with the first number behind each, and the claims that stand."""
+    yield ["claim", "verdict", "reading", "first number"]
     judged, numbers = _readings(tables), tables("verdicts").set_index("name")["number"]
     for row in judged.changed.itertuples():
-        first = "; ".join(str(row.finding).split("; ")[:2])
+        first = str(row.finding).split("; ")[0]
         yield [f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", judged.reading(row).clause, first]
     stand = ", ".join(f"{numbers[name]} {name}" for name in sorted(judged.standing, key=numbers.get))
     yield f"Under every reading stand {len(judged.standing)} verdicts: {stand}."
@@ -208,11 +208,6 @@ def coverage_summary(tables: Tables) -> Rows:
     """Coverage by each method over all cells."""
     rows = [coverage.summary(tables("coverage"), name) for name in tables("coverage")["method"].unique()]
     yield from (list(rows[0]), *(list(row.values()) for row in rows))
-
-
-def coverage_cells(tables: Tables) -> Rows:
-    """Coverage in every cell, by three methods."""
-    yield from coverage.by_cell(tables("coverage"), ["mle", "als", "interval"])
 
 
 def speed(tables: Tables) -> Rows:
