@@ -46,7 +46,7 @@ def test_what_looks_measured_is_bound(article, bound, text):
 @pytest.mark.parametrize(
     ("table", "column", "name"),
     [
-        ("verdicts", "value", "claims"),
+        ("verdicts", "finding", "claims"),
         ("published", "mse", "published"),
         ("paper", "ratio_median", "decades"),
         ("regret", "median", "regret"),
@@ -55,7 +55,7 @@ def test_what_looks_measured_is_bound(article, bound, text):
 def test_tables_follow_the_stored_ones(article, bound, table, column, name):
     """A changed value is another cell of the report's table."""
     frame = bound.table(table).copy()
-    frame[column] = 1.37 * frame[column]
+    frame[column] = frame[column].str.replace("0.", "7.") if column == "finding" else 1.37 * frame[column]
     copy = article.bound_numbers.Bound()
     copy.table = lambda other: frame if other == table else bound.table(other)
     before, after = article.tables(bound), article.tables(copy)
