@@ -29,6 +29,7 @@ from study.simulation.experiment.config import (
     summary_line,
 )
 from study.simulation.experiment.designs import GridDesign, RandomDesign
+from study.simulation.experiment.measures import MEASURES as FIT_MEASURES
 from study.simulation.figures import FIGURES
 from study.simulation.runs import schemas
 from study.simulation.statistics import MEASURES
@@ -83,6 +84,15 @@ def estimators() -> Rows:
     for name, entry in ESTIMATORS.items():
         flops = f"{entry.flops(3):g} {entry.flops_of}".strip() if entry.flops else "-"
         yield [f"`{name}`", entry.reference, "the noise" if entry.needs else "-", flops]
+
+
+def fit_measures() -> Rows:
+    """The shipped measures of fits with their columns."""
+    yield ["measure", "column", "type", "meaning"]
+    for name, measure in FIT_MEASURES.items():
+        for column, (kind, meaning) in measure.columns.items():
+            words = "truth value" if kind is bool else "number"
+            yield [f"`{name}`", f"`{name}_{column}`", words, meaning.format("i")]
 
 
 def statuses() -> Rows:

@@ -386,7 +386,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (
         *(commands.configs, commands.plan, run, commands.status, posterior, commands.coverage, commands.worker),
-        commands.laws,
+        *(commands.laws, commands.measures),
     ),
     "Results": (
         *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),

@@ -39,6 +39,7 @@ from pydantic import (
 from study.fits import ESTIMATORS
 from study.fits.samples import Worded
 from study.simulation.experiment import laws
+from study.simulation.experiment import measures as registry
 from study.simulation.experiment.conditions import CONDITIONS, LAWS, STORED, Condition, Value
 from study.simulation.experiment.designs import (
     MAX_CELLS,
@@ -53,7 +54,18 @@ from study.simulation.experiment.designs import (
 )
 from study.simulation.experiment.noise import GaussianNoise, gaussian
 from study.text import did_you_mean, listed
-from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
+from study.toml import (
+    ConfigError,
+    Distinct,
+    Fault,
+    Frozen,
+    Listed,
+    distinct,
+    each_once,
+    report,
+    toml_tables,
+    toml_text,
+)
 from study.words import estimator_remedy
 
 Noise = Literal["known", "unknown"]
@@ -194,8 +206,16 @@ def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
+def _known_measures(names: tuple[str, ...]) -> tuple[str, ...]:
+    unknown = [name for name in names if name not in registry.MEASURES]
+    if unknown:
+        raise ValueError(f"{listed(map(repr, unknown))} unknown; {did_you_mean(unknown[0], registry.MEASURES)}")
+    return names
+
+
 FolderName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
 EstimatorNames = Annotated[Distinct[str], AfterValidator(_known_estimators)]
+MeasureNames = Annotated[Listed[str], AfterValidator(each_once), AfterValidator(_known_measures)]
 
 
 class Study(Frozen):
@@ -220,6 +240,8 @@ class Study(Frozen):
     for closed forms only, which gives the statistical error without rounding, and all noise levels at once."""
     keep: Literal["errors", "summary"] = "errors"
     """The table that is stored: the error of every fit, or only their summary."""
+    measures: MeasureNames = ()
+    """Names of what is measured of each fit besides its error; `study measures` lists them."""
     design: Annotated[SerializeAsAny[Grid | Random], PlainValidator(_DESIGNS.validate_python)]
     posterior: Posterior | None = None
     precision: Precision | None = None
@@ -297,6 +319,18 @@ class Study(Frozen):
         given = self.design.given()
         return tuple(c for c in STORED if not c.silent or c.name in given)
 
+    def columns(self) -> tuple[int, tuple[Condition, ...], tuple[registry.MeasureColumn, ...]]:
+        """Arguments of `study.simulation.runs.schemas.declared`, which gives the columns of the study's tables."""
+        return self.dimension, self.conditions(), self.measured()
+
+    def measured(self) -> tuple[registry.MeasureColumn, ...]:
+        """The columns of the study's measures."""
+        return registry.stored(self.measures, self.dimension)
+
+    def measure_versions(self) -> dict[str, int | str]:
+        """Versions of the study's measures by name."""
+        return {name: registry.MEASURES[name].version for name in self.measures}
+
     def canonical(self) -> str:
         """The config as JSON, as far as it determines the error table.
 
@@ -314,15 +348,16 @@ class Study(Frozen):
     def stem(self) -> str:
         """The entries that determine a row besides its cell, trial and estimator, as JSON: the seed, for example.
 
-        The code of a law of a user's own is one of them, by its digest.
+        The code of a law of a user's own is one of them, by its digest, and that of each measure, by its version.
         """
         left_out = {"posterior", "precision", "tolerate_failures", "name", "design", "estimators", "keep_points"}
         own = " ".join(f"{name}@{laws.ORIGINS[name].digest}" for name in self.own_laws())
+        own += "".join(f" {name}@{version}" for name, version in self.measure_versions().items())
         return self.model_dump_json(exclude={*left_out, *self._unused()}) + own
 
     def _unused(self) -> set[str]:
         """Newer entries that are at their defaults; they are left out, so that older configs keep their digest."""
-        names = ("route", "keep", "precision")
+        names = ("route", "keep", "precision", "measures")
         return {name for name in names if getattr(self, name) == type(self).model_fields[name].default}
 
     def digest(self) -> str:
@@ -361,6 +396,7 @@ def parse(text: str, source: str = "config") -> Study:
             _level_faults,
             _posterior_faults,
             _precision_faults,
+            _measure_faults,
         ):
             faults += check(study)
     if faults or study is None:
@@ -410,6 +446,7 @@ def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
     for wrong, key, words in (
         (moments and shape is not None, "noise_shape", 'the route "moments" is for isotropic noise'),
         (moments and points, "keep_points", 'the route "moments" forms no points'),
+        (moments and bool(raw.get("measures")), "measures", 'the route "moments" forms no points, which they need'),
         (moments and random, "route", 'a random design draws every trial for one level: route = "points"'),
         (summary and random, "keep", 'a random design has one trial in a cell: keep = "errors"'),
         (summary and points, "keep_points", 'belongs to the errors, which keep = "summary" does not store'),
@@ -531,6 +568,11 @@ def _precision_faults(study: Study) -> Iterator[Fault]:
     if unknown := [name for name in precision.estimators or () if name not in study.estimators]:
         words = f"{listed(map(repr, unknown))} not among the study's; {estimator_remedy(unknown, study.estimators)}"
         yield Fault(("precision", "estimators"), words)
+
+
+def _measure_faults(study: Study) -> Iterator[Fault]:
+    """Find measures of a user's own that fail in the study's dimension, and two that have the same column."""
+    return (Fault(("measures",), words) for words in registry.faults(study.measures, study.dimension))
 
 
 def _sample_counts(samples: object) -> list[int]:

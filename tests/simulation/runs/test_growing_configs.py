@@ -28,6 +28,7 @@ TOP = {
     "tolerate_failures": [None, 1.0],
     "route": [None, "moments"],
     "keep": [None, "summary"],
+    "measures": [None, ["interval"], ["jaccard", "own_errors"]],
     "posterior": [None, {"where": {"samples": 6}, "trials": 1}],
     "precision": [None, {"relative_target": 0.9, "first": 100}],
 }
