@@ -37,7 +37,7 @@ from study.text import paragraphs
 
 MEDIAN_VARIANCES = (0.316, 1.36)
 """n times the squared relative error of a median of n trials, for |z| of a normal z in three dimensions and in one."""
-OWN_READERS = ("coverage", "readings")
+OWN_READERS = ("readings",)
 """Configs that are no studies."""
 
 

@@ -358,31 +358,15 @@ def cost(
     echo(printed(table))
 
 
-_CONFIG = "config of a coverage study, such as configs/coverage.toml"
-CoverageConfig = Annotated[Path, typer.Argument(metavar="CONFIG", help=_CONFIG)]
-Threads = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of threads")]
-CoverageOut = Annotated[Path | None, typer.Option("--out", help="folder of the results; results/NAME if absent")]
+NoJobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, hidden=True, help="has no effect any more")]
+Former = Annotated[Path | None, typer.Argument(metavar="[CONFIG]")]
+FormerOut = Annotated[Path | None, typer.Option("--out", help="has no effect any more")]
 
 
-def coverage(config: CoverageConfig, jobs: Threads = 2, out: CoverageOut = None) -> None:
-    """Measure how often intervals hold the truth.
-
-    The table is stored as coverage.parquet and coverage.csv, with its figure, and printed.
-    """
-    from study.files import save_frame
-    from study.simulation.coverage import draw, measure, printed, read_design
-    from study.style import save
-
-    design = read_design(config)
-    folder = out or RUNS / design.name
-    table = measure(design, jobs)
-    for suffix in ("parquet", "csv"):
-        save_frame(table, folder / f"coverage.{suffix}")
-    fewer = ", fewer for large N" if table["trials"].nunique() > 1 else ""
-    stamp = f"{design.name} · seed {design.seed} · {int(table['trials'].max()):,} trials a cell{fewer}"
-    for path in save(draw(table, stamp, design.level), folder / "fig_coverage"):
-        typer.echo(str(path))
-    echo(printed(table, design.level))
+def coverage(config: Former = None, jobs: NoJobs = None, out: FormerOut = None) -> None:
+    """Name the commands that have taken its place."""
+    words = "coverage is a study like others: `study run coverage`, and `study figures coverage fig_coverage`"
+    raise typer.BadParameter(f"{words}; your own config lists measures = ['interval', 'own_errors']")
 
 
 ReadingsConfig = Annotated[Path, typer.Argument(metavar="CONFIG", help="config of readings, or readings if shipped")]
@@ -427,7 +411,6 @@ _FIGURES = "write the figures there too, as PNG and SVG"
 FiguresToo = Annotated[Path | None, typer.Option("--figures", metavar="DIR", help=_FIGURES)]
 ReadingsToo = Annotated[Path | None, typer.Option("--readings", help="table that `study readings` stores")]
 ClaimsToo = Annotated[bool, typer.Option("--claims", help="store the verdicts too, as `study claims` does")]
-NoJobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, hidden=True, help="has no effect any more")]
 
 
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as_json: Json = False) -> None:

@@ -254,7 +254,9 @@ class Study(Frozen):
 
     def cells(self) -> int:
         """Number of cells: in a random design, one per trial."""
-        return self.design.cells()
+        if getattr(self.design, "most_noise", None) is None:
+            return self.design.cells()
+        return sum(len(group.cells) for group in self.groups())
 
     def independent(self) -> bool:
         """True if no two cells share their directions and noise."""
@@ -386,8 +388,8 @@ def parse(text: str, source: str = "config") -> Study:
         study = Study.model_validate(raw)
     except ValidationError as error:
         faults = distinct(faults + report(error, _KEYS, _path))
-    if study is not None and study.cells() > MAX_CELLS:
-        faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
+    if study is not None and study.design.cells() > MAX_CELLS:
+        faults.append(Fault(("design",), f"{study.design.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
         for check in (
             _departure_faults,
@@ -420,10 +422,10 @@ def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
     design, d = raw.get("design"), raw.get("dimension", 3)
     if not isinstance(d, int) or not isinstance(design, dict):
         return
-    either = ("noise", "noise_over_radius")
+    either = ("noise", "noise_over_radius", "kappa")
     given = [key for key in either if key in design]
     if len(given) != 1:
-        words = f"give noise or noise_over_radius, one of the two (found {' and '.join(given) or 'neither'})"
+        words = f"give one of noise, noise_over_radius and kappa (found {' and '.join(given) or 'none'})"
         yield Fault(("design",), words, wants=() if given else tuple(("design", key) for key in either))
     counts = _sample_counts(design.get("samples"))
     if counts and min(counts) < d + 1:
@@ -460,6 +462,8 @@ def _departure_faults(study: Study) -> Iterator[Fault]:
     given = study.design.given()
     if "law" in given and study.noise_shape is not None:
         yield Fault(("noise_shape",), "is the covariance of normal noise: take law out of the design")
+    if "kappa" in given and "directions" in given:
+        yield Fault(("design", "kappa"), "is of directions by area: take directions out, or give noise instead")
     for name in ("outlier_size", "outlier_law"):
         if name in given and "outlier_share" not in given:
             yield Fault(("design", name), "has no effect without outlier_share, the probability of an outlier")
@@ -506,6 +510,9 @@ def _neglect_faults(study: Study) -> Iterator[Fault]:
 def _level_faults(study: Study) -> Iterator[Fault]:
     """Find noise that float64 cannot hold both as σ and as σ over the radius."""
     given = study.design.given()
+    if not study.cells():
+        words = "leaves no cell: raise it, or give less noise"
+        yield Fault(("design", "most_noise"), words, getattr(study.design, "most_noise", None))
     name = "noise" if "noise" in given else "noise_over_radius"
     if name not in given:  # which is another fault
         return
