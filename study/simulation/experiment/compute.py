@@ -459,11 +459,11 @@ def _from_points(study: Study, unit: Batch, result: Result) -> None:
             result.clock("points", n, trials)
             samples.regression  # noqa: B018  computed now, so that no estimator's time includes what all use
             result.clock("moments", n, trials)
-            truth = Truth(np.array(level.center), level.radius, level.noise, level.noise**2 * bound)
             fits.append(_fits(study, samples, places, batch, result))
-            measured.append(_measured(study, samples, fits[-1], truth, places, batch, result))
             for place in places if study.keep_points else ():
                 result.add_points(place, batch, samples)
+            truth = Truth(np.array(level.center), level.radius, level.noise, level.noise**2 * bound)
+            measured.append(_measured(study, samples, fits[-1], truth, places, batch, result))
         if study.estimators:  # if all fits are known already, a run may need points or timings alone
             result.blocks.append(Errors.of(study, batch, bound, fits, measured))
 

@@ -177,7 +177,7 @@ def stored(names: Iterable[str], dimension: int) -> tuple[MeasureColumn, ...]:
         for column, (kind, meaning) in MEASURES[name].columns.items():
             for ending in _endings(column, dimension):
                 full = f"{name}_{column.removesuffix('i') if ending else column}{ending}"
-                result.append(MeasureColumn(full, kind, f"{name}: {meaning.format(ending)}"))
+                result.append(MeasureColumn(full, kind, f"{name}: {meaning.replace('{}', ending)}"))
     return tuple(result)
 
 
@@ -207,6 +207,7 @@ def attempt(
         The columns, and the messages of exceptions by the number of the trial, from 0.
     """
     b, d, _ = samples.shape
+    estimates = Estimates._make(map(np.copy, estimates))  # whatever a function does with them, the errors stay
     try:
         return _called(name, samples, as_fit(estimates, samples, estimator), truth), {}
     except (Exception, SystemExit):  # trying each trial by itself shows which of them raise

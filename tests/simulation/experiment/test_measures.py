@@ -284,6 +284,24 @@ def test_an_estimator_that_raises_is_told_first(monkeypatch):
         registry.remove(["raises"])
 
 
+def test_a_measure_that_writes_into_what_it_gets():
+    """Errors and points are those of a study without it, to the bit, at all levels of a trial."""
+
+    def measure(samples, fit, truth):
+        """A measure, with a {brace} in its meaning."""
+        fit.center[:], samples.x[:], truth.bound[:], truth.center[:] = 0.0, 1.0, 0.0, 0.0
+        return {"a": fit.radius / truth.radius}
+
+    study.register_measure("own", measure, {"a": (float, "a {brace} here")})
+    top, design = {"estimators": ["mle", "gdke"], "keep_points": 3}, {"trials": 5, "noise": [0.1, 0.2], "center": 2.0}
+    plain, made = parse(config(top, **design)), parse(config(top | {"measures": ["own"]}, **design))
+    for unit in made.units():
+        mine, other = compute(made, unit), compute(plain, unit)
+        for name in ("errors", "points"):
+            for column, values in getattr(other, name).items():
+                np.testing.assert_array_equal(getattr(mine, name)[column], values)
+
+
 REFUSED = {
     "no dictionary": (BODY.format("1", FLOAT), "returned int, expected a dictionary of a"),
     "other columns": (BODY.format("{'b': 1}", FLOAT), "returned b, expected a dictionary of a"),
