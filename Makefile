@@ -11,6 +11,9 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no
 .PHONY: paper article calibration skeleton test smoke lint numbers tables bench mutants docs clean
 .DELETE_ON_ERROR:
 
+# Tables that the documents quote.
+STORED := docs/assets/tables
+
 # The paper's study, the studies that its claims need, figures (in figures/), and one page about everything. The findings
 # are printed last; `study claims` prints the verdicts.
 STUDIES := paper ellipse mgdk power-law efficiency outliers starts bias anisotropic markers posterior
@@ -26,7 +29,7 @@ paper: $(VENV)/.compiled results/cost.parquet
 	echo "The reference run in this repository, and this one:"; \
 	differ=0; $(BIN)/study diff results/paper configs/paper.toml || differ=$$?; \
 	echo "Figures, and one page about everything. What was found:"; \
-	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench results/bench.csv --readings results/readings.csv \
+	$(BIN)/study report $(CONFIGS) --cost results/cost.parquet --bench $(STORED)/bench.csv --readings $(STORED)/readings.csv \
 	    --figures results/figures --claims --out results/report.html; \
 	cp $(PICTURES:%=results/figures/%.png) $(PICTURES:%=results/figures/%.svg) figures/; \
 	exit $$differ
@@ -37,7 +40,7 @@ results/cost.parquet: $(VENV)/.run
 
 # The replication report from the stored tables, results/article.pdf, with metadata.yaml and codecheck.yml.
 article: $(VENV)/.article
-	$(BIN)/python docs/make_article.py
+	$(BIN)/python tools/make_article.py
 
 # Posteriors of many trials: how often they, and the estimators' own error ellipsoids, cover the truth. Takes minutes.
 calibration: $(VENV)/.run
@@ -79,27 +82,27 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python docs/bound_numbers.py
+	$(BIN)/python tools/bound_numbers.py
 
 # Write the numbers of the stored tables into the documents; `make lint` fails where they differ.
 numbers: $(VENV)/.dev
-	$(BIN)/python docs/bound_numbers.py --write
+	$(BIN)/python tools/bound_numbers.py --write
 
 # Compute the stored tables and draw the figures that the documents have, besides that of `make bench`. Takes minutes.
 tables: paper
 	@set -e; \
 	$(BIN)/study run $(QUOTED:%=configs/%.toml); \
 	$(BIN)/study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py; \
-	$(BIN)/study readings --cost results/cost.parquet --out results/readings.csv; \
-	for name in regret regret-circles; do $(BIN)/study regret $$name --csv results/$$name.csv; done; \
+	$(BIN)/study readings --cost results/cost.parquet --out $(STORED)/readings.csv; \
+	for name in regret regret-circles; do $(BIN)/study regret $$name --csv $(STORED)/$$name.csv; done; \
 	for name in regret robustness map misfit coverage; do $(DRAW) configs/$$name.toml fig_$$name; done; \
-	$(BIN)/study certify --table results/certify.csv; \
-	$(BIN)/python docs/reference_tables.py; \
+	$(BIN)/study certify --table $(STORED)/certify.csv; \
+	$(BIN)/python tools/reference_tables.py; \
 	$(BIN)/python benchmarks/em_vmf.py; \
 	$(BIN)/python benchmarks/stopping.py; \
 	$(BIN)/python benchmarks/limits.py
 
-# Speed as ratios to the limits of this machine and to other packages; stored in results/bench.csv.
+# Speed as ratios to the limits of this machine and to other packages; stored in docs/assets/tables/bench.csv.
 bench: $(VENV)/.bench
 	$(BIN)/python -m pytest -q benchmarks --benchmark-group-by=group --benchmark-columns=min,median,rounds
 
@@ -109,7 +112,7 @@ mutants: $(VENV)/.dev $(VENV)/.run
 
 # The site of the documents, in site/. Every code block and command of a page is run, and prints what the page says.
 docs: $(VENV)/.docs
-	$(BIN)/python docs/run_notebooks.py
+	$(BIN)/python tools/run_notebooks.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "Open site/index.html in a browser"
 

@@ -18,7 +18,7 @@ import pytest
 
 from study.simulation.runs.provenance import machine
 
-RESULTS = Path(__file__).resolve().parents[1] / "results" / "bench.csv"
+STORED = Path(__file__).resolve().parents[1] / "docs" / "assets" / "tables" / "bench.csv"
 
 
 @pytest.fixture
@@ -62,5 +62,5 @@ def pytest_terminal_summary(terminalreporter, config):
         terminalreporter.write_line(f"{group}\n{shown}")
     files = {b.fullname.partition("::")[0] for b in timed}
     if len(files) == len([*Path(__file__).parent.glob("test_*.py")]) and not config.option.keyword:
-        RESULTS.parent.mkdir(exist_ok=True)
-        table.to_csv(RESULTS, index=False, lineterminator="\n")
+        STORED.parent.mkdir(exist_ok=True)
+        table.to_csv(STORED, index=False, lineterminator="\n")

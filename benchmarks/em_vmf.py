@@ -5,7 +5,7 @@ points, each u has such a law again, of the natural parameter κμ + r (x - c)/�
 updates are in closed form. It is biased where the directions have another law, a cap's with its sharp rim among them.
 
     study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py
-    python benchmarks/em_vmf.py     # the published setting; stored in results/em-vmf-published.csv
+    python benchmarks/em_vmf.py     # the published setting; stored in docs/assets/tables/em-vmf-published.csv
 
 The published method is *given* κ and μ. `em_vmf_given` is that method with κ = 0, a whole sphere, which needs no μ;
 `given` makes one for any κ and μ. `em_vmf` estimates both from the points: it is a variant, and its errors are not
@@ -63,8 +63,8 @@ def em_vmf(samples, known=None):
     """
     start, result = fit_samples(samples, "als"), blank(*samples.shape[:2])
     for t, x in enumerate(samples.points):
-        center, radius, variance = start.center[t], float(start.radius[t]), float(start.noise_variance[t])
-        result.status[t] = start.own_status[t]
+        center, radius, variance = start.center[t], float(start.radius[t]), float(start.estimates.noise_variance[t])
+        result.status[t] = start.estimates.status[t]
         if not (np.isfinite(center).all() and radius > 0.0 and variance > 0.0):
             center, radius, variance = x.mean(axis=0), float(np.sqrt(x.var(axis=0).sum())), float(x.var())
         d, middle = x.shape[1], x.mean(axis=0)

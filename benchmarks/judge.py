@@ -1,4 +1,4 @@
-"""The judge of fits, measured; `python benchmarks/judge.py` stores results/judge.csv: ok, covers, ok and wrong.
+"""The judge of fits, measured; `python benchmarks/judge.py` stores its table judge.csv: ok, covers, ok and wrong.
 
 A fit is wrong if its 95 % interval of the radius does not hold the truth; where the radius is known, or several markers
 have one centre, if that of a coordinate of the centre does not. A share for the centre is the mean over coordinates.

@@ -1,4 +1,4 @@
-"""The test of fit, and what follows from it, measured; `python benchmarks/misfit.py` stores results/misfit*.csv.
+"""The test of fit, and what follows from it, measured; `python benchmarks/misfit.py` stores tables misfit*.csv.
 
 misfit-level.csv has the level on clean data in the cells of configs/coverage.toml, and statuses and coverage by the
 estimator's own intervals and by those that a user gets. misfit.csv has the power for shapes and laws of noise,
@@ -20,6 +20,7 @@ from studies import ROOT, clean, covered, share, store
 
 import study
 from study import Status
+from study.fits.answer import white_covariance
 from study.fits.goodness import BLOCKS, SMALL, Goodness
 from study.fits.intervals import intervals
 from study.fits.random import lanes
@@ -313,7 +314,7 @@ def scans(folder):
         fit = study.fit(x, "corrected" if file.stem.startswith("t") else "robust")
         low, high = fit.interval("radius")
         row = {"name": file.stem, "samples": fit.count, "radius": fit.radius}
-        row |= {"error_white": np.sqrt(fit.own_covariance[3, 3]), "error": fit.standard_errors[3]}
+        row |= {"error_white": np.sqrt(white_covariance(fit)[3, 3]), "error": fit.standard_errors[3]}
         row |= {"low": low, "high": high, **{f"p {k}": p for k, p in zip(BLOCKS, fit.goodness.values, strict=True)}}
         row |= {"misfit": fit.goodness.first(), "F": series_ratio(fit)}
         row |= {"status": Status(int(fit.status)).name.lower(), "holds_50": low <= 50.0 <= high}
@@ -341,7 +342,7 @@ def series_ratio(fit):
     rho, e = fit.residuals, (fit.samples.points[0] - fit.center)
     e /= np.linalg.norm(e, axis=1, keepdims=True)
     two = [e[:, i] * e[:, j] for i in range(3) for j in range(i, 3)][:5]
-    kept = ~fit.outliers if fit.without_outliers else np.ones(len(rho), dtype=bool)
+    kept = ~fit.outliers if fit.estimator == "robust" else np.ones(len(rho), dtype=bool)
     Q = np.linalg.qr(np.column_stack([np.ones(len(e)), e, *two])[kept])[0]
     b = Q.T @ rho[kept]
     left = rho[kept] @ rho[kept] - b @ b

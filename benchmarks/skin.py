@@ -1,14 +1,15 @@
 """Coverage of the joints' errors on synthetic bodies whose skin moves, by law of the skin and range of motion.
 
-    python benchmarks/skin.py     # stores results/skin.csv
+    python benchmarks/skin.py     # stores docs/assets/tables/skin.csv
 
 A body has 41 markers, 1 mm of noise, 10 % gaps, 16 seconds at 50 frames per second, and skin of 5 to 30 mm at the ends
 of its joints' ranges, evenly over the bodies of a cell. Where only markers over joints slide, it is 10 to 30 mm, and
 the markers are 32 landmarks of trunk and legs, among them trochanters, epicondyles and malleoli. A row of the table is
-a cell: the share of joints whose 95 % region holds the truth, of all and of knees and elbows; the shares undoubted, and
-undoubted though more than 2 cm off; the share of the undoubted whose region holds the truth; median error and median
-standard error, mm; and the standard errors of the shares, from the scatter between bodies. A hinge is compared with its
-true axis. A joint without an estimate counts as doubted and has no region.
+a cell: the share of joints whose 95 % region, that of the fit, holds the truth, of all and of knees and elbows; the
+shares undoubted, as the commands doubt a joint that hardly moved, and undoubted though more than 2 cm off; the share of
+the undoubted whose region holds the truth; median error and median standard error, mm; and the standard errors of the
+shares, from the scatter between bodies. A hinge is compared with its true axis. A joint without an estimate counts as
+doubted and has no region.
 """
 
 from itertools import product
@@ -20,7 +21,7 @@ from scipy import stats
 from studies import store
 
 from study.recordings.joints.estimate import USABLE
-from study.recordings.joints.find import find_joints
+from study.recordings.joints.find import find_joints, with_allowance
 from study.recordings.markersets import load_markerset
 from study.recordings.synthetic.make import Recipe, synthesize
 
@@ -59,7 +60,8 @@ def joints_of(law, gait):
         skin = {} if law == "none" else {"soft_tissue": least + (GREATEST - least) * (body + 0.5) / BODIES, "skin": law}
         recipe = Recipe(800, 50.0, seed=1 + body, gaps=0.1, gait=gait, markers=markers, **skin)
         recording, truth = synthesize(recipe)
-        rows += [{"body": body} | compared(joint, truth) for joint in find_joints(markerset, recording).joints]
+        joints = map(with_allowance, find_joints(markerset, recording).joints)
+        rows += [{"body": body} | compared(joint, truth) for joint in joints]
     return pd.DataFrame(rows)
 
 

@@ -74,9 +74,9 @@ def share(name, hits):
 
 
 def store(name, rows, form=None):
-    """Store rows in a table of results/, each as soon as it is known."""
+    """Store rows in a table of docs/assets/tables/, each as soon as it is known."""
     known = []
     for row in rows:
         known.append(row)
-        path = ROOT / "results" / f"{name}.csv"
+        path = ROOT / "docs" / "assets" / "tables" / f"{name}.csv"
         pd.DataFrame(known).to_csv(path, index=False, lineterminator="\n", float_format=form)

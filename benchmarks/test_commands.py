@@ -45,7 +45,7 @@ PROGRAMS = {
 AIMS = {"short commands": "0.25 s", "first answer of a program": "≤ 1.3"}
 NORMALS = 10**8
 ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "MAKE"))}
-USED = ("Makefile", "configs", "figures", "results/paper", "results/bench.csv", "results/readings.csv")
+USED = ("Makefile", "configs", "figures", "results/paper", "docs/assets/tables")
 
 
 @pytest.mark.parametrize(("group", "what"), [(group, what) for group, rows in PROGRAMS.items() for what in rows])
@@ -78,7 +78,7 @@ def test_whole_studies(timed, tmp_path_factory, target, aim, rounds):
     def folder():
         place = tmp_path_factory.mktemp(target)
         for name in USED:
-            (place / name).parent.mkdir(exist_ok=True)
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
             copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy2
             copy(ROOT / name, place / name)
         (place / ".venv").symlink_to(sys.prefix)

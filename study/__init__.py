@@ -44,15 +44,15 @@ if TYPE_CHECKING:
     from study.fits.plan import plan_fit
     from study.fits.point_files import PointTable, read_points
     from study.fits.spheres import CloudSpheres, fit_spheres
+    from study.recordings.api import draw_skeleton, find_gait, find_joint, find_joints
     from study.recordings.formats.read import read_recording
-    from study.recordings.library import draw_skeleton, find_gait, find_joint, find_joints
     from study.recordings.recording import Recording
     from study.simulation.experiment.laws import register_law
     from study.simulation.experiment.measures import register_measure
     from study.simulation.library import StudyRun, read_run, run
 
 
-__version__ = "1.0.0"
+__version__ = "2.0.0"
 __all__ = [
     "ESTIMATORS",
     "CloudSpheres",
@@ -97,7 +97,7 @@ _PLACES = {
     **dict.fromkeys(["CloudSpheres", "fit_spheres"], "study.fits.spheres"),
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",
-    **dict.fromkeys(["draw_skeleton", "find_gait", "find_joint", "find_joints"], "study.recordings.library"),
+    **dict.fromkeys(["draw_skeleton", "find_gait", "find_joint", "find_joints"], "study.recordings.api"),
     "register_law": "study.simulation.experiment.laws",
     "register_measure": "study.simulation.experiment.measures",
     **dict.fromkeys(["StudyRun", "read_run", "run"], "study.simulation.library"),

@@ -258,7 +258,7 @@ def fit(
         echo(fitting.as_text(results, noise, sensitivity))
     if plot is not None:
         (only,) = results
-        _plot(only.table.points, only.fits, only.table.names, plot)
+        _plot(only.table.points, only.fits, only.table.names, ordered, plot)
     _end(complaints, all(result.ok() for result in results), ExitCode.TOO_MANY_FAILURES)
 
 
@@ -380,7 +380,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
         save_frame(points(drawn), out)
     if plot is not None:
         frame = points(drawn)
-        _plot(frame.to_numpy(), fits(run.study, drawn), [*frame.columns], plot)
+        _plot(frame.to_numpy(), fits(run.study, drawn), [*frame.columns], False, plot)
 
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
@@ -487,12 +487,12 @@ def _end(complaints: Sequence[str], fine: bool, code: ExitCode) -> None:
         raise typer.Exit(code)
 
 
-def _plot(points: Any, fits: Any, names: list[str], path: Path) -> None:
+def _plot(points: Any, fits: Any, names: list[str], ordered: bool, path: Path) -> None:
     """Draw points and fits."""
     from study.fits.fit_plot import draw, prepare
     from study.style import save_picture
 
-    save_picture(draw(prepare(points, fits, names)), path)
+    save_picture(draw(prepare(points, fits, names, ordered)), path)
 
 
 def _complain(message: str, code: int = ExitCode.COMPLETE) -> int:

@@ -29,7 +29,7 @@ PAGE = 6.8
 _ON_SCREEN = 120
 """Dots per inch in a notebook."""
 
-SMALL = 7.0
+SMALL = 7.4
 """Size of the smallest type, in points: notes and direct labels."""
 
 INK = "#222222"
@@ -191,7 +191,7 @@ def stamp(figure: Figure, text: str) -> None:
     engine = figure.get_layout_engine()
     if isinstance(engine, ConstrainedLayoutEngine):
         engine.set(rect=(0.0, strip, 1.0, 1.0 - strip))
-    figure.text(0.995, 0.04 * strip, text, ha="right", va="bottom", fontsize=6.0, color=FAINT)
+    figure.text(0.995, 0.04 * strip, text, ha="right", va="bottom", fontsize=SMALL, color=FAINT)
 
 
 _ANONYMOUS: dict[str, dict[str, Any]] = {

@@ -14,7 +14,8 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from study.text import did_you_mean, listed, nearest
+from study.text import listed, nearest
+from study.words import key_remedy
 
 Path = tuple[str | int, ...]
 Keys = tuple[str, ...]
@@ -151,7 +152,8 @@ def report(
             names = known.get(tuple(part for part in path[:-1] if isinstance(part, str)), [])
             key = str(path[-1])
             known_elsewhere = "unknown key: not one of this kind of design"
-            words = known_elsewhere if key in names else f"unknown key; {did_you_mean(key, names)}"
+            elsewhere = {".".join(table): keys for table, keys in known.items() if table}
+            words = known_elsewhere if key in names else f"unknown key; {key_remedy(key, names, elsewhere)}"
             means = (*path[:-1], nearest(key, names) or "")
         elif entry["type"] == "missing":
             words, wants = "required, but missing", (path,)

@@ -5,7 +5,7 @@ Nothing here makes another name work: the messages of errors say which name does
 
 import inspect
 import unicodedata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import wraps
 from typing import TYPE_CHECKING, TypeVar, cast
 
@@ -49,15 +49,30 @@ ANSWERS = {
     **dict.fromkeys(["rms", "rmse", "rss", "cost"], ("residual_rms", "residual_rms")),
     **dict.fromkeys(["score", "r2", "rsquared", "chi2", "pvalue", "pvalues"], ("goodness", "goodness")),
     **dict.fromkeys(["success", "converged", "valid"], ("ok", "ok")),
-    "message": ("status_text", "status_text"),
-    **dict.fromkeys(["nit", "niter"], ("iterations", "iterations")),
+    **dict.fromkeys(["message", "statustext"], ("status", "status.text, or the column status of to_frame()")),
+    "ownstatus": ("estimates", "estimates.status"),
+    "noisevariance": ("estimates", "sigma ** 2, or estimates.noise_variance"),
+    **dict.fromkeys(["condition", "rho"], ("estimates", "estimates.condition")),
+    **dict.fromkeys(["nit", "niter", "iterations"], ("estimates", "estimates.iterations")),
+    "diameter": ("radius", "2 * radius, and interval('diameter')"),
+    "expandeduncertainty": ("standard_errors", "k * standard_errors"),
+    "correlation": ("to_dict", "to_dict()['correlation'], or covariance"),
+    "largestdeviation": ("residuals", "abs(residuals).max(), or to_dict()['largest_deviation']"),
+    "minimumzone": ("samples", "study.minimum_zone(points)"),
+    "owncovariance": ("covariance", "covariance, and allowance, by which it is longer than that of white noise"),
+    **dict.fromkeys(["copies", "outlierinfluence", "ordered"], ("to_dict", "to_dict(), which has it")),
+    "withoutoutliers": ("estimator", "estimator, of which 'robust' leaves outliers out"),
+    "noiseisknown": ("estimates", "what you gave as noise"),
     **dict.fromkeys(["nobs", "n"], ("count", "count")),
     **dict.fromkeys(["inliers", "inliermask"], ("outliers", "~fit.outliers")),
     **dict.fromkeys(["std", "noise", "sd"], ("sigma", "sigma, the standard deviation of a coordinate")),
-    **dict.fromkeys(["sphericity", "roundness", "circularity"], ("form_error", "form_error or minimum_zone")),
+    **dict.fromkeys(
+        ["formerror", "sphericity", "roundness", "circularity"],
+        ("residuals", "np.ptp(residuals), or study.minimum_zone(points)"),
+    ),
     **dict.fromkeys(["tocsv", "save"], ("to_frame", "to_frame().to_csv(path)")),
 }
-"""What a fit has, by the other names of it: an attribute, and words for it."""
+"""What a fit has, by the other names of it, those of version 1 among them: an attribute, and words for it."""
 
 ARGUMENTS = {
     "sigma": "give noise=, the standard deviation of a coordinate",
@@ -69,6 +84,20 @@ ARGUMENTS = {
     **dict.fromkeys(["x0", "p0", "guess", "initial"], "leave it out; no fit needs a start"),
 }
 """The answer to arguments that other libraries have, by the beginning of their names."""
+
+
+KEYS = {
+    **dict.fromkeys(["method", "methods", "algorithms", "fits", "fitters"], "estimators"),
+    **dict.fromkeys(["repetitions", "replications", "reps", "runs", "ntrials", "nsim", "nrep"], "trials"),
+    **dict.fromkeys(["n", "samplesize", "points", "npoints", "size", "nsamples"], "samples"),
+    **dict.fromkeys(["sigma", "noise", "noiselevel", "sd", "std"], "noise_over_radius"),
+    **dict.fromkeys(["cap", "arc", "halfangle", "coneangle", "confinement", "phi"], "angle"),
+    **dict.fromkeys(["r", "radii"], "radius"),
+    **dict.fromkeys(["d", "dim", "ndim"], "dimension"),
+    **dict.fromkeys(["randomseed", "rng", "rngseed"], "seed"),
+    **dict.fromkeys(["outlier", "contamination", "outlierfraction", "clutter"], "outliers"),
+}
+"""Keys of a study's config by their other names."""
 
 
 def _plain(word: str) -> str:
@@ -97,6 +126,22 @@ def name_remedy(word: str, known: Iterable[str]) -> str:
         return f"use study.{own}"
     estimator = word if word in _OWN else ESTIMATORS.get(_plain(word))
     return did_you_mean(word, known) if estimator is None else f"use study.fit(points, {estimator!r})"
+
+
+def key_remedy(word: str, names: Iterable[str], elsewhere: Mapping[str, Iterable[str]]) -> str:
+    """The remedy for a key that a table of a config does not have, as the end of a message.
+
+    Args:
+        word: the key.
+        names: keys of the table.
+        elsewhere: keys of the other tables, by their names.
+    """
+    own, names = KEYS.get(_plain(word), word), list(names)
+    if own in names:
+        return f"use {own!r}"
+    if table := next((name for name, keys in elsewhere.items() if own in keys), None):
+        return f"use {own!r} in [{table}]"
+    return did_you_mean(word, names)
 
 
 def argument_remedy(word: str, known: Iterable[str]) -> str:

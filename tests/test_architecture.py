@@ -22,7 +22,7 @@ WINGS = {"fits": set(), "simulation": {"fits"}, "recordings": {"fits"}}
 ORDER = {
     "simulation": "experiment statistics runs posterior analysis claims figures report compile_loops commands library",
     "recordings": "recording formats rigid markersets joints skeleton one_joint session live export gait view "
-    "synthetic case_study library commands live_commands",
+    "synthetic case_study api commands live_commands",
 }
 ORDER = {name: chapters.split() for name, chapters in ORDER.items()}
 """Chapters and folders of a wing in the order of the data: each imports only those before it."""

@@ -19,11 +19,11 @@ ROOT = Path(__file__).parents[1]
 @pytest.fixture(scope="module")
 def article():
     """The script that makes the report, and the numbers of the documents."""
-    sys.path.insert(0, str(ROOT / "docs"))
+    sys.path.insert(0, str(ROOT / "tools"))
     try:
         return importlib.import_module("make_article")
     finally:
-        sys.path.remove(str(ROOT / "docs"))
+        sys.path.remove(str(ROOT / "tools"))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_what_looks_measured_is_bound(article, bound, text):
 @pytest.mark.parametrize(
     ("table", "column", "name"),
     [
-        ("verdicts", "value", "claims"),
+        ("verdicts", "finding", "claims"),
         ("published", "mse", "published"),
         ("paper", "ratio_median", "decades"),
         ("regret", "median", "regret"),
@@ -55,7 +55,7 @@ def test_what_looks_measured_is_bound(article, bound, text):
 def test_tables_follow_the_stored_ones(article, bound, table, column, name):
     """A changed value is another cell of the report's table."""
     frame = bound.table(table).copy()
-    frame[column] = 1.37 * frame[column]
+    frame[column] = frame[column].str.replace("0.", "7.") if column == "finding" else 1.37 * frame[column]
     copy = article.bound_numbers.Bound()
     copy.table = lambda other: frame if other == table else bound.table(other)
     before, after = article.tables(bound), article.tables(copy)

@@ -16,10 +16,10 @@ from study.fits import registry
 from study.simulation.runs import schemas
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "docs"))
+sys.path.insert(0, str(ROOT / "tools"))
 import sentences  # noqa: E402
 
-sys.path.remove(str(ROOT / "docs"))
+sys.path.remove(str(ROOT / "tools"))
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 NAMES = [str(path.relative_to(ROOT)) for path in PAGES]
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
@@ -109,11 +109,12 @@ TABLES = ROOT / "docs" / "tables.md"
 
 
 def test_the_page_of_tables_has_them_all():
-    """Every table that a run may have stands there, with its columns, which `docs/run_blocks.py` keeps up to date."""
+    """Every table that a run may have stands there, with its columns, which `tools/run_blocks.py` keeps up to date."""
     text = TABLES.read_text(encoding="utf-8")
     for name, columns in schemas.declared(3).items():
         (made,) = re.findall(rf"<!-- made: table_{name} -->\n(.*?)<!-- end -->", text, re.DOTALL)
-        assert re.findall(r"^\| `(\w+)` \|", made, re.MULTILINE) == [column.name for column in columns]
+        cells = re.findall(r"^\| (`.*?) \|", made, re.MULTILINE)
+        assert sorted(re.findall(r"`(\w+)`", " ".join(cells))) == sorted(column.name for column in columns)
         assert f"`{name}.parquet`" in text
 
 
@@ -164,9 +165,21 @@ def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
     assert places == sorted(places)
 
 
+def test_every_page_says_in_its_first_line_who_needs_it():
+    """The line below the heading begins "For you if", in italics."""
+    opens = re.compile(r"# .+\n\n\*For you if .+\*")
+    assert [path.name for path in ROOT.glob("docs/*.md") if not opens.match(path.read_text(encoding="utf-8"))] == []
+
+
+def test_the_documents_are_no_longer_than_they_need_to_be():
+    """The pages of docs/ and the README, with tables and outputs: what is new takes the place of something old."""
+    pages = [*ROOT.glob("docs/*.md"), ROOT / "README.md"]
+    assert sum(sentences.length(path.read_text(encoding="utf-8")) for path in pages) <= 42_000
+
+
 @pytest.mark.parametrize("path", sentences.paths(), ids=lambda path: path.name)
 def test_sentences_are_short(path):
-    """At most 20 words on average, and at most a tenth above 30; docs/sentences.py prints those."""
+    """At most 20 words on average, and at most a tenth above 30; tools/sentences.py prints those."""
     page = sentences.page(path.read_text(encoding="utf-8"))
     assert len(page.sentences) > 5
     assert page.mean <= 20.0
@@ -226,6 +239,15 @@ def test_displayed_formulas_of_theory_are_in_latex():
             assert rows == []
     numbers = re.findall(r"\\tag\{(.*?)\}", text)
     assert len(numbers) == len(set(numbers))
+
+
+def test_formulas_in_the_text_of_theory_are_in_latex():
+    """Between dollars, on one line; no index or exponent stands outside of them and of code."""
+    text = FENCED.sub("", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8"))
+    text = re.sub(r"`[^`\n]*`", "", text)
+    assert len(re.findall(r"\$[^$\n]+\$", text)) > 300
+    rest = re.sub(r"\$[^$\n]+\$", "", text).replace("NOT_CONVERGED", "")
+    assert re.findall(r".*[$_^\\].*", rest) == []
 
 
 CALLED = (inspect.isclass, inspect.isfunction)

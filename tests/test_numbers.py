@@ -11,20 +11,18 @@ import pytest
 from study.simulation.runs.run_folder import Run
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "docs"))
+sys.path.insert(0, str(ROOT / "tools"))
 import bound_numbers  # noqa: E402
 import number_tables  # noqa: E402
 
-sys.path.remove(str(ROOT / "docs"))
+sys.path.remove(str(ROOT / "tools"))
 
 CHANGED = "verdict != used and verdict != 'not evaluated' and used != 'not evaluated'"
 QUOTED = {
     "claim_commands": ("verdicts", "value > 0", ["value"]),
     "choices": ("readings", CHANGED, []),
-    "readings": ("readings", "", []),
     "readings_changed": ("readings", CHANGED, []),
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"]),
-    "coverage_cells": ("coverage", "method != 'corrected'", ["radius"]),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"]),
 }
 """Tables of documents that functions make: the stored table, rows and columns that are quoted."""
@@ -142,12 +140,12 @@ def test_formats(value, spec, text):
     [
         (["bench", "what == 'd = 4'", "speed"], "name 'speed' is not defined"),
         (["bench", "ratio > ", "ratio"], "invalid syntax"),
-        (["bench", "group == 'none'", "ratio"], "no such rows in results/bench.csv: group == 'none'"),
+        (["bench", "group == 'none'", "ratio"], "no such rows in docs/assets/tables/bench.csv: group == 'none'"),
         (
             ["bench", "group == 'short commands'", "ratio"],
-            "4 such rows in results/bench.csv: group == 'short commands'",
+            "4 such rows in docs/assets/tables/bench.csv: group == 'short commands'",
         ),
-        (["bench", "what == 'd = 4'", "ratio / 0"], "inf in results/bench.csv"),
+        (["bench", "what == 'd = 4'", "ratio / 0"], "inf in docs/assets/tables/bench.csv"),
         (["banch", "", "ratio"], "there is no table 'banch' in [tables]"),
         (None, "there is no such number in [numbers]"),
     ],
@@ -158,9 +156,9 @@ def test_a_wrong_description_is_a_fault_at_its_place(number, words):
     bound.phrases = {"a.txt": ["is {x:.2f} long", "no {x:d} here"]}
     bound.numbers = {"x": number} if number else {}
     first, second = bound.faults("a.txt", "\nIt is\n3.00 long.")[0]
-    assert first.startswith("a.txt:3: docs/numbers.toml: x")
+    assert first.startswith("a.txt:3: tools/numbers.toml: x")
     assert first.endswith(words)
-    assert second == "a.txt:1: no such phrase (docs/numbers.toml): “no {x:d} here”"
+    assert second == "a.txt:1: no such phrase (tools/numbers.toml): “no {x:d} here”"
 
 
 def test_the_numbers_of_findings():

@@ -1,6 +1,7 @@
 """The field's words are answered with what there is, and none of them works by itself."""
 
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ import study
 from study import words
 from study.fits.fitting import choose
 from study.fits.point_formats import PointFileError
+from study.simulation.experiment.config import parse
+from study.toml import ConfigError
+from tests.configs import config
 
 POINTS = [[1, 0], [0, 1], [-1, 0], [0, -1.0], [0.6, 0.8]]
 
@@ -42,7 +46,7 @@ def test_of_the_package(word, says):
         ("params", "use center and radius"),
         ("params_", "use center and radius"),
         ("resid", "use residuals"),
-        ("diametr", "did you mean 'diameter'? Known are "),
+        ("radiuss", "did you mean 'radius'? Known are "),
     ],
 )
 @pytest.mark.parametrize("known", [{}, {"radius": 1.0}], ids=["Fit", "GivenFit"])
@@ -140,3 +144,20 @@ def test_other_answers_hint_as_a_fit_does():
             _ = one._nothing
     with pytest.raises(AttributeError, match=r"'JointFit' object has no attribute 'stderr': use standard_errors"):
         _ = study.mgdk([ball, 2.0 * ball]).stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("methods = ['mle']", "use 'estimators'"),
+        ("random_seed = 3", "use 'seed'"),
+        ("repetitions = 10", "use 'trials' in [design]"),
+        ("sigma = [0.1]", "use 'noise_over_radius' in [design]"),
+        ("samples = [10]", "use 'samples' in [design]"),
+        ("seeed = 3", "did you mean 'seed'? Known are name, seed, "),
+    ],
+)
+def test_of_keys(line, says):
+    """A key that a table of a config has not is answered by the one that it has, or by the table that has it."""
+    with pytest.raises(ConfigError, match=re.escape(f"{line.split()[0]} = ") + ".*unknown key; " + re.escape(says)):
+        parse(f"{line}\n{config()}")

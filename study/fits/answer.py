@@ -9,12 +9,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from study.arrays import Bools, Floats, Ints, as_number, real_array
 from study.fits.circle import Circle, fit_circles, lowest_radius
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
-from study.fits.form import MinimumZone, forms_that_move, minimum_zone
+from study.fits.form import forms_that_move
 from study.fits.goodness import Answer, Goodness
 from study.fits.intervals import Intervals, intervals
 from study.fits.judge import NOTHING, Assumptions, PointEvidence, gather, influence, judge, widened
@@ -260,7 +260,7 @@ class Fit(Hinting):
 
     @property
     def estimates(self) -> Estimates:
-        """The estimator's numbers as a named tuple, with the leading axes."""
+        """The estimator's own numbers with the leading axes, among them its status, ρ and its iterations."""
         return self._estimates
 
     @property
@@ -274,16 +274,6 @@ class Fit(Hinting):
         return self._estimator
 
     @property
-    def without_outliers(self) -> bool:
-        """True if the estimator leaves ``outliers`` out; intervals are then formed without them, too."""
-        return self._without_outliers
-
-    @property
-    def ordered(self) -> bool:
-        """True if the rows are in the order in which they were measured, so that errors may allow for memory."""
-        return self._assumed.ordered
-
-    @property
     def center(self) -> Floats:
         """Centre ĉ (…, d), in the unit of the points."""
         return self._estimates.center
@@ -294,37 +284,14 @@ class Fit(Hinting):
         return as_number(self._estimates.radius)
 
     @property
-    def diameter(self) -> Floats:
-        """Diameter 2r̂ (…), in the unit of the points."""
-        return 2.0 * self.radius
-
-    @property
-    def noise_variance(self) -> Floats:
-        """Variance σ² of one coordinate (…), unit squared.
-
-        As given to an estimator that uses it (the mean over coordinates, for a covariance), else estimated from the
-        residuals. NaN at n = d + 1, which leaves none.
-        """
-        return as_number(self._estimates.noise_variance)
-
-    @property
     def sigma(self) -> Floats:
-        """Standard deviation σ of one coordinate (…), in the unit of the points: the root of `noise_variance`."""
-        with np.errstate(invalid="ignore"):
-            return as_number(np.sqrt(self.noise_variance))
+        """Standard deviation σ of one coordinate (…), in the unit of the points.
 
-    @property
-    def condition(self) -> Floats:
-        """The paper's Leontief condition ρ (…), the spectral radius of Σ̂C⁻¹, which must be below 1.
-
-        NaN for an estimator that subtracts no noise.
+        As given to an estimator that uses it (the root mean square over coordinates, for a covariance), else estimated
+        from the residuals. NaN at n = d + 1, which leaves none.
         """
-        return as_number(self._estimates.condition)
-
-    @property
-    def own_status(self) -> Ints:
-        """Number of the `Status` that the estimator itself gives each fit (…); error tables of studies hold it."""
-        return self._estimates.status
+        with np.errstate(invalid="ignore"):
+            return as_number(np.sqrt(self._estimates.noise_variance))
 
     @property
     def status(self) -> Any:
@@ -342,14 +309,8 @@ class Fit(Hinting):
         """Numbers of the statuses (…)."""
         if self._samples is not None:
             return self._settled
-        untested = (self.own_status == Status.OK) & (not self._assumed.sphere)
-        return np.asarray(np.where(untested, Status.UNTESTED, self.own_status))
-
-    @property
-    def status_text(self) -> str | NDArray[np.str_]:
-        """The status in words: a text for a single fit, an array of texts (…) for a batch."""
-        texts = np.array([status.text for status in Status])[self._statuses]
-        return texts if self.shape else str(texts)
+        untested = (self._estimates.status == Status.OK) & (not self._assumed.sphere)
+        return np.asarray(np.where(untested, Status.UNTESTED, self._estimates.status))
 
     def interval(self, of: str, level: float = 0.95) -> Floats:
         """Confidence interval of the radius, the diameter or a coordinate of the centre, or one of each coordinate.
@@ -429,11 +390,6 @@ class Fit(Hinting):
         return as_number(self._statuses == Status.OK)
 
     @property
-    def iterations(self) -> Ints:
-        """Steps taken (…); 0 for a closed form."""
-        return as_number(self._estimates.iterations)
-
-    @property
     def shape(self) -> tuple[int, ...]:
         """The leading axes; () for a single fit."""
         return self._estimates.radius.shape
@@ -488,16 +444,23 @@ class Fit(Hinting):
         """The numbers of a single fit as plain Python: floats, lists and texts, as ``study fit --json`` prints them.
 
         Returns:
-            estimator, ok, status (a name), status_text, samples (used), outliers (rows from 0), copies, center,
-            center_errors, radius, radius_error, diameter, diameter_error, correlation, sigma, residual_rms, form_error,
-            largest_deviation, condition, radius_interval, center_intervals (95 %); goodness (p values by block, and p
-            of all), misfit (the block that is named, or ""), allowance, circle (of a hinge, else None). NaN where
-            there is no number.
+            estimator, ok, status (a name), status_text, samples (used), outliers (rows from 0), outlier_influence
+            (largest change without them, in standard errors; up to 1.5 they do not matter), copies (points that repeat
+            an earlier one but for rounding), center, center_errors, radius, radius_error, diameter, diameter_error,
+            correlation (of ĉ and r̂), sigma, residual_rms, form_error (largest minus smallest residual),
+            largest_deviation, condition (ρ), radius_interval, center_intervals (95 %); goodness (p values by block, and
+            p of all), misfit (the block that is named, or ""), allowance, circle (of a hinge, else None), ordered. NaN
+            where there is no number.
 
         Raises:
             ValueError: if there is more than one fit, or the fit does not hold its points.
         """
-        return as_dict(self)
+        numbers = as_dict(self)
+        named, points, moved = self.outliers[None], self._points, 0.0
+        if named.any() and not self._without_outliers:
+            moved = float(influence(points.samples, named)[0])
+        copies = int(points.repeated.sum())
+        return numbers | {"outlier_influence": moved, "copies": copies, "ordered": self._assumed.ordered}
 
     def plot(self) -> "Figure":
         """Draw the points, the sphere and its centre's error, and the distances of the points: as ``study fit --plot``.
@@ -514,7 +477,7 @@ class Fit(Hinting):
         """
         from study.fits.fit_plot import picture  # imported here, since it loads matplotlib
 
-        return picture(self)
+        return picture(self, self._assumed.ordered)
 
     @cached_property
     def count(self) -> Ints:
@@ -543,27 +506,6 @@ class Fit(Hinting):
         """
         found = self._points.outliers
         return found.reshape(*self.shape, found.shape[1])
-
-    @property
-    def outlier_influence(self) -> Floats:
-        """Largest change of the centre or the radius without the `outliers`, in standard errors without them (…).
-
-        It is 0 where there are none, or the fit leaves them out. Up to 1.5 they do not matter: intervals still cover.
-        """
-        named, points = self.outliers.reshape(-1, self.outliers.shape[-1]), self._points
-        moved = np.zeros(len(named))
-        some = np.flatnonzero(named.any(axis=1) & (not self._without_outliers))
-        if len(some):
-            moved[some] = influence(points.samples.take(some), named[some])
-        return as_number(moved.reshape(self.shape))
-
-    @cached_property
-    def copies(self) -> Ints:
-        """Number of points (…) that repeat an earlier one but for rounding, which makes the standard errors too small.
-
-        Intervals, and with them the status, count copies once.
-        """
-        return as_number(self._points.repeated.sum(axis=1).reshape(self.shape))
 
     @property
     def goodness(self) -> Goodness:
@@ -613,12 +555,6 @@ class Fit(Hinting):
         return Circle(*(array.reshape((*self.shape, *array.shape[1:])) for array in self._points.circles))
 
     @cached_property
-    def minimum_zone(self) -> MinimumZone:
-        """The minimum-zone sphere of the points, whatever the estimator: see `study.minimum_zone`."""
-        points = self._points.samples.points
-        return minimum_zone(points.reshape(*self.shape, *points.shape[1:]))
-
-    @cached_property
     def residual_rms(self) -> Floats:
         """Root mean square distance of the points from the sphere (…), in the unit of the points."""
         points = self._points
@@ -626,21 +562,8 @@ class Fit(Hinting):
             square = np.where(points.present, (points.distance - self.radius.reshape(-1, 1)) ** 2, 0.0).sum(axis=1)
             return as_number(np.sqrt(square / points.present.sum(axis=1)).reshape(self.shape))
 
-    @property
-    def form_error(self) -> Floats:
-        """Largest minus smallest residual (…), in the unit of the points: the form error with respect to this sphere.
-
-        The minimum-zone sphere has the least form error of all; a least-squares one has a slightly larger.
-        """
-        return as_number(np.fmax.reduce(self.residuals, axis=-1) - np.fmin.reduce(self.residuals, axis=-1))
-
-    @property
-    def largest_deviation(self) -> Floats:
-        """Largest distance of a point from the sphere (…), in the unit of the points."""
-        return as_number(np.fmax.reduce(np.abs(self.residuals), axis=-1))
-
     @cached_property
-    def own_covariance(self) -> Floats:
+    def _own_covariance(self) -> Floats:
         """Covariance of (ĉ, r̂) (…, d+1, d+1) for white noise, whatever the residuals show, unit squared.
 
         It is the estimator's own if it has one (`Estimator.covariance`), else the Cramér-Rao bound with the estimates
@@ -653,42 +576,20 @@ class Fit(Hinting):
             found = unless_missing(self._covariance_of, points.samples, self._estimates.reshape(-1))
         else:
             away = points.used & (points.distance > 0.0)  # a point at the centre has no direction
-            found = plug_in_bound(points.directions, away, points.samples.noise, self.noise_variance.reshape(-1))
+            variance = self._estimates.noise_variance.reshape(-1)
+            found = plug_in_bound(points.directions, away, points.samples.noise, variance)
         return found.reshape(*self.shape, d + 1, d + 1)
 
     @cached_property
     def covariance(self) -> Floats:
-        """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared: `own_covariance`, times `allowance` on both sides."""
-        return self.own_covariance * self.allowance[..., :, None] * self.allowance[..., None, :]
+        """Covariance of (ĉ, r̂) (…, d+1, d+1), unit squared: that for white noise, times `allowance` on both sides."""
+        return self._own_covariance * self.allowance[..., :, None] * self.allowance[..., None, :]
 
     @property
     def standard_errors(self) -> Floats:
         """Standard errors of ĉ's components and of r̂ (…, d+1), in the unit of the points; see `covariance`."""
         with np.errstate(all="ignore"):
             return np.asarray(np.sqrt(np.einsum("...ii->...i", self.covariance)))
-
-    def expanded_uncertainty(self, k: float = 2.0) -> Floats:
-        """Expanded uncertainty of ĉ's components and of r̂ (…, d+1), in the unit of the points.
-
-        Args:
-            k: coverage factor, by which the standard errors are multiplied; 2 stands for about 95 %.
-
-        Raises:
-            ValueError: if the factor is not positive.
-
-        Examples:
-            >>> import numpy as np, study
-            >>> angles = np.linspace(0, 6, 50)
-            >>> circle = np.column_stack([np.cos(angles), np.sin(angles)])
-            >>> fit = study.fit(circle + np.random.default_rng(1).normal(0, 0.01, circle.shape))
-            >>> fit.expanded_uncertainty(k=2).round(4)
-            array([0.0034, 0.0033, 0.0024])
-
-        Source: JCGM 100:2008 (GUM), §6.2.
-        """
-        if not 0.0 < k < np.inf:
-            raise ValueError(f"k = {k!r}: a coverage factor must be positive and finite, such as 2")
-        return k * self.standard_errors
 
     def sensitivity(self) -> Floats:
         """Form errors that move ĉ's components and r̂ by their standard errors (…, 2, d+1), in units of σ.
@@ -723,13 +624,6 @@ class Fit(Hinting):
         """Noise variance over the squared uncertainty of a radius that is known (b,): of none here."""
         return np.zeros(self.radius.size)
 
-    @property
-    def correlation(self) -> Floats:
-        """Correlation of (ĉ, r̂) (…, d+1, d+1); NaN where the covariance is not finite."""
-        with np.errstate(all="ignore"):
-            errors = self.standard_errors
-            return np.asarray(self.covariance / errors[..., :, None] / errors[..., None, :])
-
     def ellipsoid(self, level: float = 0.95) -> Floats:
         """Joint confidence ellipsoid of the centre.
 
@@ -738,7 +632,7 @@ class Fit(Hinting):
 
         Returns:
             Semi-axes as columns (…, d, d), in the unit of the points. Their length comes from the χ² distribution
-            where `noise_is_known`, else from F with n - d - 1 degrees of freedom.
+            where the noise is known, else from F with n - d - 1 degrees of freedom.
 
         Raises:
             ValueError: if the level is not in (0, 1), or the fit does not hold its points.
@@ -754,12 +648,12 @@ class Fit(Hinting):
         if not 0.0 < level < 1.0:
             raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")
         d = self.center.shape[-1]
-        spare = None if self.noise_is_known else np.maximum(self._points.used.sum(axis=1) - d - 1, 1)
+        spare = None if self._noise_is_known else np.maximum(self._points.used.sum(axis=1) - d - 1, 1)
         found = semi_axes(self.covariance[..., :d, :d].reshape(-1, d, d), level, spare)
         return found.reshape(*self.center.shape, d)
 
     @property
-    def noise_is_known(self) -> bool:
+    def _noise_is_known(self) -> bool:
         """True if the covariance stands on a noise that was given."""
         return self._samples is not None and self._samples.noise is not None and self._covariance_of is None
 
@@ -771,3 +665,11 @@ class Fit(Hinting):
         flat = self._estimates.reshape(-1)
         known = flat if self._estimator == "corrected" else None
         return FittedPoints(self._samples, flat.center, self._without_outliers, self._assumed, known)
+
+
+def white_covariance(fit: Fit) -> Floats:
+    """Covariance of (ĉ, r̂) (…, d+1, d+1) for white noise, whatever the residuals show, unit squared.
+
+    Studies look at it: their noise is known to be white, and the tests behind `Fit.covariance` take time.
+    """
+    return fit._own_covariance

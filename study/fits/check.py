@@ -92,12 +92,12 @@ TOLERANCE = 1e-6
 def answers(fit: FitPoints, case: CheckCase) -> str:
     """Sound points have the status ok, finite numbers, and a noise variance that is one."""
     answer = fit(case.points, NOISE)
-    if answer.own_status != Status.OK:
-        return f"no answer on sound points: {Status(int(answer.own_status)).text}"
+    if answer.estimates.status != Status.OK:
+        return f"no answer on sound points: {Status(int(answer.estimates.status)).text}"
     if not (np.all(np.isfinite(answer.center)) and np.isfinite(answer.radius)):
         return "no answer on sound points: the status is ok, but centre or radius is not finite"
-    if not answer.noise_variance >= 0.0:
-        return f"the noise variance is {float(answer.noise_variance):.3g}, and should not be negative"
+    if not answer.estimates.noise_variance >= 0.0:
+        return f"the noise variance is {float(answer.estimates.noise_variance):.3g}, and should not be negative"
     return ""
 
 
@@ -171,7 +171,7 @@ def degenerate(fit: FitPoints, words: str, points: Floats) -> str:
             answer = fit(points, NOISE)
     except Exception as error:
         return f"raises on {words}: {one_line(error)}"
-    if answer.own_status == Status.OK and not (np.all(np.isfinite(answer.center)) and np.isfinite(answer.radius)):
+    if answer.estimates.status == Status.OK and not (np.all(np.isfinite(answer.center)) and np.isfinite(answer.radius)):
         return f"says ok on {words}, and the centre or the radius is not finite: give such fits a status"
     return ""
 

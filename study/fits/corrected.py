@@ -47,7 +47,16 @@ from numpy.polynomial.legendre import leggauss
 
 from study.arrays import Floats
 from study.fits.closed_forms import fuller_constant, root, shrunk
-from study.fits.geometric import CURVE, MEAN, PULL, SECOND, STRETCH, SphereSums, sphere_sums, sum_about
+from study.fits.geometric import (
+    SUM_E,
+    SUM_EE_OVER_R,
+    SUM_R_EE,
+    SUM_RHO2_E,
+    SUM_RHO_E,
+    SphereSums,
+    sphere_sums,
+    sum_about,
+)
 from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, zeros
 from study.fits.samples import Estimates, Samples, Status
 
@@ -235,17 +244,17 @@ def _form(member: Member, r: float, s: float, room: RootRoom) -> None:
     by_power, by_mean = r - pair * means.excess12, rest * r * means.excess01 + pair * r * means.excess12 - bend * s
     even, inverse = rest * r * (r + means.excess01) - bend * s, 0.0
     for i in range(d):
-        inverse += sums.squares[CURVE, i, i]
+        inverse += sums.squares[SUM_EE_OVER_R, i, i]
     longer = sums.numbers[0] * weight
     excess = longer - means.lengthening
     straight = rest * r - pair * (r + means.excess12) + pair * (r + longer) - even * inverse * weight
     direction = 1.0 + means.shortening
     for i in range(d):
-        along, radial = sums.vectors[MEAN, i] * weight, sums.vectors[PULL, i] * weight
+        along, radial = sums.vectors[SUM_E, i] * weight, sums.vectors[SUM_RHO_E, i] * weight
         distance = r * along + radial
-        values[i] = -(by_power * radial + pair * sums.vectors[SECOND, i] * weight - by_mean * along) / (r * r)
+        values[i] = -(by_power * radial + pair * sums.vectors[SUM_RHO2_E, i] * weight - by_mean * along) / (r * r)
         for j in range(i + 1):
-            entry = (pair * sums.squares[STRETCH, i, j] + even * sums.squares[CURVE, i, j]) * weight
+            entry = (pair * sums.squares[SUM_R_EE, i, j] + even * sums.squares[SUM_EE_OVER_R, i, j]) * weight
             slopes[i, j] = slopes[j, i] = -entry / r
         slopes[i, i] -= straight / r
         by_r = rest * (radial - (means.excess01 + r * (1.0 + means.excess01_by_r)) * along)
@@ -293,10 +302,10 @@ def _solve(matrix: Floats, right: Floats) -> bool:
 def _bend(r: float, step: Floats, sums: SphereSums, n: int) -> float:
     """Change of mean ρ² by a short step of centre and radius, of second order."""
     d, along = sums.vectors.shape[1], r * step[sums.vectors.shape[1]]
-    bend = along * along + 2.0 * along * dot(step[:d], sums.vectors[MEAN]) / n
+    bend = along * along + 2.0 * along * dot(step[:d], sums.vectors[SUM_E]) / n
     for i in range(d):
         for j in range(d):
-            bend += r * step[i] * sums.squares[CURVE, max(i, j), min(i, j)] * step[j] / n
+            bend += r * step[i] * sums.squares[SUM_EE_OVER_R, max(i, j), min(i, j)] * step[j] / n
     return float(bend)
 
 

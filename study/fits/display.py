@@ -71,11 +71,14 @@ def as_dict(fit: Any) -> dict[str, Any]:
         raise ValueError(f"{fit.radius.size:,} fits of shape {fit.shape}: take one, or to_frame() for a table")
     errors, status = fit.standard_errors, Status(int(fit.status))
     numbers = {"estimator": fit.estimator, "ok": fit.ok, "status": status.name.lower(), "status_text": status.text}
-    numbers |= {"samples": fit.count, "outliers": fit.outliers.nonzero()[0], "copies": fit.copies}
+    numbers |= {"samples": fit.count, "outliers": fit.outliers.nonzero()[0]}
     numbers |= {"center": fit.center, "center_errors": errors[:-1], "radius": fit.radius, "radius_error": errors[-1]}
-    numbers |= {"diameter": fit.diameter, "diameter_error": 2.0 * errors[-1]}
-    others = ("correlation", "sigma", "residual_rms", "form_error", "largest_deviation", "condition")
-    numbers |= {name: getattr(fit, name) for name in others}
+    numbers |= {"diameter": 2.0 * fit.radius, "diameter_error": 2.0 * errors[-1]}
+    with np.errstate(all="ignore"):
+        numbers["correlation"] = fit.covariance / errors[:, None] / errors
+        sizes = np.fmin.reduce(fit.residuals), np.fmax.reduce(fit.residuals)
+        numbers |= {"form_error": sizes[1] - sizes[0], "largest_deviation": np.fmax(-sizes[0], sizes[1])}
+    numbers |= {"sigma": fit.sigma, "residual_rms": fit.residual_rms, "condition": fit.estimates.condition}
     numbers |= {"radius_interval": fit.interval("radius"), "center_intervals": fit.interval("center")}
     plain = {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in numbers.items()}
     plain["goodness"] = {name: float(p) for name, p in ({"p": fit.goodness.p} | fit.goodness.by_block()).items()}

@@ -38,8 +38,6 @@ class DrawnFit(ShownFits, Protocol):
     """The part of a single `Fit` that is drawn."""
 
     @property
-    def ordered(self) -> bool: ...
-    @property
     def center(self) -> Floats: ...
     @property
     def radius(self) -> Floats: ...
@@ -50,15 +48,15 @@ class DrawnFit(ShownFits, Protocol):
     def ellipsoid(self, level: float = 0.95) -> Floats: ...
 
 
-def picture(fit: DrawnFit) -> Figure:
-    """Draw a single fit; see `Fit.plot`."""
+def picture(fit: DrawnFit, ordered: bool) -> Figure:
+    """Draw a single fit, whose rows may be in order of time; see `Fit.plot`."""
     if fit.shape:
         raise ValueError(f"fit of shape {fit.shape}: plot one of them, such as fit[0].plot()")
     if fit.samples is None:
         raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
     d = len(fit.center)
     names = list("xyz"[:d]) if d <= 3 else [str(i + 1) for i in range(d)]
-    return draw(prepare(fit.samples.points[0], {fit.estimator: fit}, names))
+    return draw(prepare(fit.samples.points[0], {fit.estimator: fit}, names, ordered))
 
 
 @dataclass(frozen=True)
@@ -123,13 +121,14 @@ class FitFrame:
     residuals: Distances | None
 
 
-def prepare(points: Floats, fits: Mapping[str, DrawnFit], names: list[str]) -> FitFrame:
+def prepare(points: Floats, fits: Mapping[str, DrawnFit], names: list[str], ordered: bool = False) -> FitFrame:
     """Project points and fits.
 
     Args:
         points: (n, d), rows with NaN are left out.
         fits: answers of shape () by estimator.
         names: of the coordinates.
+        ordered: the rows are in order of time.
     """
     points = points[np.isfinite(points).all(axis=1)]
     names = [f"$x_{{{name}}}$" if name.isdecimal() else name.replace("$", r"\$") for name in names]
@@ -163,11 +162,11 @@ def prepare(points: Floats, fits: Mapping[str, DrawnFit], names: list[str]) -> F
     notes = _statuses(fits, usable)
     for i in np.flatnonzero(~fits_in):
         notes.append(f"{_label(groups[i])}: circle off the scale, radius {style.number(radii[i])}")
-    residuals = _residuals(groups[0][0], first[0]) if first else None
+    residuals = _residuals(groups[0][0], first[0], ordered) if first else None
     return FitFrame(views, groups, radii, fits_in, caption, notes, residuals)
 
 
-def _residuals(name: str, fit: DrawnFit) -> Distances | None:
+def _residuals(name: str, fit: DrawnFit, ordered: bool) -> Distances | None:
     """Signed distances from a fit, which holds its points."""
     if fit.samples is None:
         return None
@@ -182,16 +181,15 @@ def _residuals(name: str, fit: DrawnFit) -> Distances | None:
     if len(center) == 2:
         across = away @ [-axis[1], axis[0]]
     angle = np.degrees(np.arctan2(across, along))
-    place = shown + 1.0 if fit.ordered else angle
-    return Distances(
-        name, place, np.linalg.norm(away, axis=1) - radius, fit.outliers[shown], fit.ordered, _band(fit, axis, angle)
-    )
+    place = shown + 1.0 if ordered else angle
+    band = np.empty((2, 0)) if ordered else _band(fit, axis, angle)
+    return Distances(name, place, np.linalg.norm(away, axis=1) - radius, fit.outliers[shown], ordered, band)
 
 
 def _band(fit: DrawnFit, axis: Floats, angle: Floats) -> Floats:
     """Angles between those of the points, and 1.96 standard errors of the surface there, averaged around the axis."""
     covariance, d = fit.covariance, len(axis)
-    if fit.ordered or not np.isfinite(covariance).all():
+    if not np.isfinite(covariance).all():
         return np.empty((2, 0))
     angles = np.linspace(angle.min(), angle.max(), 91)
     cosine, sine = np.cos(np.radians(angles)), np.sin(np.radians(angles))
@@ -372,7 +370,7 @@ def _enlarged(ax: Axes, view: Projection, frame: FitFrame, shape: float) -> tupl
             turn = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
             ax.add_patch(Ellipse((center[0], center[1]), long, short, angle=turn, fill=False, zorder=4, **look))
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
-    ax.xaxis.set_major_locator(MaxNLocator(4))
+    ax.xaxis.set_major_locator(MaxNLocator(3))
     ax.set_title("centres and 95 % ellipses", loc="left")
     return low, high
 

@@ -18,7 +18,7 @@ from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import meanings, statuses
 from study.fits.form import FORM_DEGREES
 from study.fits.given import GivenFit
-from study.fits.judge import INFLUENCE, NOTHING, Assumptions
+from study.fits.judge import NOTHING, Assumptions
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
 from study.fits.prior import takes
@@ -46,21 +46,23 @@ def doubts(fit: Fit) -> Iterator[str]:
 
     Rows are counted from 1 and include those with missing coordinates.
     """
+    numbers = fit.to_dict()
     rows, samples, planned = (fit.outliers.nonzero()[0] + 1).tolist(), int(fit.count), fit.residuals.shape[0]
     infinite = [] if fit.samples is None else np.isinf(fit.samples.points[0]).any(axis=1).nonzero()[0] + 1
     if len(infinite):
         yield f"not finite in {len(infinite)} of {planned} rows, the first of which is row {infinite[0]}"
     if samples < planned:
         yield f"{planned - samples} of {planned} rows lack a coordinate and are left out"
+    robust = ESTIMATORS[fit.estimator].without_outliers
     if rows:
         named = ", ".join(str(row) for row in rows[:_NAMED]) + (" …" if len(rows) > _NAMED else "")
         are, it = ("is an outlier (row", "it") if len(rows) == 1 else ("are outliers (rows", "them")
-        use = f"leaves {it} out" if fit.without_outliers else f"uses {it}; -e robust leaves {it} out"
-        if not fit.without_outliers:
-            size = float(fit.outlier_influence)
+        use = f"leaves {it} out" if robust else f"uses {it}; -e robust leaves {it} out"
+        if not robust:
+            size = numbers["outlier_influence"]
             use += f"; without {it} it moves by {number(size, '.2g')} ±" if math.isfinite(size) else ""
         yield f"{len(rows)} of {samples} points {are} {named}): the fit {use}"
-    copies = int(fit.copies)
+    copies = numbers["copies"]
     if copies:
         repeat, they = ("repeats an earlier one", "it is") if copies == 1 else ("repeat earlier ones", "they are")
         yield f"{copies} of {samples} rows {repeat}; if {they} no new measurement, every ± is too small"
@@ -71,8 +73,8 @@ def doubts(fit: Fit) -> Iterator[str]:
         yield f"only {more} more than a sphere needs, so that the noise can look small by chance: ok may be luck"
     if fit.status == Status.HINGE:
         yield from _circle_in_words(fit)
-    elif (fit.status == Status.MISFIT or fit.without_outliers or not rows) and (block := str(fit.goodness.first())):
-        yield _misfit_in_words(fit, block)
+    elif (fit.status == Status.MISFIT or robust or not rows) and (block := str(fit.goodness.first())):
+        yield _misfit_in_words(fit, block, numbers["ordered"])
 
 
 def _circle_in_words(fit: Fit) -> Iterator[str]:
@@ -85,14 +87,14 @@ def _circle_in_words(fit: Fit) -> Iterator[str]:
     yield "a sphere's centre may be anywhere on that axis, and its mirror image in the circle's plane fits as well"
 
 
-def _misfit_in_words(fit: Fit, block: str) -> str:
+def _misfit_in_words(fit: Fit, block: str, ordered: bool) -> str:
     """A line about what the test of fit sees, and what the errors make of it."""
     shape = "circle" if fit.center.shape[0] == 2 else "sphere"
     p = float(getattr(fit.goodness, block.replace(" ", "_")))
     size = "p < 1e-9" if p < 1e-9 else f"p = {number(p, '.2g')}"
     largest = float(fit.allowance.max())
     allowed = f"every ± allows for it, up to {number(largest, '.2g')} times that of white noise"
-    if block == "memory" and not fit.ordered:
+    if block == "memory" and not ordered:
         allowed = "every ± may be too small; if the rows are in order of time, ordered=True (--ordered) allows for it"
     elif block == "tails":
         allowed = "± does not change"
@@ -168,13 +170,6 @@ def _digits(value: float, width: float) -> str:
         return f"{value:.6g}"
     digits = 2 - math.floor(math.log10(width))
     return f"{value:.{digits}f}" if 0 <= digits <= 12 else f"{value:.6g}"
-
-
-def interval_numbers(fit: Fit, names: list[str]) -> dict[str, float]:
-    """Ends of the intervals by the names of columns, such as radius_low and center_x_high."""
-    ends: dict[str, Floats] = {"radius": fit.interval("radius", LEVEL)}
-    ends |= {f"center_{name}": pair for name, pair in zip(names, fit.interval("center", LEVEL), strict=True)}
-    return {f"{name}_{side}": float(pair[i]) for name, pair in ends.items() for i, side in enumerate(("low", "high"))}
 
 
 _SIZES = ("residual_rms", "condition", "form_error", "largest_deviation")
@@ -262,18 +257,20 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
     """
     rows = []
     for estimator, result in fits.items():
+        numbers = result.to_dict()
         row: Row = {"estimator": estimator}
-        *errors, radius_error = result.standard_errors
-        for name, value, error in zip(names, result.center, errors, strict=True):
-            row[f"center_{name}"], row[f"error_{name}"] = float(value), float(error)
-        row |= {"radius": float(result.radius), "radius_error": float(radius_error)}
-        row |= {"diameter": float(result.diameter), "diameter_error": 2.0 * float(radius_error)}
-        row["noise"] = float(result.sigma)
-        row |= {name: float(getattr(result, name)) for name in _SIZES} | interval_numbers(result, names)
-        row |= {f"goodness_{name}": float(p) for name, p in result.goodness.by_block().items()}
-        row["allowance"] = float(result.allowance.max())
-        row["outliers"], row["copies"] = int(result.outliers.sum()), int(result.copies)
-        row["samples"], row["status"] = int(result.count), Status(int(result.status)).text
+        for name, value, error in zip(names, numbers["center"], numbers["center_errors"], strict=True):
+            row[f"center_{name}"], row[f"error_{name}"] = value, error
+        row |= {name: numbers[name] for name in ("radius", "radius_error", "diameter", "diameter_error")}
+        row["noise"] = numbers["sigma"]
+        row |= {name: numbers[name] for name in _SIZES}
+        ends = {"radius": numbers["radius_interval"]}
+        ends |= {f"center_{name}": pair for name, pair in zip(names, numbers["center_intervals"], strict=True)}
+        for name, (low, high) in ends.items():
+            row[f"{name}_low"], row[f"{name}_high"] = low, high
+        row |= {f"goodness_{name}": p for name, p in numbers["goodness"].items() if name != "p"}
+        row["allowance"], row["outliers"] = max(numbers["allowance"]), len(numbers["outliers"])
+        row |= {"copies": numbers["copies"], "samples": numbers["samples"], "status": numbers["status_text"]}
         rows.append(row)
     return rows
 
@@ -326,8 +323,8 @@ class FileFits(NamedTuple):
         return fit_rows(self.fits, self.table.names)
 
     def ok(self) -> bool:
-        """True if every fit is ok, and uses no outliers that move it."""
-        return all(bool(fit.ok) and fit.outlier_influence <= INFLUENCE for fit in self.fits.values())
+        """True if every fit is ok."""
+        return all(bool(fit.ok) for fit in self.fits.values())
 
 
 def as_text(files: list[FileFits], noise: float | None = None, sensitivity: bool = False) -> Iterator[str]:

@@ -30,9 +30,9 @@ from study.fits.linalg import cholesky_solve, diagonalise
 from study.fits.moments import Regression
 from study.fits.samples import Estimates, Samples, Status, blank
 
-MEAN, PULL, SECOND = 0, 1, 2
+SUM_E, SUM_RHO_E, SUM_RHO2_E = 0, 1, 2
 """Rows of `SphereSums.vectors`: Σe, Σρe and Σρ²e."""
-CURVE, STRETCH = 0, 1
+SUM_EE_OVER_R, SUM_R_EE = 0, 1
 """Matrices of `SphereSums.squares`: Σeeᵀ/R, whose trace is Σ1/R, and ΣR eeᵀ."""
 
 
@@ -43,8 +43,8 @@ class SphereSums(NamedTuple):
 
     Attributes:
         numbers: Σρ and Σρ² (2,).
-        vectors: the rows `MEAN`, `PULL` and, where a pass is wide, `SECOND` (3, d).
-        squares: the matrices `CURVE` and, where a pass is wide, `STRETCH`, in their lower triangles (2, d, d).
+        vectors: the rows `SUM_E`, `SUM_RHO_E` and, where a pass is wide, `SUM_RHO2_E` (3, d).
+        squares: the matrices `SUM_EE_OVER_R` and, where a pass is wide, `SUM_R_EE`, in their lower triangles (2, d, d).
     """
 
     numbers: Floats
@@ -115,14 +115,14 @@ def _add(
     numbers[0] += excess
     numbers[1] += square_sum
     for i in range(d):
-        vectors[MEAN, i] += mean[i]
-        vectors[PULL, i] += pull[i]
+        vectors[SUM_E, i] += mean[i]
+        vectors[SUM_RHO_E, i] += pull[i]
         if wide:
-            vectors[SECOND, i] += second[i]
+            vectors[SUM_RHO2_E, i] += second[i]
         for j in range(i + 1):
-            squares[CURVE, i, j] += curve[i * d + j]
+            squares[SUM_EE_OVER_R, i, j] += curve[i * d + j]
             if wide:
-                squares[STRETCH, i, j] += stretch[i * d + j]
+                squares[SUM_R_EE, i, j] += stretch[i * d + j]
 
 
 @compiled
@@ -231,7 +231,7 @@ def _copy(source: Floats, target: Floats) -> None:
 def _trace(curve: Floats) -> float:
     result = 0.0
     for i in range(curve.shape[1]):
-        result += curve[CURVE, i, i]
+        result += curve[SUM_EE_OVER_R, i, i]
     return result
 
 
@@ -241,7 +241,9 @@ def _half_hessian(n: int, radius: float, sums: SphereSums, matrix: Floats) -> No
     vectors, squares, inverse = sums.vectors, sums.squares, _trace(sums.squares)
     for i in range(vectors.shape[1]):
         for j in range(i + 1):
-            matrix[i, j] = matrix[j, i] = radius * squares[CURVE, i, j] - vectors[MEAN, i] * vectors[MEAN, j] / n
+            matrix[i, j] = matrix[j, i] = (
+                radius * squares[SUM_EE_OVER_R, i, j] - vectors[SUM_E, i] * vectors[SUM_E, j] / n
+            )
         matrix[i, i] += n - radius * inverse
 
 
@@ -310,7 +312,7 @@ def advance(search: Search, n: int, sums: SphereSums, room: Room) -> int:
         if state.steps >= _MAX_ITERATIONS:
             return Status.AT_BOUND if state.square > (_FAR * state.bound) ** 2 else Status.NOT_CONVERGED
         for i in range(d):  # Σ(R - R̄)e, from Σ(R - r)e: not by R̄ - r, which has lost digits
-            descent[i] = sums.vectors[PULL, i] - rise * sums.vectors[MEAN, i]
+            descent[i] = sums.vectors[SUM_RHO_E, i] - rise * sums.vectors[SUM_E, i]
         newton = _downhill(n, around, sums, room, step)
     elif state.halvings == 0 and value <= state.best + 2.0 * _EPS * state.radius * math.sqrt(n * state.best):
         _copy(trial, best)  # F is the same to rounding, and this centre is a Newton step further
@@ -349,8 +351,8 @@ def advance(search: Search, n: int, sums: SphereSums, room: Room) -> int:
             for i in range(d):
                 state.best -= step[i] * descent[i]
                 for j in range(d):
-                    bend -= step[i] * sums.squares[CURVE, max(i, j), min(i, j)] * step[j]
-            state.before += (0.5 * bend - dot(step, sums.vectors[MEAN])) / n
+                    bend -= step[i] * sums.squares[SUM_EE_OVER_R, max(i, j), min(i, j)] * step[j]
+            state.before += (0.5 * bend - dot(step, sums.vectors[SUM_E])) / n
         return status
     return Status.AT_BOUND if state.square > state.bound * state.bound else ON
 

@@ -187,12 +187,12 @@ class GivenFit(Fit):
         return self._given.stated_alone
 
     @property
-    def noise_is_known(self) -> bool:
+    def _noise_is_known(self) -> bool:
         """True if the size of the noise was given."""
         return bool(np.isfinite(self._sets.scale).any())
 
     @cached_property
-    def own_covariance(self) -> Floats:
+    def _own_covariance(self) -> Floats:
         """Covariance of (ĉ, r̂) for white noise (…, d+1, d+1), unit squared; a known radius has none (theory 9.6)."""
         result = covariance(self._sets, self._spheres, self._estimator == "corrected")
         result[~self._spheres.found] = np.nan
@@ -204,7 +204,7 @@ class GivenFit(Fit):
         result *= (self._sets.unit**2)[:, None, None]
         plain = self._nothing_known | self._given.stated_alone
         if plain.any():
-            result[plain] = super().own_covariance.reshape(result.shape)[plain]
+            result[plain] = super()._own_covariance.reshape(result.shape)[plain]
         return result.reshape(*self.shape, *result.shape[1:])
 
     @property
@@ -258,7 +258,7 @@ class GivenFit(Fit):
         prior, radius = self._given.prior, self._given.radius
         if prior is None:
             return np.where(np.isfinite(radius), np.inf, 0.0)
-        return np.asarray(self.noise_variance.reshape(-1) / prior.uncertainty**2)
+        return np.asarray(self._estimates.noise_variance.reshape(-1) / prior.uncertainty**2)
 
     @cached_property
     def noise_scale(self) -> Floats:
@@ -383,7 +383,7 @@ class GivenFit(Fit):
         """The status by the rule for every fit, which a known radius must pass, and a noise that is given, by χ²."""
         status, goodness = super()._judged
         refused = self.radius_test.p < _NOTICED
-        if self.noise_is_known:
+        if self._noise_is_known:
             sets, sphere = self._sets, self._spheres
             spare = np.maximum(sets.size - self.center.shape[-1] - ~np.isfinite(sets.radius), 1.0)
             with np.errstate(all="ignore"):

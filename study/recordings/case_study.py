@@ -175,7 +175,7 @@ class JointSamples:
         along = np.nanvar(centers @ self.least) / spread if spread > 0 else np.nan
         row: dict[str, object] = {"cap": float(np.degrees(max(caps))), "condition": self.condition, "hinge": self.hinge}
         row |= {"noise": float(np.sqrt(self.noise_variance)), "moved": float(np.degrees(estimate.fit.rms_angles.min()))}
-        row |= {"memory": self.autocorrelation_time, "worth": self.effective_frames}
+        row |= {"memory": self.autocorrelation_time, "effective_frames": self.effective_frames}
         return row | {"sets": apart, "along": float(along)}
 
     def centers(self, index: Ints, axis: Floats | None) -> Floats:
@@ -271,9 +271,10 @@ class CaseStudy:
             phase 1 doubts the joint.
         joints: a row per joint. ``cap``: half-angle of the largest cap, degrees; ``condition``: ρ; ``hinge``;
             ``noise``: of the markers' coordinates about their spheres; ``moved``: least rms angle, degrees;
-            ``memory``: τ in frames; ``worth``: T/τ; ``sets``: largest distance between the medians of two data sets at
-            the middle N; ``along``: share of the scatter in the direction in which the markers moved least; ``median``:
-            scatter at the largest N; ``outlier``: whether that is more than twice the median joint's; ``reason``.
+            ``memory``: τ in frames; ``effective_frames``: T/τ; ``sets``: largest distance between the medians of
+            two data sets at the middle N; ``along``: share of the scatter in the direction in which the markers moved
+            least; ``median``: scatter at the largest N; ``outlier``: whether that is more than twice the median
+            joint's; ``reason``.
         laws: a row per axis (``raw``, ``window``, ``effective``): the exponent, the median over joints, with the ends
             ``low`` and ``high`` of a 95 % interval over joints.
         skipped: joints without a sphere in their parent's axes, each with the reason.

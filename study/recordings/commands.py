@@ -511,7 +511,7 @@ def gait(
     """
     from study.files import save_frame
     from study.recordings import gait as gaits
-    from study.recordings.library import find_gait
+    from study.recordings.api import find_gait
     from study.recordings.view import gait as view
     from study.style import save
 

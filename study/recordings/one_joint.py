@@ -263,7 +263,8 @@ def fit_one_joint(recording: Recording, markerset: MarkerSet) -> OneJoint:
         label, distance, _ = compared[0]
         doubts.append(f"{label} of another program is {1000 * distance:.0f} mm away, beyond what the error explains")
     moved, frames = (n["moved_least"], n["moved_most"]), 0 if found.estimate is None else found.estimate.fit.frames
-    fitted = recording.name, markerset, found, mean, frame, places, n["error"], moved, turn, frames, n["worth"]
+    effective = n["effective_frames"]
+    fitted = recording.name, markerset, found, mean, frame, places, n["error"], moved, turn, frames, effective
     return OneJoint(*fitted, compared, misplaced, tuple(doubts))
 
 

@@ -318,6 +318,8 @@ def check(
     from study.simulation.experiment.laws import laws_of
     from study.simulation.experiment.measures import check as check_measures
 
+    if file.suffix == ".toml":
+        raise typer.BadParameter(f"{file} is a config, which study plan checks")
     result = check_file(file, limit=limit)
     echo(printed(result))
     checked = [*map(check_law, laws_of(file.name)), check_measures(file.name)]

@@ -221,8 +221,10 @@ def test_json_and_csv(call_here, cap, tmp_path):
     assert (als["status"], als["samples"], als["coordinates"]) == ("ok", 200, ["x", "y", "z"])
     assert [*als["center"], als["radius"]] == [*fit.center, fit.radius]
     assert [*als["center_errors"], als["radius_error"]] == [*fit.standard_errors]
-    for name in ("diameter", "sigma", "residual_rms", "form_error", "largest_deviation", "condition"):
-        assert als[name] == getattr(fit, name), name
+    sizes = {"diameter": 2 * fit.radius, "sigma": fit.sigma, "residual_rms": fit.residual_rms}
+    sizes |= {"form_error": np.ptp(fit.residuals), "condition": fit.estimates.condition}
+    assert {name: als[name] for name in sizes} == sizes
+    assert als["largest_deviation"] == np.abs(fit.residuals).max()
     flat = fits["flat.csv", "als"]
     assert (flat["ok"], flat["status"], flat["radius"], flat["center"]) == (False, "singular", None, [None] * 3)
     assert flat["columns_left_out"] == ["id"]

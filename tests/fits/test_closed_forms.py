@@ -20,7 +20,7 @@ from study.fits.closed_forms import root
 def test_always_positive_definite(rng, name):
     """The root lies below the least eigenvalue of C, so the Leontief condition never fails, not even on pure noise."""
     fit = study.fit(rng.standard_normal((2000, 12, 3)), name)
-    assert np.all(fit.condition < 1.0)
+    assert np.all(fit.estimates.condition < 1.0)
     assert np.isfinite(fit.center).all()
 
 
@@ -56,11 +56,11 @@ def test_paper_equations(rng, on_cap, d, n, noise):
         np.testing.assert_allclose(fit.center[t], center, rtol=0, atol=1e-11)
         assert fit.radius[t] == pytest.approx(radius, abs=1e-11)
     if name == "ugdk":
-        np.testing.assert_allclose(fit.noise_variance, [np.trace(sigma) / d] * 5 + [np.nan], rtol=1e-14)
+        np.testing.assert_allclose(fit.estimates.noise_variance, [np.trace(sigma) / d] * 5 + [np.nan], rtol=1e-14)
     else:
         distance = np.linalg.norm(points[:5] - fit.center[:5, None], axis=2)
         np.testing.assert_allclose(fit.radius[:5], np.sqrt(np.mean(distance**2, axis=1)), rtol=1e-12)
-        assert np.isnan(fit.condition).all()
+        assert np.isnan(fit.estimates.condition).all()
 
 
 @pytest.mark.parametrize("noise", [0.15, 60 * COVARIANCE])
@@ -70,11 +70,11 @@ def test_status_is_the_leontief_condition(rng, on_cap, noise):
     points = on_cap(rng, 12, 60.0, noise=noise, sets=400)[0]
     fit = study.fit(points, "ugdk", noise)
     rho = np.array([np.abs(np.linalg.eigvals(sigma @ np.linalg.inv(np.cov(p.T)))).max() for p in points])
-    np.testing.assert_allclose(fit.condition, rho, rtol=1e-9)
-    np.testing.assert_array_equal(fit.own_status == Status.NOT_POSITIVE_DEFINITE, rho >= 1)
-    assert set(np.unique(fit.own_status)) == {Status.OK, Status.NOT_POSITIVE_DEFINITE}  # both cases occur
+    np.testing.assert_allclose(fit.estimates.condition, rho, rtol=1e-9)
+    np.testing.assert_array_equal(fit.estimates.status == Status.NOT_POSITIVE_DEFINITE, rho >= 1)
+    assert set(np.unique(fit.estimates.status)) == {Status.OK, Status.NOT_POSITIVE_DEFINITE}  # both cases occur
     assert np.isfinite(fit.center).all()
-    assert np.isfinite(fit.radius[fit.own_status == Status.OK]).all()
+    assert np.isfinite(fit.radius[fit.estimates.status == Status.OK]).all()
 
 
 @pytest.mark.parametrize("estimator", ["gdke", "lls"])
@@ -85,7 +85,7 @@ def test_noise_from_residuals(rng, on_cap, estimator):
         fit = study.fit(points, estimator)
         square = np.sum((points - fit.center) ** 2, axis=1)
         least = np.roots([-2 * d, 4 * square.mean(), -square.var()]).min()
-        assert fit.noise_variance == pytest.approx(least * n / (n - d - 1), rel=1e-9)
+        assert fit.estimates.noise_variance == pytest.approx(least * n / (n - d - 1), rel=1e-9)
 
 
 @pytest.mark.parametrize("d", [2, 3, 4])
@@ -94,7 +94,7 @@ def test_no_residual_no_noise(rng, on_cap, estimator, d):
     points = on_cap(rng, d + 1, 90.0, d, sets=5)[0]
     fit = study.fit(points, estimator, noise=1e-9)
     if estimator not in ("ugdk", "hinge"):
-        assert np.isnan(fit.noise_variance).all()
+        assert np.isnan(fit.estimates.noise_variance).all()
     if estimator != "mle_mirror":  # which may find a plane from its start
         atol = 1e-4 if estimator == "lls_single" else 1e-9
         np.testing.assert_allclose(np.linalg.norm(points - fit.center[:, None], axis=2), 1.0, atol=atol)
@@ -183,7 +183,7 @@ def test_insignificant(rng, on_cap, angle, noise):
     assert 10 < weak.sum() < 990
     for name in ("als", "fuller"):
         expected = np.where(weak, Status.INSIGNIFICANT, Status.OK)
-        np.testing.assert_array_equal(study.fit(points, name).own_status, expected)
+        np.testing.assert_array_equal(study.fit(points, name).estimates.status, expected)
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -195,7 +195,7 @@ def test_als_variance_is_unbiased_at_any_size(rng, on_cap, assert_mean, d):
     """
     for n in (8, 12, 20, 50, 100):
         fit = study.fit(on_cap(rng, n, 90.0, d, noise=0.003, sets=20_000)[0], "als")
-        assert_mean(fit.noise_variance / 0.003**2, 1.0)
+        assert_mean(fit.estimates.noise_variance / 0.003**2, 1.0)
 
 
 def on_arcs(rng, sets, n, angle, noise, d=3):
@@ -233,7 +233,7 @@ def test_axis_of_an_arc(rng, d, angle, least, noise, known):
     """
     points, basis = on_arcs(rng, 4000 if d == 3 else 2000, 500, angle, noise, d)
     fit = study.fit(points, "hinge", noise if known else None)
-    assert np.mean(fit.own_status == Status.HINGE) >= 0.98
+    assert np.mean(fit.estimates.status == Status.HINGE) >= 0.98
     assert least < np.median(np.abs(across(fit, basis))) / tilt(angle, noise, 500) <= 1.2
     assert np.median(np.abs(across(study.fit(points[:500], "als"), basis[:500]))) > 0.3
 
@@ -246,13 +246,13 @@ def test_radius_and_noise_of_an_arc(rng, assert_mean, known):
     """
     points, _ = on_arcs(rng, 20_000, 40, 150.0, 0.003)
     fit = study.fit(points, "hinge", 0.003 if known else None)
-    flat = fit.own_status == Status.HINGE
+    flat = fit.estimates.status == Status.HINGE
     assert np.mean(flat) > 0.9
     assert_mean(fit.radius[flat], 1.0, k=6.0)
     if known:
-        np.testing.assert_allclose(fit.noise_variance, 0.003**2, rtol=1e-14)
+        np.testing.assert_allclose(fit.estimates.noise_variance, 0.003**2, rtol=1e-14)
     else:
-        assert fit.noise_variance[flat].mean() / 0.003**2 == pytest.approx(1.0, abs=0.015)
+        assert fit.estimates.noise_variance[flat].mean() / 0.003**2 == pytest.approx(1.0, abs=0.015)
 
 
 @pytest.mark.parametrize(("n", "angle"), [(5, 30.0), (5, 180.0), (6, 60.0), (9, 90.0), (20, 30.0), (600, 60.0)])
@@ -261,7 +261,7 @@ def test_exactly_planar(rng, n, angle):
     for shift in (0.0, 10.0):
         points, _ = on_arcs(rng, 300, n, angle, 0.0)
         fit = study.fit(points + shift, "hinge")
-        assert np.all(fit.own_status == Status.HINGE)
+        assert np.all(fit.estimates.status == Status.HINGE)
         np.testing.assert_allclose(fit.center, shift, rtol=0, atol=1e-9)
         np.testing.assert_allclose(fit.radius, 1.0, rtol=0, atol=1e-9)
 
@@ -272,7 +272,7 @@ def test_sphere_in_four_dimensions(rng, on_cap):
     basis = np.linalg.qr(rng.standard_normal((1000, 4, 4)))[0]
     points = solid @ basis[:, :, :3].swapaxes(1, 2) + 0.02 * rng.standard_normal((1000, 500, 4))
     fit = study.fit(points, "hinge")
-    assert np.mean(fit.own_status == Status.HINGE) >= 0.98
+    assert np.mean(fit.estimates.status == Status.HINGE) >= 0.98
     inner = np.einsum("bi,bij->bj", fit.center, basis)
     m = moments_of(np.radians(60.0), 3)
     expected = 0.67449 * 0.02 * np.sqrt((1 + m.mean**2 / m.along) / 500)
@@ -295,7 +295,7 @@ def test_ordinary_caps_lose_no_direction(rng, on_cap, angle, d, known):
         fit = study.fit(points, "hinge", noise if known else None)
         same = study.fit(points, "ugdk" if known else "als", noise)
         np.testing.assert_array_equal(np.c_[fit.center, fit.radius], np.c_[same.center, same.radius])
-        assert np.isin(fit.own_status, [Status.OK, Status.INSIGNIFICANT]).all()
+        assert np.isin(fit.estimates.status, [Status.OK, Status.INSIGNIFICANT]).all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -305,5 +305,5 @@ def test_few_points_lose_no_direction(rng, on_cap, angle, d):
     for n in (d + 2, 6, 8, 12):
         points = on_cap(rng, n, angle, d, 1e-6, sets=1000)[0]
         fit, same = study.fit(points, "hinge"), study.fit(points, "als")
-        assert not np.isin(fit.own_status, [Status.HINGE, Status.SINGULAR]).any()
+        assert not np.isin(fit.estimates.status, [Status.HINGE, Status.SINGULAR]).any()
         np.testing.assert_array_equal(fit.center, same.center)

@@ -67,19 +67,19 @@ def test_root_of_the_equations(rng, on_cap, name, n, angle, noise):
     """The answer is the root that a general solver finds, and its noise has the degrees of freedom of a fit."""
     points = on_cap(rng, n, angle, noise=noise, center=1.0, sets=3)[0]
     fit = study.fit(points, name)
-    assert np.all(fit.own_status == Status.OK)
+    assert np.all(fit.estimates.status == Status.OK)
     for t in range(3):
         found = root(equations, [1.0, 1.0, 1.0, 1.0, noise**2], (points[t], MEMBERS[name]), tol=1e-12)
         assert found.success
         np.testing.assert_allclose(fit.center[t], found.x[:3], rtol=0, atol=1e-7)
         np.testing.assert_allclose(fit.radius[t], found.x[3], rtol=0, atol=1e-7)
-        np.testing.assert_allclose(fit.noise_variance[t], found.x[4] * n / (n - 4), rtol=1e-6)
+        np.testing.assert_allclose(fit.estimates.noise_variance[t], found.x[4] * n / (n - 4), rtol=1e-6)
 
 
 def test_share_of_the_pair(rng, on_cap):
     """`corrected` is the root for ν of theory (9.3), with the noise of `als`."""
     points = on_cap(rng, 400, 90.0, noise=0.2)[0]
-    eta = study.fit(points, "als").condition  # of the least eigenvalue
+    eta = study.fit(points, "als").estimates.condition  # of the least eigenvalue
     share = 4 / 3 * eta / (eta + 3 * (1 - eta))
     found = root(equations, [0.0, 0.0, 0.0, 1.0, 0.04], (points, share), tol=1e-12)
     np.testing.assert_allclose(study.fit(points, "corrected").center, found.x[:3], rtol=0, atol=1e-7)
@@ -91,9 +91,9 @@ def test_geometric_fit_as_noise_vanishes(rng, on_cap, name, noise, samples):
     """The equations become those of `mle`: the centres differ by the order of σ², and by rounding."""
     points = on_cap(rng, samples, 60.0, noise=noise, center=1.0, sets=20)[0]
     one, two = study.fit(points, name), study.fit(points, "mle")
-    assert np.all(one.own_status == Status.OK)
+    assert np.all(one.estimates.status == Status.OK)
     np.testing.assert_allclose(one.center, two.center, rtol=0, atol=30 * noise**2 + 3e-14)
-    np.testing.assert_allclose(one.noise_variance, two.noise_variance, rtol=1e-4, atol=1e-29)
+    np.testing.assert_allclose(one.estimates.noise_variance, two.estimates.noise_variance, rtol=1e-4, atol=1e-29)
 
 
 @pytest.mark.parametrize("name", [*MEMBERS, "corrected"])
@@ -106,7 +106,7 @@ def test_far_from_the_origin(rng, on_cap, name, far):
     points = on_cap(rng, 60, 60.0, noise=1e-6, center=np.array([1.0, 0.5, -0.3]) * far, sets=50)[0]
     points[0] -= far * np.array([1.0, 0.5, -0.3])  # one set near the origin in the same batch
     fit, moved = study.fit(points, name), study.fit(points - points[:, :1], name)
-    assert np.all(fit.own_status == Status.OK)
+    assert np.all(fit.estimates.status == Status.OK)
     np.testing.assert_allclose(fit.radius, moved.radius, rtol=0, atol=1e-11)
     np.testing.assert_allclose(fit.center, moved.center + points[:, 0], rtol=0, atol=far * 2**-52 + 1e-11)
 
@@ -143,11 +143,11 @@ def test_lopsided_law(rng):
 def test_noise_beyond_the_sphere(rng, on_cap, name, noise):
     """Where noise hides the sphere every answer is finite, and few of them are called ok."""
     fit = study.fit(on_cap(rng, 30, 30.0, noise=noise, sets=200)[0], name)
-    for values in (fit.center, fit.radius, fit.noise_variance):
+    for values in (fit.center, fit.radius, fit.estimates.noise_variance):
         assert np.isfinite(values).all()
-    assert set(np.unique(fit.own_status)) <= {Status.OK, Status.INSIGNIFICANT, Status.NOT_CONVERGED}
-    assert np.mean(fit.own_status != Status.OK) > 0.4
-    assert fit.iterations.max() <= 12
+    assert set(np.unique(fit.estimates.status)) <= {Status.OK, Status.INSIGNIFICANT, Status.NOT_CONVERGED}
+    assert np.mean(fit.estimates.status != Status.OK) > 0.4
+    assert fit.estimates.iterations.max() <= 12
 
 
 @pytest.mark.parametrize("name", [*MEMBERS, "corrected"])
@@ -157,7 +157,7 @@ def test_stays_near_the_start(rng, on_cap, name):
     fit, start = study.fit(points, name), study.fit(points, "fuller")
     away = np.linalg.norm(fit.center - start.center, axis=1)
     assert np.all(away <= 0.5 * start.radius)
-    lost = fit.own_status == Status.NOT_CONVERGED
+    lost = fit.estimates.status == Status.NOT_CONVERGED
     np.testing.assert_array_equal(fit.center[lost], start.center[lost])
 
 
@@ -170,7 +170,7 @@ def test_fuller_formula(rng, on_cap, n, angle, noise, unit):
     points = on_cap(rng, n, angle, noise=noise)[0]
     y = points - points.mean(axis=0)
     c, s = y.T @ y / n, (y * (y * y).sum(axis=1)[:, None]).mean(axis=0)
-    eta = float(study.fit(points, "als").condition) * np.linalg.eigvalsh(c)[0]
+    eta = float(study.fit(points, "als").estimates.condition) * np.linalg.eigvalsh(c)[0]
     center = points.mean(axis=0) + 0.5 * np.linalg.solve(c - eta * (1 - fuller_constant(points) / n) * np.eye(3), s)
     np.testing.assert_allclose(study.fit(unit * points, "fuller").center / unit, center, rtol=0, atol=1e-10)
 

@@ -21,7 +21,6 @@ from study.fits.fitting import (
     doubts,
     fit_all,
     fit_rows,
-    interval_numbers,
     intervals_in_words,
     noise_law_in_words,
     printed,
@@ -64,7 +63,7 @@ def test_answers_are_the_librarys(rng, on_cap, d, noise):
         np.testing.assert_array_equal([row[f"center_{c}"] for c in names] + [row["radius"]], [*fit.center, fit.radius])
         errors = [row[f"error_{c}"] for c in names] + [row["radius_error"]]
         np.testing.assert_array_equal(errors, fit.standard_errors)
-        np.testing.assert_allclose(row["noise"] ** 2, fit.noise_variance)
+        np.testing.assert_allclose(row["noise"] ** 2, fit.estimates.noise_variance)
         distance = np.linalg.norm(np.delete(points, 4, axis=0) - fit.center, axis=1)
         np.testing.assert_allclose(row["residual_rms"], np.sqrt(np.mean((distance - fit.radius) ** 2)))
         np.testing.assert_allclose(row["form_error"], np.ptp(distance), rtol=1e-10)
@@ -219,7 +218,7 @@ def test_intervals_in_words(cap):
     wanted = np.vstack([fit.interval("radius"), fit.interval("center")])
     widths = wanted[:, 1:] - wanted[:, :1]
     np.testing.assert_array_less(np.abs(ends - wanted), np.broadcast_to(0.01 * widths, ends.shape))
-    numbers = interval_numbers(fit, ["x", "y", "z"])
+    (numbers,) = fit_rows({"corrected": fit}, ["x", "y", "z"])
     assert numbers["radius_low"] == wanted[0, 0]
     assert numbers["center_z_high"] == wanted[3, 1]
 

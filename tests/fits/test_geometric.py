@@ -41,7 +41,7 @@ def test_converges_to_a_minimum(rng, on_cap, noise, d):
     for n, angle in [(12, 120.0), (40, 60.0), (600, 90.0)]:
         points = on_cap(rng, n, angle, d, noise=noise, center=1.0, sets=40)[0]
         fit = study.fit(points, "mle")
-        assert np.all(fit.own_status == Status.OK)
+        assert np.all(fit.estimates.status == Status.OK)
         assert max(newton_step(p, c) for p, c in zip(points, fit.center, strict=True)) < 2e-10
 
 
@@ -54,16 +54,16 @@ def test_radius_and_noise_belong_to_the_centre(rng, on_cap):
     fit, other = study.fit(points, "mle"), study.fit(points, "mle", noise=np.diag([1.0, 4.0, 9.0]))
     distance = np.linalg.norm(points - fit.center[:, None], axis=2)
     np.testing.assert_allclose(fit.radius, distance.mean(axis=1), rtol=1e-13)
-    np.testing.assert_allclose(fit.noise_variance, distance.var(axis=1) * 30 / 26, rtol=1e-9)
+    np.testing.assert_allclose(fit.estimates.noise_variance, distance.var(axis=1) * 30 / 26, rtol=1e-9)
     np.testing.assert_array_equal(other.center, fit.center)
-    assert fit.iterations.max() <= 8
+    assert fit.estimates.iterations.max() <= 8
 
 
 def test_sample_at_the_centre(rng, on_cap):
     """A sample at the centre, where a distance has no derivative, does no harm."""
     points = np.vstack([on_cap(rng, 40)[0], np.zeros((1, 3))])
     fit = study.fit(points - points[:40].mean(axis=0), "mle")
-    assert fit.own_status in (Status.OK, Status.NOT_CONVERGED)
+    assert fit.estimates.status in (Status.OK, Status.NOT_CONVERGED)
     assert np.isfinite(fit.center).all()
 
 
@@ -85,9 +85,9 @@ def test_noise_near_rounding(rng, on_cap, samples, angle):
 def test_noise_beyond_the_sphere(rng, on_cap, noise):
     """Where noise hides the sphere the answer is finite and has a status that fits."""
     fit = study.fit(on_cap(rng, 30, 60.0, noise=noise, sets=300)[0], "mle")
-    assert set(np.unique(fit.own_status)) <= {Status.OK, Status.AT_BOUND, Status.NOT_CONVERGED}
+    assert set(np.unique(fit.estimates.status)) <= {Status.OK, Status.AT_BOUND, Status.NOT_CONVERGED}
     assert np.isfinite(np.c_[fit.center, fit.radius]).all()
-    assert np.mean(fit.own_status == Status.OK) > 0.5
+    assert np.mean(fit.estimates.status == Status.OK) > 0.5
 
 
 @pytest.mark.parametrize("thickness", [1e-6, 1e-3, 1e-2])
@@ -95,9 +95,9 @@ def test_noisy_plane(rng, thickness):
     """A plane with noise gives a huge sphere or the bound, never an exception."""
     points = rng.uniform(-1, 1, (300, 40, 3)) * [1, 1, 0] + thickness * rng.standard_normal((300, 40, 3))
     fit = study.fit(points, "mle")
-    assert set(np.unique(fit.own_status)) <= {Status.OK, Status.AT_BOUND}
+    assert set(np.unique(fit.estimates.status)) <= {Status.OK, Status.AT_BOUND}
     assert fit.radius.min() > 10.0
-    assert np.all(fit.radius[fit.own_status == Status.AT_BOUND] > 1e3)
+    assert np.all(fit.radius[fit.estimates.status == Status.AT_BOUND] > 1e3)
 
 
 @pytest.mark.parametrize("name", STARTS)
@@ -106,9 +106,9 @@ def test_whole_sphere(rng, on_cap, name, noise):
     """Points on the whole sphere have one answer, whatever the start."""
     points = on_cap(rng, 60, noise=noise, center=2.0, sets=100)[0]
     one, two = study.fit(points, "mle"), study.fit(points, name)
-    assert np.all(two.own_status == Status.OK)
+    assert np.all(two.estimates.status == Status.OK)
     np.testing.assert_allclose(two.center, one.center, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(two.noise_variance, one.noise_variance, rtol=1e-6)
+    np.testing.assert_allclose(two.estimates.noise_variance, one.estimates.noise_variance, rtol=1e-6)
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.1, 0.3])
@@ -118,7 +118,7 @@ def test_early_stop(rng, on_cap, noise):
     Below .3 the last step lowered it by less than a thousandth, and steps of a method that converges fall off.
     """
     points = on_cap(rng, 40, 90.0, noise=noise, sets=100)[0]
-    least, early = (study.fit(points, name).noise_variance for name in ("mle", "mle_early"))
+    least, early = (study.fit(points, name).estimates.noise_variance for name in ("mle", "mle_early"))
     assert np.all(early >= least * (1.0 - 1e-9))
     assert np.quantile(early / least, 0.9) < 1.003
     assert np.any(early > least * (1.0 + 1e-6)) or noise < 0.3
@@ -128,7 +128,7 @@ def test_early_stop(rng, on_cap, noise):
 def test_no_negative_noise(rng, on_cap, name):
     """On points without noise rounding does not make the noise variance negative, as it once did in one of 200 sets."""
     points = on_cap(rng, 5, 120.0, 2, center=1.0, sets=20_000)[0]
-    assert not np.any(study.fit(points, name).noise_variance < 0.0)
+    assert not np.any(study.fit(points, name).estimates.noise_variance < 0.0)
 
 
 def test_centroid_of_a_cap(rng, on_cap):
@@ -136,7 +136,7 @@ def test_centroid_of_a_cap(rng, on_cap):
     points = on_cap(rng, 60, 60.0, noise=1e-3, sets=100)[0]
     one, two = (study.fit(points, name) for name in ("mle", "mle_centroid"))
     np.testing.assert_allclose(two.center, one.center, rtol=0, atol=1e-8)
-    assert two.iterations.mean() > one.iterations.mean()
+    assert two.estimates.iterations.mean() > one.estimates.iterations.mean()
 
 
 def test_wrong_side_of_a_cap(rng, on_cap):
@@ -171,8 +171,8 @@ def test_centres_that_run_away_are_at_the_bound(rng, on_cap):
     fit = study.fit(points, "mle_mirror")
     far = np.linalg.norm(fit.center, axis=1) > 17.5e3
     assert far.sum() > 5
-    assert set(np.unique(fit.own_status[far])) == {Status.AT_BOUND}
-    assert np.all(fit.own_status[~far] == Status.OK)
+    assert set(np.unique(fit.estimates.status[far])) == {Status.AT_BOUND}
+    assert np.all(fit.estimates.status[~far] == Status.OK)
 
 
 @pytest.mark.parametrize(("samples", "angle", "noise"), [(10, 5.0, 0.001), (10, 15.0, 0.01), (100, 15.0, 0.03)])
@@ -190,7 +190,7 @@ def test_a_far_sphere_that_is_no_better_than_a_plane_is_not_ok(rng, on_cap, samp
     away = np.linalg.norm(points - fit.center[:, None], axis=2)
     left = np.sum((away - away.mean(axis=1, keepdims=True)) ** 2, axis=1)
     assert np.all(left[far] > plane[far] * (1 - 1e-6))
-    assert set(np.unique(fit.own_status[far])) == {Status.AT_BOUND}
+    assert set(np.unique(fit.estimates.status[far])) == {Status.AT_BOUND}
 
 
 def covariance():
@@ -220,7 +220,7 @@ def test_finds_the_covariance(on_cap):
     sigma = 0.1**2 * covariance()
     points, directions = on_cap(np.random.default_rng(54), 20_000, 90.0, noise=sigma, sets=100)
     fit = study.fit(points, "ugdk_cov")
-    assert np.all(fit.own_status == Status.OK)
+    assert np.all(fit.estimates.status == Status.OK)
     bound = np.sqrt(np.trace(study.crlb(directions, sigma)[:, :3, :3], axis1=1, axis2=2))
     assert np.median(np.linalg.norm(fit.center, axis=1) / bound) < 1.2
     column, axis = found_along(points, fit)
@@ -228,7 +228,7 @@ def test_finds_the_covariance(on_cap):
     size = np.linalg.norm(sigma[:, 0])
     assert np.linalg.norm(error.mean(axis=0)) < 0.015 * size
     assert np.median(np.linalg.norm(error, axis=1)) < 0.05 * size
-    assert fit.noise_variance.mean() == pytest.approx(np.trace(sigma) / 3, rel=0.006)
+    assert fit.estimates.noise_variance.mean() == pytest.approx(np.trace(sigma) / 3, rel=0.006)
     # computed from the estimator with the true Σ, the column is exactly Σ's: it is an identity
     exact, axis = found_along(points[:5], study.fit(points[:5], "ugdk", sigma))
     np.testing.assert_allclose(exact, axis @ sigma, rtol=0, atol=1e-9 * size)

@@ -9,6 +9,7 @@ from scipy.stats import binom
 
 import study
 from study import Status
+from study.fits.answer import white_covariance
 from study.fits.cap import sample_cap
 
 CLOSED = ["als", "ugdk", "gdke"]
@@ -61,7 +62,7 @@ def test_geometric_fit_with_a_known_radius(rng, on_cap, angle, noise, d):
         found = minimum(points[t], np.ones(40), fit.center[t] + 1e-3, 2.0)
         np.testing.assert_allclose(fit.center[t], found, rtol=0, atol=1e-9)
         spread = np.sum((polar(points[t], found)[0] - 2.0) ** 2) / (40 - d)
-        assert fit.noise_variance[t] == pytest.approx(spread, rel=1e-8)
+        assert fit.estimates.noise_variance[t] == pytest.approx(spread, rel=1e-8)
     assert np.all(fit.radius == 2.0)
     assert np.all(fit.standard_errors[:, d] == 0.0)
 
@@ -97,7 +98,7 @@ def test_corrected_equations_with_a_known_radius(rng, on_cap, angle, noise):
     for t in range(4):
         found = root(equations, [*fit.center[t] + 1e-3, noise**2], points[t], tol=1e-14)
         np.testing.assert_allclose(fit.center[t], found.x[:3], rtol=0, atol=1e-9)
-        assert fit.noise_variance[t] == pytest.approx(found.x[3], rel=1e-7)
+        assert fit.estimates.noise_variance[t] == pytest.approx(found.x[3], rel=1e-7)
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -132,8 +133,8 @@ def test_equal_noise_is_the_plain_fit(rng, on_cap, name, d):
     for field in ("center", "radius"):
         np.testing.assert_allclose(getattr(fit, field), getattr(plain, field), rtol=0, atol=1e-9)
     if name != "gdke":  # which has its noise from algebraic residuals, here from distances
-        np.testing.assert_allclose(fit.noise_variance, plain.noise_variance, rtol=1e-6)
-        errors = [np.sqrt(np.diagonal(one.own_covariance, axis1=1, axis2=2)) for one in (fit, plain)]
+        np.testing.assert_allclose(fit.estimates.noise_variance, plain.estimates.noise_variance, rtol=1e-6)
+        errors = [np.sqrt(np.diagonal(white_covariance(one), axis1=1, axis2=2)) for one in (fit, plain)]
         np.testing.assert_allclose(*errors, rtol=0.01)
 
 
@@ -159,12 +160,12 @@ def test_gdke_with_a_known_radius(rng, on_cap, angle):
         slopes = lambda q, x=sample: ((np.sum((x - q) ** 2, axis=1) - 4.0)[:, None] * (x - q)).mean(axis=0)  # noqa: E731
         found = root(slopes, gdke.center[t] + 1e-3, tol=1e-15)
         np.testing.assert_allclose(gdke.center[t], found.x, rtol=0, atol=1e-9)
-        for fit, s in ((ugdk, 0.03**2), (als, als.noise_variance[t])):
+        for fit, s in ((ugdk, 0.03**2), (als, als.estimates.noise_variance[t])):
             away = sample - fit.center[t]
             square = np.sum(away**2, axis=1)
             np.testing.assert_allclose(((square - 4.0 - 5 * s)[:, None] * away).mean(axis=0), 0.0, atol=1e-12)
         square = np.sum((sample - als.center[t]) ** 2, axis=1) - 4.0
-        s = als.noise_variance[t]  # E f² = 4r²s + d(d + 2)s² over n - d degrees of freedom
+        s = als.estimates.noise_variance[t]  # E f² = 4r²s + d(d + 2)s² over n - d degrees of freedom
         assert np.sum(square**2) / 37 == pytest.approx(16 * s + 15 * s * s, rel=1e-9)
 
 
@@ -381,7 +382,7 @@ def test_missing_points_and_parts_of_a_batch(rng):
     assert fit[2].radius == 1.9
     assert "radius 1.9, sigma" in repr(fit[2])
     points[0, 0, 0] = np.inf
-    assert study.fit(points, radius=2.0).own_status[0] == Status.NOT_FINITE
+    assert study.fit(points, radius=2.0).estimates.status[0] == Status.NOT_FINITE
 
 
 def test_sets_without_a_sphere_have_a_status(rng):
@@ -440,7 +441,7 @@ def test_halves_of_a_sphere_with_a_form_agree(rng):
         side = u[:, 1] > np.median(u[:, 1])
         halves = [study.fit(x[part], radius=1.0) for part in (side, ~side)]
         apart = np.abs(halves[0].center - halves[1].center)
-        white = [1.96 * np.sqrt(np.diag(half.own_covariance)[:3]) for half in halves]
+        white = [1.96 * np.sqrt(np.diag(white_covariance(half))[:3]) for half in halves]
         allowed = [0.5 * np.ptp(half.interval("center"), axis=-1) for half in halves]
         for name, lengths in (("white", white), ("allowed", allowed)):
             agree[name].append(apart <= np.hypot(*lengths))

@@ -16,6 +16,7 @@ from scipy.stats import t as student
 import study
 from study import Samples, Status
 from study.fits import intervals as interval
+from study.fits.answer import white_covariance
 from study.fits.cap import sample_cap
 from study.fits.intervals import Intervals, intervals
 
@@ -181,8 +182,9 @@ def test_equal_noise_of_unknown_size_says_nothing(estimator, dimension):
     plain = study.fit(points, estimator)
     for noise in (np.ones(40), np.full((40, dimension), 7.0)):
         fit = study.fit(points, estimator, noise, scale="estimated")
-        for name in ("center", "radius", "noise_variance", "own_covariance", "own_status"):
-            np.testing.assert_array_equal(getattr(fit, name), getattr(plain, name))
+        for name in ("center", "radius", "noise_variance", "status"):
+            np.testing.assert_array_equal(getattr(fit.estimates, name), getattr(plain.estimates, name))
+        np.testing.assert_array_equal(white_covariance(fit), white_covariance(plain))
         for of in ("center", "radius"):
             np.testing.assert_array_equal(fit.interval(of), plain.interval(of))
     mixed = np.ones((3, 40))
@@ -334,13 +336,13 @@ def test_one_rule_for_all_estimators(on_cap):
     assert 5 <= found.identified.sum() <= 38
     for name in ("mle", "als", "gdke", "taubin"):
         fit = study.fit(weak, name)
-        ruled = np.isin(fit.own_status, [Status.OK, Status.INSIGNIFICANT])
+        ruled = np.isin(fit.estimates.status, [Status.OK, Status.INSIGNIFICANT])
         np.testing.assert_array_equal((fit.status == Status.WEAKLY_IDENTIFIED), ruled & ~found.identified)
-        np.testing.assert_array_equal(fit.status[~ruled], fit.own_status[~ruled])
+        np.testing.assert_array_equal(fit.status[~ruled], fit.estimates.status[~ruled])
         insignificant = fit.status == Status.INSIGNIFICANT
         inside = (found.radius[:, 0] <= fit.radius) & (fit.radius <= found.radius[:, 1])
         assert not inside[insignificant].any()
-        assert (fit.own_status[insignificant] == Status.INSIGNIFICANT).all()
+        assert (fit.estimates.status[insignificant] == Status.INSIGNIFICANT).all()
         assert found.identified[fit.ok].all()
     assert study.fit(weak, "mle").ok.any()
     assert "weakly identified" in repr(study.fit(weak, "mle"))
@@ -365,7 +367,7 @@ def test_nothing_is_computed_unasked(monkeypatch, on_cap):
     monkeypatch.setattr(interval, "_compute", None)
     fit = study.fit(points)
     assert np.isfinite(fit.standard_errors).all()
-    assert fit.own_status == Status.OK
+    assert fit.estimates.status == Status.OK
     with pytest.raises(TypeError):
         _ = fit.status
 
@@ -399,8 +401,6 @@ def test_a_given_noise_fixes_the_scale(half_spheres, name):
     """The ellipsoid has the length of χ², and the size of the noise that is given: twice the noise, twice the axes."""
     points = half_spheres(7, 10)[:200]
     own, one, two = study.fit(points, name), study.fit(points, name, 0.01), study.fit(points, name, 0.02)
-    assert one.noise_is_known
-    assert not own.noise_is_known
     np.testing.assert_array_equal(one.center, own.center)
     lengths = [np.linalg.norm(each.ellipsoid(0.95), axis=1) for each in (one, two)]
     np.testing.assert_allclose(lengths[1], 2.0 * lengths[0], rtol=0.05)  # curvature is of second order in the noise
@@ -438,7 +438,7 @@ def test_covariance_is_the_bound_with_estimates(rng, on_cap, name, noise):
     points = on_cap(rng, 30, 100.0, noise=0.03, radius=2.0, center=1.0, sets=5)[0]
     fit = study.fit(points, name, noise)
     for t in range(5):
-        used = np.sqrt(fit.noise_variance[t]) if noise is None else noise
+        used = np.sqrt(fit.estimates.noise_variance[t]) if noise is None else noise
         directions = points[t] - fit.center[t]
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         np.testing.assert_allclose(fit.covariance[t], study.crlb(directions, used), rtol=1e-10, atol=1e-15)
@@ -450,7 +450,7 @@ def test_errors_without_a_noise_estimate(rng, on_cap, noise):
     points = on_cap(rng, 12, 120.0, noise=0.05, sets=2)[0]
     points[1, 4:] = np.nan
     fit = study.fit(points, "als", noise)
-    assert np.all(fit.own_status == Status.OK)
+    assert np.all(fit.estimates.status == Status.OK)
     for errors in (fit.standard_errors, fit.ellipsoid().reshape(2, 9)):
         np.testing.assert_array_equal(np.isfinite(errors).all(axis=1), [True, noise is not None])
 

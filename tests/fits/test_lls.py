@@ -62,7 +62,7 @@ def test_same_fit_as_lls(rng, on_cap, d, noise):
     """
     points = on_cap(rng, 50, 120.0, d, noise, radius=5.0, center=3.0, sets=100)[0]
     one, two = study.fit(points, "lls"), study.fit(points, "lls_single")
-    assert np.all(two.own_status == Status.OK)
+    assert np.all(two.estimates.status == Status.OK)
     np.testing.assert_allclose(two.center, one.center, rtol=0, atol=5.0 * 1000 * SINGLE)
     np.testing.assert_allclose(two.radius, one.radius, rtol=1000 * SINGLE)
     assert np.abs(two.center - one.center).max() > SINGLE
@@ -89,12 +89,12 @@ def test_range(rng):
     safe = terms.sum(axis=1).max(axis=1) < LARGEST
     fit = study.fit(points, "lls_single")
     assert min(lost.sum(), safe.sum()) > 100
-    assert np.all(fit.own_status[lost] == Status.NOT_FINITE)
+    assert np.all(fit.estimates.status[lost] == Status.NOT_FINITE)
     assert np.isnan(fit.center[lost]).all()
     assert np.isnan(fit.radius[lost]).all()
-    assert np.all(fit.own_status[safe] == Status.OK)
+    assert np.all(fit.estimates.status[safe] == Status.OK)
     assert np.isfinite(fit.center[safe]).all()
-    assert np.all(study.fit(points, "lls").own_status == Status.OK)
+    assert np.all(study.fit(points, "lls").estimates.status == Status.OK)
 
 
 def test_no_bare_nan(rng, on_cap):
@@ -105,7 +105,7 @@ def test_no_bare_nan(rng, on_cap):
     points[2] = points[2, 0]
     points[3] *= 1e-30
     fit = study.fit(points, "lls_single")
-    assert list(fit.own_status) == [Status.OK, Status.NOT_FINITE, Status.SINGULAR, Status.SINGULAR, Status.OK]
+    assert list(fit.estimates.status) == [Status.OK, Status.NOT_FINITE, Status.SINGULAR, Status.SINGULAR, Status.OK]
     assert list(np.isnan(fit.center).all(axis=1)) == [False, True, True, True, False]
     np.testing.assert_array_equal(fit.center[[0, 4]], clean.center[[0, 4]])
 
@@ -114,7 +114,7 @@ def test_no_bare_nan(rng, on_cap):
 def test_tiny_caps_are_planes(rng, on_cap, angle, status):
     """A cap whose smallest variance is below single rounding of the largest, φ²/12 < 3ε at .1°, is a plane."""
     fit = study.fit(on_cap(rng, 50, angle, sets=20)[0], "lls_single")
-    assert np.all(fit.own_status == status)
+    assert np.all(fit.estimates.status == status)
 
 
 TOLERANCE = {"lls_nr": 1e-5, "lls_nr_raw": 1e-6}

@@ -212,7 +212,7 @@ def test_a_million_samples(rng, on_cap, angle, offset):
     stream, batch = study.fit(points, "igdk"), study.fit(points, "gdke")
     np.testing.assert_allclose(stream.center, batch.center, rtol=0, atol=1e-9)
     assert stream.radius == pytest.approx(float(batch.radius), abs=1e-9)
-    assert stream.noise_variance == pytest.approx(float(batch.noise_variance), abs=1e-9)
+    assert stream.estimates.noise_variance == pytest.approx(float(batch.estimates.noise_variance), abs=1e-9)
     assert stream.status == Status.OK
 
 
@@ -236,7 +236,7 @@ def test_recurrences_after_a_singular_start(rng, on_cap, still):
     other[:still, 2] = 0.25
     for sample in (points, other):
         one, two = study.fit(sample, "igdk"), study.fit(sample, "gdke")
-        assert one.own_status == two.own_status == Status.OK
+        assert one.estimates.status == two.estimates.status == Status.OK
         np.testing.assert_allclose(one.center, two.center, rtol=0, atol=1e-9)
 
 
@@ -268,10 +268,11 @@ def test_every_closed_form(rng, on_cap, name):
     growing = fed(points, np.sort(rng.integers(0, 5000, 30)))
     noises = [0.05] if name == "hinge" else [0.05, 0.05**2 * np.diag([1.0, 2.0, 1.5])]
     for noise in noises if name in ("ugdk", "hinge") else [None]:
-        one, two = growing.fit(ESTIMATORS[name], noise), study.fit(points, name, noise)
+        one = growing.fit(ESTIMATORS[name], noise).estimates
+        two = study.fit(points, name, noise).estimates
         for field in FIELDS:
             np.testing.assert_allclose(getattr(one, field), getattr(two, field), rtol=1e-9, atol=1e-9)
-        assert one.own_status == two.own_status
+        assert one.status == two.status
         assert one.center.shape == (3,)
 
 

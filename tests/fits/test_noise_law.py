@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import study
+from study.fits.answer import white_covariance
 from study.fits.cap import sample_cap
 
 
@@ -71,7 +72,7 @@ def test_least_squares(known):
         np.testing.assert_allclose(numbers, found.x, rtol=0, atol=1e-7)
         scale = 1.0 if "noise" in known else 2.0 * found.cost / (60 - len(found.x))
         errors = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)) * scale)
-        own = np.sqrt(np.diag(fit.own_covariance))[: len(found.x)]
+        own = np.sqrt(np.diag(white_covariance(fit)))[: len(found.x)]
         np.testing.assert_allclose(own, errors, rtol=0.02)
 
 

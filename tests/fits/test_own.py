@@ -47,8 +47,8 @@ def test_a_file_registers(write_plugin, rng):
     fit = study.fit(points, "mean")
     np.testing.assert_allclose(fit.center, points.mean(axis=2), rtol=1e-12)
     residual = np.linalg.norm(points - fit.center[:, :, None], axis=3) - fit.radius[..., None]
-    np.testing.assert_allclose(fit.noise_variance, (residual**2).sum(axis=2) / 26, rtol=1e-9)
-    assert np.all(fit.own_status == Status.OK)
+    np.testing.assert_allclose(fit.estimates.noise_variance, (residual**2).sum(axis=2) / 26, rtol=1e-9)
+    assert np.all(fit.estimates.status == Status.OK)
     assert study.ESTIMATORS["mean"].reference == "a book"
 
 
@@ -342,7 +342,7 @@ def test_through_the_library(rng, on_cap, d):
     np.testing.assert_allclose(mine.covariance, theirs.covariance, rtol=1e-8, atol=1e-14)
     np.testing.assert_allclose(mine.residual_rms, theirs.residual_rms, rtol=1e-8)
     np.testing.assert_array_equal(mine.count, theirs.count)
-    assert np.all(mine.own_status == Status.OK)
+    assert np.all(mine.estimates.status == Status.OK)
 
 
 @pytest.mark.parametrize("kappa", [0.0, 2.0])

@@ -60,7 +60,7 @@ def sound(on_cap, estimator):
 def fit(points, estimator, noise=0.01):
     """Fit, and assert that the status is OK."""
     answer = study.fit(points, estimator, noise)
-    assert np.all(answer.own_status == Status.OK)
+    assert np.all(answer.estimates.status == Status.OK)
     return answer
 
 
@@ -72,7 +72,7 @@ def assert_same(estimator):
     def check(got, center, radius, variance, scale=1.0, size=10.0):
         np.testing.assert_allclose(got.center, center, rtol=0, atol=relative * size)
         np.testing.assert_allclose(got.radius, radius, rtol=0, atol=relative * size)
-        np.testing.assert_allclose(got.noise_variance, variance, rtol=0, atol=relative * size * scale)
+        np.testing.assert_allclose(got.estimates.noise_variance, variance, rtol=0, atol=relative * size * scale)
 
     return check
 
@@ -83,7 +83,7 @@ def test_shift(sound, assert_same, estimator, case):
     points, rng = sound(case)
     shift = 100.0 * rng.standard_normal(points.shape[1])
     one, two = fit(points, estimator), fit(points + shift, estimator)
-    assert_same(two, one.center + shift, one.radius, one.noise_variance, size=np.abs(shift).max() + 10.0)
+    assert_same(two, one.center + shift, one.radius, one.estimates.noise_variance, size=np.abs(shift).max() + 10.0)
 
 
 @properties
@@ -92,8 +92,9 @@ def test_rotation_and_reflection(sound, assert_same, random_rotation, estimator,
     points, rng = sound(case)
     q = random_rotation(rng, points.shape[1])
     one, two = fit(points, estimator), fit(points @ q.T, estimator)
-    assert_same(two, one.center @ q.T, one.radius, one.noise_variance)
-    np.testing.assert_allclose(two.condition, one.condition, rtol=100 * RELATIVE, atol=100 * RELATIVE)
+    assert_same(two, one.center @ q.T, one.radius, one.estimates.noise_variance)
+    own, same = one.estimates.condition, two.estimates.condition
+    np.testing.assert_allclose(same, own, rtol=100 * RELATIVE, atol=100 * RELATIVE)
 
 
 @properties
@@ -102,9 +103,10 @@ def test_scale(sound, assert_same, estimator, case):
     points, rng = sound(case)
     scale = 10.0 ** (DECADES.get(estimator, 6.0) * rng.uniform(-1, 1))
     one, two = fit(points, estimator), fit(scale * points, estimator, 0.01 * scale)
-    expected = scale * one.center, scale * one.radius, scale**2 * one.noise_variance
+    expected = scale * one.center, scale * one.radius, scale**2 * one.estimates.noise_variance
     assert_same(two, *expected, scale=scale, size=10.0 * scale)
-    np.testing.assert_allclose(two.condition, one.condition, rtol=100 * RELATIVE, atol=100 * RELATIVE)
+    own, same = one.estimates.condition, two.estimates.condition
+    np.testing.assert_allclose(same, own, rtol=100 * RELATIVE, atol=100 * RELATIVE)
 
 
 @properties
@@ -114,7 +116,7 @@ def test_exact_without_noise(sound, assert_same, estimator, case):
     center = np.random.default_rng(case[3]).standard_normal(points.shape[1])
     answer = fit(points, estimator, 1e-12)
     assert_same(answer, center, 1.0, 0.0)
-    assert np.all(answer.noise_variance >= 0.0)
+    assert np.all(answer.estimates.noise_variance >= 0.0)
 
 
 @properties
@@ -122,8 +124,8 @@ def test_permutation(sound, assert_same, estimator, case):
     """The order of the samples does not matter; the noise variance is one, below the sphere's size."""
     points, rng = sound(case)
     one, two = fit(points, estimator), fit(rng.permutation(points), estimator)
-    assert 0.0 <= one.noise_variance < 0.1
-    assert_same(two, one.center, one.radius, one.noise_variance)
+    assert 0.0 <= one.estimates.noise_variance < 0.1
+    assert_same(two, one.center, one.radius, one.estimates.noise_variance)
 
 
 @pytest.fixture
@@ -147,7 +149,7 @@ def test_a_power_of_two_is_exact(points, name, power):
     assert far.ok
     np.testing.assert_array_equal(far.center, np.ldexp(own.center, power + 1))
     np.testing.assert_array_equal(far.radius, np.ldexp(own.radius, power + 1))
-    np.testing.assert_array_equal(far.noise_variance, np.ldexp(own.noise_variance, 2 * power + 2))
+    np.testing.assert_array_equal(far.estimates.noise_variance, np.ldexp(own.estimates.noise_variance, 2 * power + 2))
 
 
 def test_a_batch_of_all_sizes(points):
@@ -170,7 +172,7 @@ def test_given_noise(points, scale):
     one, fit = study.fit(points, "ugdk", noise), study.fit(scale * points, "ugdk", scale**2 * noise)
     assert fit.ok
     np.testing.assert_allclose(fit.center / scale, one.center, rtol=1e-11)
-    assert fit.condition == pytest.approx(float(one.condition), rel=1e-9)
+    assert fit.estimates.condition == pytest.approx(float(one.estimates.condition), rel=1e-9)
     np.testing.assert_allclose(fit.standard_errors / scale, one.standard_errors, rtol=1e-9)
 
 

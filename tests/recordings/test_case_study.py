@@ -68,7 +68,7 @@ def test_the_table_is_the_papers(independent):
 def test_real_frames_are_correlated(real):
     """τ is tens of frames; the exponent is near -0.5; most fits are within a centimetre at 200 frames."""
     assert (real.joints["memory"] > 10).all()
-    assert real.joints["worth"].max() < 0.1 * real.frames
+    assert real.joints["effective_frames"].max() < 0.1 * real.frames
     for axis, low, high in (("raw", -0.65, -0.4), ("effective", -0.9, -0.3)):
         found = real.laws.set_index("axis").loc[axis]
         assert low < found["exponent"] < high
@@ -80,8 +80,8 @@ def test_real_frames_are_correlated(real):
     both = real.scatter.query("samples == 1000 and joint == 'left_hip'").set_index("way")["median"]
     assert both["window"] > 3 * both["random"]
     # effective numbers saturate: each is at most that of the whole recording
-    scatter = real.scatter.query("way == 'random'").merge(real.joints[["joint", "worth"]], on="joint")
-    assert (scatter["effective"] <= 1.05 * scatter["worth"]).all()
+    scatter = real.scatter.query("way == 'random'").merge(real.joints[["joint", "effective_frames"]], on="joint")
+    assert (scatter["effective"] <= 1.05 * scatter["effective_frames"]).all()
     assert np.all(np.diff(scatter.query("joint == 'left_hip'")["effective"]) > 0)
 
 

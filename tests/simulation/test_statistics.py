@@ -332,7 +332,7 @@ def test_the_geometric_fit_is_caught_further_out():
     angle = 0.5 * np.pi * rng.uniform(-1.0, 1.0, (40_000, 10))
     points = np.stack([np.cos(angle), np.sin(angle)], axis=2) + 0.125 * rng.standard_normal((40_000, 10, 2))
     fit = study.fit(points, "mle")
-    errors = np.linalg.norm(fit.center, axis=1)[fit.own_status == study.Status.OK]
+    errors = np.linalg.norm(fit.center, axis=1)[fit.estimates.status == study.Status.OK]
     index, further = tail_index(errors), tail_index(errors, 0.005)
     assert index.value - 2.0 * index.error > 2.0
     assert further.value + 2.0 * further.error < 2.0

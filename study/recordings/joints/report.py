@@ -33,7 +33,7 @@ def joint_table(joints: Calibration) -> pd.DataFrame:
         cov_xx ... cov_zz (m², in the parent's axes); axis_parent_* and axis_child_* of a hinge; radius_mean (metres) of
         the markers' spheres; sigma (metres), noise of one coordinate; rho, share of the smallest extent that is noise;
         moved_least, moved_most (degrees), least and greatest root mean square angle of motion about the joint, for a
-        hinge that of the relative rotation of both segments; frames; worth, the effective number of independent frames;
+        hinge that of the relative rotation of both segments; frames; effective_frames, the effective number of independent frames;
         apart (metres), distance of the farthest other side's estimate that can be compared (see `side_differences`).
         NaN where there is none.
     """
@@ -56,7 +56,8 @@ def joint_table(joints: Calibration) -> pd.DataFrame:
 
 def accuracy_columns(joints: Calibration, place: JointPlace) -> dict[str, float]:
     """Accuracy of a joint and the data behind it, under the column names of `joint_table`; NaN where there is none."""
-    names = ("error", "floor", "radius_mean", "sigma", "rho", "moved_least", "moved_most", "frames", "worth", "apart")
+    names = ["error", "floor", "radius_mean", "sigma", "rho", "moved_least", "moved_most"]
+    names += ["frames", "effective_frames", "apart"]
     values, estimate = dict.fromkeys(names, float("nan")), place.estimate
     if estimate is None:
         return values
@@ -66,7 +67,7 @@ def accuracy_columns(joints: Calibration, place: JointPlace) -> dict[str, float]
     if place.joint.kind == "hinge" and estimate.sphere is not None and parent is not None and child is not None:
         angles = np.degrees(rms_rotation(relative_rotation(parent.rotation, child.rotation)))
     values |= {"error": place.standard_error, "floor": estimate.floor, "frames": float(fit.frames), "apart": apart}
-    values |= {"worth": float(fit.effective_frames)}
+    values |= {"effective_frames": float(fit.effective_frames)}
     values |= {"moved_least": float(angles.min()), "moved_most": float(angles.max())}
     if isinstance(fit, SymmetricFit):
         return values | {"sigma": float(fit.gap) / np.sqrt(3.0)}
@@ -102,7 +103,7 @@ def joint_lines(joints: Calibration) -> Iterator[str]:
         row += [millimetres(float(x)) for x in place.in_parent]
         row += [f"> {1000 * _FAR:.0f}" if n["error"] > _FAR else millimetres(n["error"])]
         row += [millimetres(n["floor"]), millimetres(n["sigma"]), moved, number(n["rho"], ".3f")]
-        rows.append([*row, number(n["frames"], ".0f"), number(n["worth"], ".0f"), millimetres(n["apart"])])
+        rows.append([*row, number(n["frames"], ".0f"), number(n["effective_frames"], ".0f"), millimetres(n["apart"])])
     yield from columns(rows, [*titles, "ρ", "frames", "n_eff", "apart"], "<<<>")
     yield "x, y, z: centre in its parent; error: largest standard error; noise: of a coordinate; all in mm"
     yield "floor: error from skin that moves all markers of a segment alike, by 5 mm/rad, which no marker shows, mm"

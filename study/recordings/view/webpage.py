@@ -1,8 +1,8 @@
 """Scenes as JSON, for other programs, and as the viewer: one HTML page that needs no other file and no network.
 
 In JSON, positions are 16-bit integer counts of a step, about a tenth of a millimetre, in base64; see
-docs/recordings.md. The parts of the page are in the folder ``viewer``: its style, six scripts, and the library three.js
-with its licence. `page.html` joins them.
+docs/recordings-reference.md. The parts of the page are in the folder ``viewer``: its style, six scripts, and the
+library three.js with its licence. `page.html` joins them.
 """
 
 import base64

@@ -246,9 +246,15 @@ def read_cost(path: Path | None) -> pd.DataFrame | None:
 
 
 class Verdict(StrEnum):
-    """The outcome of a claim."""
+    """The outcome of a claim.
+
+    A claim in part is of one of two kinds: it is true in some conditions, or its effect is there and the paper's reason
+    for it is not. A rule says ``PARTLY``, as tables of version 1 do; tables say of which kind.
+    """
 
     REPRODUCED = "reproduced"
+    LIMITED = "partly, within limits"
+    OTHER_CAUSE = "partly, another cause"
     PARTLY = "partly"
     NOT_REPRODUCED = "not reproduced"
     NOT_EVALUATED = "not evaluated"
@@ -320,6 +326,7 @@ class Claim:
         heads: for a claim at the top of the page, its finding in a few words: if it is reproduced, partly, and not.
             "{otherwise}" stands for how it fares under other readings of the paper.
         story: the numbers behind that finding, formatted as those of ``answer``.
+        in_part: of which kind it is where its rule says ``PARTLY``.
     """
 
     number: int
@@ -331,6 +338,7 @@ class Claim:
     figure: str = ""
     heads: tuple[str, ...] = ()
     story: str = ""
+    in_part: Verdict = Verdict.LIMITED
 
     def __init_subclass__(cls) -> None:
         """Join the lines of sentences that are given in several."""
@@ -362,7 +370,9 @@ class Claim:
 
     def head(self, verdict: str) -> str:
         """The finding at the top of the page; "" if the claim has none for this verdict."""
-        return dict(zip(Verdict, self.heads, strict=False)).get(Verdict(verdict), "") if verdict in set(Verdict) else ""
+        if not self.heads or verdict not in set(Verdict) - {Verdict.NOT_EVALUATED}:
+            return ""
+        return self.heads[{Verdict.REPRODUCED: 0, Verdict.NOT_REPRODUCED: 2}.get(Verdict(verdict), 1)]
 
 
 class Finding(NamedTuple):
@@ -411,7 +421,7 @@ def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
                 "value": head.value,
                 "error": head.error,
                 "trials": min((n.trials for n in numbers if n.trials), default=0),
-                "verdict": str(verdict),
+                "verdict": str(claim.in_part if verdict == Verdict.PARTLY else verdict),
                 "finding": reason or "\n".join(map(str, numbers)),
                 "criterion": claim.criterion,
                 "remark": claim.remark,

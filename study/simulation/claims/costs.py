@@ -139,6 +139,7 @@ class Speed(Claim):
     """
 
     number, name, section = 21, "speed", "10"
+    in_part = Verdict.OTHER_CAUSE
     reads = ("cost", "paper/errors", "paper/timings")
     quantity = "operations and seconds of LLS and MLE over GDKE"
     answer = """
@@ -182,6 +183,7 @@ class SpeedAbstract(Claim):
     """
 
     number, name, section = 27, "speed-abstract", "abstract, 10.1"
+    in_part = Verdict.OTHER_CAUSE
     reads = ("cost", "paper/errors")
     quantity = "operations of LLS, and of the longest fit of MLE, over GDKE's"
     answer = """

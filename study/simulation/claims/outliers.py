@@ -64,6 +64,7 @@ class MleOutliers(Claim):
     """
 
     number, name, section, figure = 4, "mle-outliers", "4.1", "fig2_error"
+    in_part = Verdict.OTHER_CAUSE
     reads = ("starts/errors",)
     quantity = "MLE's outliers with an error of about the radius, and the error at the best minimum from three starts"
     answer = """

@@ -239,6 +239,7 @@ class NoiseFromThePoints(Claim):
     """
 
     number, name, section = 16, "noise-from-the-points", "11"
+    in_part = Verdict.OTHER_CAUSE
     reads = ("efficiency/errors", "anisotropic/errors", "markers/errors", "markers/points")
     quantity = "noise estimated from the fitted points over the true noise; errors with estimated and with known Σ"
     answer = """

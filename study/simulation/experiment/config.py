@@ -611,9 +611,9 @@ def _is_covariance(shape: object, d: int) -> bool:
 
 _KEYS: dict[tuple[str, ...], list[str]] = {
     (): list(Study.model_fields),
+    ("design",): sorted({*RandomDesign.model_fields, *GridDesign.model_fields}),
     ("posterior",): list(Posterior.model_fields),
     ("precision",): list(Precision.model_fields),
-    ("design",): sorted({*RandomDesign.model_fields, *GridDesign.model_fields}),
     ("design", "kind"): ["random", "grid"],
     **{("design", name): ["law", "value", "values", "low", "high", "linspace", "logspace"] for name in CONDITIONS},
 }

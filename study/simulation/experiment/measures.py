@@ -17,6 +17,7 @@ from scipy.special import betainc, stdtrit
 
 from study.arrays import Bools, Floats
 from study.fits import Estimates, Fit, Samples
+from study.fits.answer import white_covariance
 from study.fits.bounds import crlb
 from study.fits.intervals import Intervals, intervals
 from study.fits.registry import ESTIMATORS, Origin, Registry, as_fit, one_line, sound_samples, source
@@ -130,7 +131,7 @@ def own_errors(samples: Samples, fit: Fit, truth: Truth) -> dict[str, Floats | B
     _, d, n = samples.shape
     entry = ESTIMATORS[fit.estimator]
     spare = math.inf if entry.needs or entry.takes_noise else n - d - 1
-    half = _quantile(spare) * np.sqrt(np.einsum("bii->bi", fit.own_covariance))
+    half = _quantile(spare) * np.sqrt(np.einsum("bii->bi", white_covariance(fit)))
     estimate = np.column_stack([fit.center, fit.radius])
     ends = np.stack([estimate - half, estimate + half], axis=2)
     return _held(ends[:, :-1], ends[:, -1], truth, spare)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from study import style
 from study.files import RunError, explained
-from study.simulation.figures import arc
+from study.simulation.figures import fig3_5_ellipses
 from study.simulation.figures.figure import FAILED, FigureModule, Gallery, NotApplicable, Tables, gathered, own_folder
 from study.simulation.runs.run_folder import Run
 
@@ -26,7 +26,7 @@ _MODULES = (
 _POSTERIORS = ("fig_posterior", "fig_calibration")
 FIGURES: dict[str, FigureModule] = {
     "fig2_error": import_module(f"{__name__}.fig2_error"),
-    **arc.FIGURES,
+    **fig3_5_ellipses.FIGURES,
     **{name: import_module(f"{__name__}.{name}") for name in (*_MODULES, *_POSTERIORS)},
 }
 

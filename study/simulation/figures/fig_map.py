@@ -103,7 +103,7 @@ def _panel(ax: Axes, mine: pd.DataFrame, norm: LogNorm) -> QuadMesh:
     mesh = ax.pcolormesh(10.0**borders, edges, values, norm=norm, cmap=_COLORS, rasterized=True, linewidth=0)
     ax.set_xscale("log")
     ax.set_xlim(10.0 ** borders[0], 10.0 ** borders[-1])
-    ax.set_yticks(edges[:-1] + 0.5, [f"{angle:g}°" for angle in table.index], fontsize=6.0)
+    ax.set_yticks(edges[:-1] + 0.5, [f"{angle:g}°" for angle in table.index], fontsize=style.SMALL)
     first, last = math.ceil(levels[0]), math.floor(levels[-1])
     step = max(1, round((last - first) / 3))
     ax.set_xticks([10.0**k for k in range(first, last + 1) if k % step == 0], minor=False)

@@ -237,9 +237,10 @@ def _answer(trial: Trial, name: str, draws: Floats, known: bool) -> Row:
     fit = fit_samples(samples, name)
     answer = np.append(fit.center[0] - np.array(trial.cell.center), fit.radius[0] - trial.cell.radius)
     error = fit.standard_errors[0]
-    spare, given = samples.x.shape[2] - d - 1, fit.noise_is_known
+    spare = samples.x.shape[2] - d - 1
+    given = samples.noise is not None and ESTIMATORS[name].covariance is None
     known_law = given or spare > 0
-    row: Row = {"estimator": name, "status": int(fit.own_status[0]), "distance": math.nan, "level": math.nan}
+    row: Row = {"estimator": name, "status": int(fit.estimates.status[0]), "distance": math.nan, "level": math.nan}
     mean, sd = np.full(d + 1, math.nan), np.full(d + 1, math.nan)
     if len(draws):
         mean, sd = draws[:, : d + 1].mean(axis=0), draws[:, : d + 1].std(axis=0)

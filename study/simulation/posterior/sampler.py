@@ -601,8 +601,8 @@ def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
     for name in ("mle", "gdke"):
         fit = fit_samples(given, name)
         center, radius, covariance = fit.center[0], fit.radius[0], fit.covariance[0]
-        noise = prior.noise if prior.known else math.sqrt(max(fit.noise_variance[0], 0.0))
-        usable = fit.own_status[0] == Status.OK and np.isfinite(covariance).all()
+        noise = prior.noise if prior.known else math.sqrt(max(fit.estimates.noise_variance[0], 0.0))
+        usable = fit.estimates.status[0] == Status.OK and np.isfinite(covariance).all()
         usable &= prior.noise / NOISE_RANGE < noise < prior.noise * NOISE_RANGE
         if not usable or np.abs(center - prior.center).max() >= prior.width or radius >= prior.radius:
             continue

@@ -28,7 +28,13 @@ from study.simulation.report.words import count
 from study.simulation.runs.run_folder import Run
 from study.text import one_line, paragraphs
 
-_BEGINNINGS = {Verdict.REPRODUCED: "Yes", Verdict.PARTLY: "In part", Verdict.NOT_REPRODUCED: "No"}
+_BEGINNINGS = {
+    Verdict.REPRODUCED: "Yes",
+    Verdict.LIMITED: "Within limits",
+    Verdict.OTHER_CAUSE: "Yes, of another cause",
+    Verdict.PARTLY: "In part",
+    Verdict.NOT_REPRODUCED: "No",
+}
 _CLAIMS = {claim.name: claim for claim in CLAIMS}
 
 
@@ -51,7 +57,7 @@ def answer(name: str, verdict: str, finding: str) -> str:
         finding: the lines of its numbers, as the claims table has them.
 
     Returns:
-        "Yes", "In part" or "No", and the sentence; the verdict itself where it is another.
+        "Yes", "Within limits", … or "No", and the sentence; the verdict itself where it is another.
     """
     begin = _BEGINNINGS.get(Verdict(verdict), verdict) if verdict in set(Verdict) else verdict.capitalize()
     try:

@@ -173,8 +173,8 @@ def _part(name: str) -> str:
     return (_FOLDER / name).read_text(encoding="utf-8")
 
 
-_LOOKS = dict(zip(map(str, Verdict), ("good", "partly", "bad", "untested"), strict=True))
-_SHORT = dict(zip(map(str, Verdict), ("yes", "part", "no", "–"), strict=True))
+_LOOKS = dict(zip(map(str, Verdict), ("good", "partly", "partly", "partly", "bad", "untested"), strict=True))
+_SHORT = dict(zip(map(str, Verdict), ("yes", "limits", "cause", "part", "no", "–"), strict=True))
 _PROSE = "stacked prose"
 _Claim = dict[Any, Any]
 """A row of the claims table."""
@@ -296,8 +296,9 @@ def readings_section(material: Material) -> Iterable[Section]:
         lines.append([html.link(f"{row['number']} {row['name']}", f"claim-{row['number']}"), short, *cells])
     titles = ["Claim", "used", *(readings.letters[key] for key in readings.others)]
     caption = one_line("""
-        Verdicts under each reading: reproduced (yes), partly, not reproduced (no), not evaluated (–); a dot where a
-        reading cannot change it. A verdict that changes, or cannot be given, is framed.
+        Verdicts under each reading: reproduced (yes), partly (within limits, or of another cause), not reproduced
+        (no), not evaluated (–); a dot where a reading cannot change it. A verdict that changes, or cannot be given, is
+        framed.
     """)
     matrix = html.table("Claims under each reading", caption, titles, lines)
     told = [

@@ -220,7 +220,7 @@ CLAIMS = [
     Column("value", pa.float64(), "", "the headline number; not a number where there is none"),
     Column("error", pa.float64(), "", "its Monte-Carlo standard error; 0 for what is counted"),
     Column("trials", pa.int64(), "", "smallest number of data sets behind any of the numbers"),
-    Column("verdict", pa.string(), "", "reproduced, partly, not reproduced, or not evaluated"),
+    Column("verdict", pa.string(), "", "reproduced, partly (of two kinds), not reproduced, or not evaluated"),
     Column("finding", pa.string(), "", "numbers with their Monte-Carlo errors, one a line, or why there are none"),
     Column("criterion", pa.string(), "", "the rule that turns the numbers into the verdict"),
     Column("remark", pa.string(), "", "where the paper's number comes from, what explains ours"),

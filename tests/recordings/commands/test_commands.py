@@ -383,7 +383,7 @@ def test_case_study(works, read, body, tmp_path):
     found = read("case-study", write_recording(hips, tmp_path / "hips.c3d"), "--subsets", 4)
     table = pd.read_parquet(tmp_path / "results/recordings/hips/case-study-joints.parquet")
     assert [row["joint"] for row in found["joints"]] == list(table["joint"])
-    np.testing.assert_allclose([row["worth"] for row in found["joints"]], table["worth"])
+    np.testing.assert_allclose([row["effective_frames"] for row in found["joints"]], table["effective_frames"])
     assert all((tmp_path / name).is_file() for name in found["files"])
     assert (found["recording"], found["subsets"]) == ("hips", 4)
 

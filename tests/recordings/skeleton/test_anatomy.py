@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from study.recordings import library
+from study.recordings import api
 from study.recordings.export import write_mot
 from study.recordings.export.tree import ExportedMotion, angle_lines, joint_angles
 from study.recordings.joints.estimate import JointStatus
@@ -95,7 +95,7 @@ def walker():
 def test_hips_by_regression_only_where_motion_leaves_doubts(walker, tmp_path):
     """Doubted hips are placed, labelled and stored; every other joint, and hips that move on purpose, stay."""
     recording, _ = walker
-    before, after = library.find_joints(recording), library.find_joints(recording, hips="regression")
+    before, after = api.find_joints(recording), api.find_joints(recording, hips="regression")
     hips = {"left_hip", "right_hip"}
     assert not any(before[name].usable for name in hips)
     assert regression_hint(before, recording)[0].startswith("every hip is doubted: --hips regression takes them from")
@@ -119,7 +119,7 @@ def test_hips_by_regression_only_where_motion_leaves_doubts(walker, tmp_path):
     for one, other in zip(again.shapes, after.shapes, strict=True):
         np.testing.assert_array_equal(one.anatomy, other.anatomy)
     moved, _ = synthesize(Recipe(700, 60.0, markers="rizzoli"))
-    one, other = library.find_joints(moved), library.find_joints(moved, hips="regression")
+    one, other = api.find_joints(moved), api.find_joints(moved, hips="regression")
     assert [place.status for place in other.joints] == [place.status for place in one.joints]
 
 
@@ -131,7 +131,7 @@ def test_the_laboratorys_own_centre_goes_first(walker, label):
     labels = [label.format("L"), label.format("R")]
     positions = np.concatenate([recording.positions, hips])
     lab = Recording("lab", (*recording.markers, *labels), positions, recording.rate)
-    joints = library.find_joints(lab, hips="regression")
+    joints = api.find_joints(lab, hips="regression")
     for name in ("left_hip", "right_hip"):
         assert joints[name].reason.startswith("the laboratory's own centre, left in the file")
     drawn = draw_skeleton(joints, recording)
@@ -142,7 +142,7 @@ def test_the_laboratorys_own_centre_goes_first(walker, label):
 def test_a_body_without_points_has_no_regression():
     """Nor have its joints clinical angles; they are named as what they are."""
     recording, _ = synthesize(Recipe(300, 60.0))
-    joints = library.find_joints(recording, hips="regression")
+    joints = api.find_joints(recording, hips="regression")
     assert legs(joints.markerset) == {}
     assert regression_hint(joints, recording) == []
     assert all(np.isnan(shape.anatomy).all() for shape in joints.shapes)
@@ -162,8 +162,8 @@ def test_sessions_take_points_from_the_static_trial():
     still, _ = synthesize(Recipe(60, 60.0, seed=3, markers="rizzoli", reach=0.0))
     medial = [marker for marker in walk.markers if marker.endswith(("FME", "TAM"))]
     bare = walk.select([marker for marker in walk.markers if marker not in medial])
-    assert with_axes(library.find_joints(bare)) == {"pelvis", "left_foot", "right_foot"}
-    both = library.find_joints([replace(bare, name="walk")], static=replace(still, name="static"))
+    assert with_axes(api.find_joints(bare)) == {"pelvis", "left_foot", "right_foot"}
+    both = api.find_joints([replace(bare, name="walk")], static=replace(still, name="static"))
     legs_of = (f"{one}_{part}" for one in ("left", "right") for part in ("thigh", "shank", "foot"))
     assert with_axes(both) == {"pelvis", *legs_of}
 
@@ -172,7 +172,7 @@ def test_sessions_take_points_from_the_static_trial():
 def known(request):
     """A recording without noise, the truth about it, its joints and its skeleton."""
     recording, truth = synthesize(Recipe(600, 60.0, markers="rizzoli", noise=1e-6, gait=request.param))
-    joints = library.find_joints(recording)
+    joints = api.find_joints(recording)
     return recording, truth, joints, draw_skeleton(joints, recording)
 
 
@@ -239,7 +239,7 @@ def test_points_of_shipped_sets(name):
 def stiff():
     """A walk whose left ankle and knee hardly move, for skin of a millimetre; the truth; and its joints."""
     recording, truth = synthesize(Recipe(600, 60.0, seed=4, markers="rizzoli", noise=0.001, reach=0.05))
-    return recording, truth, library.find_joints(recording)
+    return recording, truth, api.find_joints(recording)
 
 
 def test_joints_between_points_of_the_body(stiff):
@@ -273,17 +273,17 @@ def test_a_hinge_beside_its_epicondyles_is_doubted():
     The epicondyles are moved by 40 mm across the axis in the recording.
     """
     recording, _ = synthesize(Recipe(900, 60.0, seed=5, markers="rizzoli", noise=0.001))
-    near = library.find_joints(recording)["left_knee"]
+    near = api.find_joints(recording)["left_knee"]
     assert near.status == JointStatus.HINGE
     assert near.beside < 0.025
-    shape = library.find_joints(recording).shape("left_thigh")
-    drawn = draw_skeleton(library.find_joints(recording), recording)
+    shape = api.find_joints(recording).shape("left_thigh")
+    drawn = draw_skeleton(api.find_joints(recording), recording)
     step = 0.04 * np.cross(near.axis, near.in_parent - shape.places.mean(axis=0))
     step *= 0.04 / np.linalg.norm(step)
     positions = recording.positions.copy()
     for label in ("LFLE", "LFME"):
         positions[recording.row(label)] += np.einsum("ijt,j->it", drawn.rotation("left_thigh"), step)
-    far = library.find_joints(Recording("far", recording.markers, positions, recording.rate))["left_knee"]
+    far = api.find_joints(Recording("far", recording.markers, positions, recording.rate))["left_knee"]
     assert far.status == JointStatus.LANDMARK
     assert far.beside == pytest.approx(0.04, abs=0.012)
     assert "by motion: implausible" in far.reason

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from study.recordings import library
+from study.recordings import api
 from study.recordings.export.tree import ExportedMotion, clinical_joints, joint_angles
 from study.recordings.formats.read import read_recording
 from study.recordings.formats.write import write_recording
@@ -81,7 +81,7 @@ def walk():
 def test_joints_by_their_widths(walk):
     """Ankles that motion leaves in doubt are at their true places; knees that it shows move along their axes alone."""
     recording, truth = walk
-    joints, without = library.find_joints(recording), library.find_joints(replace(recording, widths={}))
+    joints, without = api.find_joints(recording), api.find_joints(replace(recording, widths={}))
     drawn = draw_skeleton(joints, recording)
     for side in ("left", "right"):
         ankle, knee, old = joints[f"{side}_ankle"], joints[f"{side}_knee"], without[f"{side}_knee"]
@@ -108,7 +108,7 @@ def test_angles_are_those_of_the_true_axes(walk):
     The adduction of ankles is missing: an ankle known to 1 cm, 3 cm above the line of heel and toe, does not show it.
     """
     recording, truth = walk
-    joints = library.find_joints(recording)
+    joints = api.find_joints(recording)
     drawn = draw_skeleton(joints, recording)
     table = joint_angles(ExportedMotion(drawn, recording, skeleton_scene(drawn, recording)))
     parts = {part.name: part for part in body()}
@@ -140,12 +140,12 @@ def test_angles_are_those_of_the_true_axes(walk):
 
 def test_a_gait_report_of_plug_in_gait(walk):
     """Cycles of both sides, with all angles that the markers show, though the feet have no metatarsals but a toe."""
-    gait = library.find_gait(walk[0])
+    gait = api.find_gait(walk[0])
     assert set(gait.cycles["side"]) == {"left", "right"}
     assert gait.means().groupby(["side", "joint", "angle"]).ngroups == 16
     words = "missing: the error is above 10° in every frame, or a segment is unknown"
     assert f"left ankle adduction, right ankle adduction: {words}" in gait.notes
-    assert not any("missing" in note for note in library.find_gait(walk[0], largest_angle_error=90.0).notes)
+    assert not any("missing" in note for note in api.find_gait(walk[0], largest_angle_error=90.0).notes)
 
 
 def test_widths_of_files(walk, tmp_path):

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.files import RunError
-from study.recordings import library
+from study.recordings import api
 from study.recordings.skeleton.draw import draw_skeleton
 from study.recordings.skeleton.scene import skeleton_scene
 from study.recordings.synthetic.make import Recipe, synthesize
@@ -421,7 +421,7 @@ def test_the_motion(scene, page):
 def test_anatomical_axes_are_drawn(show, tmp_path):
     """Three rods at each joint of the legs, 12 cm along the child's axes, and between the hips along the pelvis'."""
     recording, _ = synthesize(Recipe(240, 60.0, markers="rizzoli"))
-    joints = library.find_joints(recording)
+    joints = api.find_joints(recording)
     drawn = draw_skeleton(joints, recording)
     scene = skeleton_scene(drawn, recording)
     tab, said = show(webpage.write_viewer(scene, tmp_path / "viewer.html"))

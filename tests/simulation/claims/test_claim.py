@@ -177,7 +177,7 @@ def test_frame(small):
     table = module.frame(evaluate([several, missing, empty], evidence), evidence)
     assert list(table.columns) == [column.name for column in schemas.CLAIMS]
     assert list(table["number"]) == [1, 1, 30]
-    assert list(table["verdict"]) == ["reproduced", "not evaluated", "partly"]
+    assert list(table["verdict"]) == ["reproduced", "not evaluated", "partly, within limits"]
     first = table.iloc[0]
     assert (first["value"], first["error"], first["trials"]) == (2.0, 0.5, 5)
     assert first["finding"] == "a: 2 ± 0.5\nb: 3\nc: 4 ± 0.1"

@@ -30,7 +30,7 @@ def choices():
 
 @pytest.fixture(scope="module")
 def stored(choices):
-    return Readings.load(ROOT / "results" / "readings.csv")
+    return Readings.load(ROOT / "docs" / "assets" / "tables" / "readings.csv")
 
 
 def test_the_shipped_choices(choices):
@@ -200,7 +200,7 @@ def test_the_stored_table(stored, choices):
     }
     table = stored.table
     rows = set(zip(table["choice"], table["reading"], table["claim"], strict=True))
-    assert rows == expected, "results/readings.csv is of other claims: `make tables` computes it again"
+    assert rows == expected, "docs/assets/tables/readings.csv is of other claims: `make tables` computes it again"
     assert not table["error"].isna().all()
     assert set(table["verdict"]) <= set(map(str, Verdict))
     assert set(own_configs()) >= {name for choice in choices for one in choice.reading for name in one.runs}

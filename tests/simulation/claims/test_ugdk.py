@@ -396,4 +396,4 @@ def test_one_marker_is_fitted_by_ugdk(on_cap, noise):
     points, _ = on_cap(np.random.default_rng(5), 50, 50.0, 3, noise, 1.0, sets=40)
     (center, _, definite), expected = fit_joints([points], noise), fit(points, "ugdk", noise=noise)
     np.testing.assert_allclose(center, expected.center, rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(definite, expected.own_status == Status.OK)
+    np.testing.assert_array_equal(definite, expected.estimates.status == Status.OK)

@@ -13,15 +13,15 @@ import study
 from study.fits import Status, mgdk
 from study.fits.cap import sample_cap
 from study.simulation.analysis.summary import summary
-from study.simulation.figures import arc, fig2_error, fig6_mgdk, fig7_power_law
+from study.simulation.figures import fig2_error, fig3_5_ellipses, fig6_mgdk, fig7_power_law
 from study.simulation.statistics import quantile
 
-GDKE, UGDK, METHODS = FIGURES = [*arc.FIGURES.values()]
+GDKE, UGDK, METHODS = FIGURES = [*fig3_5_ellipses.FIGURES.values()]
 
 
 def test_spread_of_gaussian_errors(circle_tables):
     """Median and robust standard deviation are those of the Gaussian that the errors were drawn from, in radii."""
-    data = arc.choose(circle_tables, ["gdke"])
+    data = fig3_5_ellipses.choose(circle_tables, ["gdke"])
     error = 4.0 / np.sqrt(3000)  # four standard errors, of quantiles that have at most 1.6 of a mean's
     for name, bias in (("gdke", 0.5), ("ugdk", 0.0)):
         spread = data.spreads[name]
@@ -32,20 +32,20 @@ def test_spread_of_gaussian_errors(circle_tables):
 
 def test_coverage_of_gaussian_errors(circle_tables):
     """An unbiased Gaussian's 95 % ellipses hold the truth in 95 % of the trials; GDKE's, five sd off, hardly ever."""
-    data = arc.choose(circle_tables, ["gdke"])
+    data = fig3_5_ellipses.choose(circle_tables, ["gdke"])
     assert abs(data.spreads["ugdk"].covered - 2850) < 4 * np.sqrt(3000 * 0.95 * 0.05) + 30
     assert data.spreads["gdke"].covered < 60  # P(N(5, 1) < 2.45) = 0.5 %, with room
 
 
 def test_fits_without_a_number_are_left_out_of_the_spread_and_not_covered(circle_tables):
     """They move nothing, and no ellipse of theirs holds the truth; a status alone changes nothing."""
-    before = arc.choose(circle_tables, ["gdke"]).spreads["ugdk"]
+    before = fig3_5_ellipses.choose(circle_tables, ["gdke"]).spreads["ugdk"]
     errors = circle_tables.errors
     wild = errors.index[errors["estimator"] == "ugdk"][10:1010]
     errors.loc[wild, "status"] = Status.NOT_POSITIVE_DEFINITE
-    assert arc.choose(circle_tables, ["gdke"]).spreads["ugdk"] == before
+    assert fig3_5_ellipses.choose(circle_tables, ["gdke"]).spreads["ugdk"] == before
     errors.loc[wild, ["error_1", "error_2", "error"]] = np.nan
-    after = arc.choose(circle_tables, ["gdke"]).spreads["ugdk"]
+    after = fig3_5_ellipses.choose(circle_tables, ["gdke"]).spreads["ugdk"]
     assert after.known == 2000
     assert after.covered < before.covered - 900
     np.testing.assert_allclose(after.sd, before.sd, rtol=0.15)
@@ -60,7 +60,7 @@ def test_all_figures_show_the_same_kept_trial(circle_tables):
 
 def test_positions_are_in_radii_from_the_true_centre(circle_tables):
     """Points lie on the unit circle about the origin, and a fit is where its error vector says."""
-    data = arc.choose(circle_tables, ["gdke"])
+    data = fig3_5_ellipses.choose(circle_tables, ["gdke"])
     np.testing.assert_allclose(np.hypot(data.points["x"], data.points["y"]), 1.0)
     row = circle_tables.errors.query("estimator == 'mle' and trial == 3").iloc[0]
     circle = data.fits["mle"]
@@ -94,7 +94,7 @@ def test_figures_3_and_4_share_a_window_that_holds_both_ellipses(circle_tables):
     left, right, bottom, top = one.window
     for frame in (one, other):
         fit = frame.data.fits[frame.estimator]
-        wide, tall = arc.reach(0.95) * np.array(frame.spread.sd)
+        wide, tall = fig3_5_ellipses.reach(0.95) * np.array(frame.spread.sd)
         assert left < fit.x - wide
         assert fit.x + wide < right
         assert bottom < fit.y - tall

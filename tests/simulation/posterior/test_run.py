@@ -203,12 +203,12 @@ def test_answers_beside_the_posterior(small, chains):
             found = beside.loc[(*key, name)]
             told = key[3] == "known" or name == "ugdk"
             fit = study.fit(points, name, trial.cell.noise if told else None)
-            assert found["status"] == fit.own_status
+            assert found["status"] == fit.estimates.status
             answer = np.append(fit.center, fit.radius)
             away = points - fit.center
             w = np.column_stack([away / np.linalg.norm(away, axis=1)[:, None], np.ones(n)])
             spare = n - d - 1
-            variance = trial.cell.noise**2 if told else float(fit.noise_variance)
+            variance = trial.cell.noise**2 if told else float(fit.estimates.noise_variance)
             covariance = variance * np.linalg.inv(w.T @ w)
             error = np.sqrt(np.diag(covariance))
             mean, sd = draws.mean(axis=0)[: d + 1] + truth, draws.std(axis=0)[: d + 1]

@@ -1,7 +1,7 @@
 """Parts of the documents that are made from the package: tables of config keys, conditions, estimators, figures, names.
 
-`docs/run_blocks.py` puts what a function here yields between the marks of that name, and fails if it is out of date.
-Like those of `docs/number_tables.py`, functions yield rows and paragraphs.
+`tools/run_blocks.py` puts what a function here yields between the marks of that name, and fails if it is out of date.
+Like those of `tools/number_tables.py`, functions yield rows and paragraphs.
 """
 
 import inspect
@@ -32,7 +32,6 @@ from study.simulation.experiment.designs import GridDesign, RandomDesign
 from study.simulation.experiment.measures import MEASURES as FIT_MEASURES
 from study.simulation.figures import FIGURES
 from study.simulation.runs import schemas
-from study.simulation.statistics import MEASURES
 from study.text import paragraphs
 
 MEDIAN_VARIANCES = (0.316, 1.36)
@@ -101,17 +100,40 @@ def statuses() -> Rows:
     yield from ([str(int(status)), f"`{status.name}`", status.text] for status in Status)
 
 
-_WORDS = {"float64": "number", "string": "text", "dictionary<values=string, indices=int32, ordered=0>": "text, coded"}
-"""Words for types of columns; the others are whole numbers."""
+_WORDS = {"double": "number", "string": "text", "dictionary<values=string, indices=int32, ordered=0>": "text, coded"}
+"""Words for types of columns; those of whole numbers are as they are, such as int64."""
+_SHARED = [
+    (r"(\d+ = .*?; )+\d+ = .*", "[status code](#status-codes)"),
+    (r"^fits with the status: .*", "fits with this status"),
+    (r"^Monte-Carlo standard error of (\w+)$", r"\1"),
+    (r", of all fits(?: as computed, whatever their status; one without a number counts as infinite"
+     r"|, with those that are not ok counted as infinite)$", ""),
+    (r", of the estimator's own ok fits, so not of the same trials as another's$", ""),
+    (r",? of (?:the centre's component \d|the radius|σ(?:; not a number where it is known)?)$", ""),
+    (r"\b(component|coordinate) \d\b(?! with)", r"\1 1, 2, 3"),
+    (r"^[\d.]+ % quantile less", "quantile (q025: 2.5 %) less"),
+]  # fmt: skip
+"""What makes one meaning of those of several columns, which differ by a component, a status or a kind of fits."""
 
 
 def _columns(name: str) -> Rows:
-    """The columns of a table of spheres, without conditions that have a column only where a config gives them."""
-    yield ["column", "type", "unit", "meaning"]
+    """The columns of a table of spheres, without conditions that have a column only where a config gives them.
+
+    Columns that mean the same, of several things, are one row; a measure's Monte-Carlo error stands beside the measure.
+    """
+    yield ["columns", "type", "unit", "meaning"]
+    rows: dict[tuple[str, ...], list[str]] = {}
+    place: dict[str, tuple[str, ...]] = {}
     for column in schemas.declared(3)[name]:
-        kind = _WORDS.get(str(column.type), f"whole number ({column.type})")
-        meaning = re.sub(r"(\d+ = .*?; )+\d+ = .*", "[status code](#status-codes)", column.meaning)
-        yield [f"`{column.name}`", kind, column.unit or "-", meaning]
+        kind, meaning = _WORDS.get(str(column.type), str(column.type)), column.meaning
+        for pattern, shared in _SHARED:
+            meaning = re.sub(pattern, shared, meaning)
+        row = place.get(meaning, (kind, column.unit, meaning))
+        if column.name in CONDITIONS and name != "draws":  # there, noise is a draw
+            row = ("number", "", "[conditions](config.md#conditions)")
+        place[column.name] = row
+        rows.setdefault(row, []).append(f"`{column.name}`")
+    yield from ([", ".join(names), *row] for row, names in rows.items())
 
 
 table_errors, table_summary = partial(_columns, "errors"), partial(_columns, "summary")
@@ -128,17 +150,11 @@ def chain_statuses() -> Rows:
     yield from ([str(int(status)), f"`{status.name}`", status.text] for status in ChainStatus)
 
 
-def measures() -> Rows:
-    """The performance measures of the summary table."""
-    yield ["column", "meaning"]
-    yield from ([f"`{name}`", measure.meaning] for name, measure in MEASURES.items())
-
-
 def figures() -> Rows:
     """A section for each figure: its picture and the text of its module."""
     for name, module in FIGURES.items():
         title, _, text = inspect.cleandoc(module.__doc__ or "").partition("\n\n")
-        yield f"## {name}\n\n![{title}](../figures/{name}.png)\n\n**{title}**\n\n{text}"
+        yield f"## {name}\n\n![{name}](../figures/{name}.png)\n\n**{title}**\n\n{text}"
 
 
 def names() -> Rows:

@@ -1,6 +1,6 @@
 """Typeset the replication report: `make article` writes results/article.pdf, results/metadata.yaml and codecheck.yml.
 
-The text is article/article.typ, whose numbers docs/bound_numbers.py compares with the stored tables first. Its tables
+The text is article/article.typ, whose numbers tools/bound_numbers.py compares with the stored tables first. Its tables
 are made here from the same stored tables. No file is fetched: the compiler of Typst and its fonts come with the Python
 package. `metadata.yaml` has the fields of ReScience C, and `codecheck.yml` those of CODECHECK 2.0, as far as a program
 knows them. What only a person can give is left out, and printed.
@@ -19,25 +19,26 @@ import pandas as pd
 import typst
 import yaml
 
+from study.simulation.report.material import answer
 from study.simulation.runs.provenance import swhids
-from study.text import with_error
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = "article/article.typ"
 DOCUMENTS = ["published", "decades", "regret", "choices", "readings", "readings_changed"]
-"""Tables that the documents have, too."""
+"""Tables that are made as those of the documents are; all but ``readings`` stand there, too."""
+FIGURES = ["fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig_efficiency"]
+"""Figures of the report."""
 DEPOSIT = tomllib.loads((ROOT / "article" / "deposit.toml").read_text(encoding="utf-8"))
 """Words of the metadata, files to check, and what only a person can give."""
 as_yaml = partial(yaml.safe_dump, sort_keys=False, allow_unicode=True, width=120)
 
 
 def claims(table: pd.DataFrame) -> Iterator[list[str]]:
-    """Statements, the first quantity of each with its error, and verdicts."""
-    yield ["", "§", "statement", "found", "verdict"]
+    """Statements, the sentence that answers each, and verdicts."""
+    yield ["", "§", "statement", "answer", "verdict"]
     for row in table.itertuples():
-        value = with_error(row.value, row.error) if row.error > 0 else f"{row.value:.4g}"
-        value = f"{row.quantity}: {value}" if row.value == row.value else "needs a recording"
-        yield [str(row.number), row.section, row.statement, value, row.verdict]
+        said = answer(row.name, row.verdict, row.finding) if row.value == row.value else "It needs a recording."
+        yield [str(row.number), row.section, row.statement, said, row.verdict]
 
 
 def tables(bound: bound_numbers.Bound) -> dict[str, object]:
@@ -45,7 +46,9 @@ def tables(bound: bound_numbers.Bound) -> dict[str, object]:
     rows = {name: [row for row in bound.rows(name) if not isinstance(row, str)] for name in DOCUMENTS}
     run = json.loads((ROOT / "results" / "paper" / "manifest.json").read_text(encoding="utf-8"))["software"]
     source = f"Main study: sphere-fit-study {run['study']}, commit {run['commit'][:10]}, Python {run['python']}."
-    return rows | {"claims": list(claims(bound.table("verdicts"))), "source": source}
+    drawn = {name: f"/figures/{name}.svg" for name in FIGURES}
+    figures = {name: path if (ROOT / path[1:]).exists() else f"/figures/{name}.png" for name, path in drawn.items()}
+    return rows | {"claims": list(claims(bound.table("verdicts"))), "source": source, "figures": figures}
 
 
 def title(text: str) -> str:

@@ -14,15 +14,16 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-DOCS = Path(__file__).resolve().parent
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 ROOT = DOCS.parent
-SHOWN = ["figures/*.png", "configs/*.toml", "results/*.csv", "CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "CHANGELOG.md"]
+SHOWN = ["figures/*.png", "configs/*.toml", "CONTRIBUTING.md", "CODE_OF_CONDUCT.md", "CHANGELOG.md"]
 """Files outside of docs/ that the site has, under the same names."""
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:|#)([^)\s#]+)(#[^)\s]*)?\)")
 FORMULA = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 ELSEWHERE = re.compile(r"<(?:script|img|iframe|source|link)\b[^>]*?(?:src|href)=[\"']?(?:https?:)?//[^>]*>")
 """Tags by which a page would ask another server."""
-SCRIPT = re.compile(r"(`[^`]*`)|_\{(.*?)\}|_([A-Za-z0-9]+)|\^\{(.*?)\}|\^(-?[A-Za-z0-9]+)")
+INLINE = re.compile(r"(^```.*?^```$|`[^`\n]*`)|\$([^$]+)\$", re.MULTILINE | re.DOTALL)
+"""Code, which stays as it is, or a formula in the text."""
 _COMMAND = []
 
 
@@ -35,14 +36,14 @@ def on_pre_build(config: MkDocsConfig) -> None:
     """Run the blocks of every page."""
     if _COMMAND != ["build"]:
         return
-    sys.path.insert(0, str(DOCS))
+    sys.path.insert(0, str(Path(__file__).parent))
     import run_blocks
 
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:  # blocks print, and change folders
         try:
             list(pool.map(run_blocks.run, sorted(DOCS.glob("*.md"))))
         except run_blocks.OutputError as error:
-            raise PluginError(f"{error}\nTo store what the blocks print: docs/run_blocks.py --write PAGE") from None
+            raise PluginError(f"{error}\nTo store what the blocks print: tools/run_blocks.py --write PAGE") from None
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -68,7 +69,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
     text = LINK.sub(within, markdown)
     if page.file.src_uri == "theory.md":
-        text = FORMULA.sub(_typeset, "".join(map(_scripts, re.split(r"(^```.*?^```$)", text, flags=re.M | re.S))))
+        text = FORMULA.sub(_typeset, INLINE.sub(_inline, text))
     names = re.findall(r"^\| `(study\.(?!ESTIMATORS)\w+)`", markdown, re.M) if page.file.src_uri == "api.md" else []
     return text + "".join(f"\n\n::: {name}\n" for name in names)  # the docstring of each name that the page lists
 
@@ -90,12 +91,6 @@ def _typeset(formula: re.Match[str]) -> str:
     return f'<div class="formula">{"".join(lines)}</div>'
 
 
-def _scripts(text: str) -> str:
-    """A text with its indices (C_N) and exponents (e^-k) set as such; code and displayed formulas as they are."""
-
-    def shown(part: re.Match[str]) -> str:
-        code, *written = part.groups(default="")
-        low, high = "".join(written[:2]), "".join(written[2:])
-        return code or (f"<sub>{low}</sub>" if low else f"<sup>{high}</sup>")
-
-    return text if text.startswith("```") else SCRIPT.sub(shown, text)
+def _inline(part: re.Match[str]) -> str:
+    """A formula of the text as MathML; in a span, as Markdown takes a line that begins with `<math` for a block."""
+    return part[1] or f"<span>{convert(part[2])}</span>"

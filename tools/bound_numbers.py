@@ -1,9 +1,9 @@
 """Numbers of the documents, bound to the tables that they come from.
 
-    python docs/bound_numbers.py            # fails where a text and its table differ; `make lint` runs it
-    python docs/bound_numbers.py --write    # writes the tables' numbers into the texts; `make numbers` runs it
+    python tools/bound_numbers.py            # fails where a text and its table differ; `make lint` runs it
+    python tools/bound_numbers.py --write    # writes the tables' numbers into the texts; `make numbers` runs it
 
-`docs/numbers.toml` says which number of which text comes from where:
+`tools/numbers.toml` says which number of which text comes from where:
 
 - ``[tables]``: a name for each stored table;
 - ``[numbers]``: a name for each number: the table, the rows (a query of pandas, "" for all), and a column. Of several
@@ -14,7 +14,7 @@
   percentage, with the space before its sign, and ``p`` one without the sign;
 - ``[given]``: for each text, what looks measured (``±``, ``%``, a factor) and is not: a definition, a level, the
   paper's own number. Anything else that looks measured and is in no phrase is an error.
-- ``[made]``: whole tables, which stand between ``<!-- table: x -->`` and ``<!-- end -->``; `docs/number_tables.py`
+- ``[made]``: whole tables, which stand between ``<!-- table: x -->`` and ``<!-- end -->``; `tools/number_tables.py`
   explains how they are described, and makes them.
 """
 
@@ -46,14 +46,14 @@ class Bound:
 
     Attributes:
         root: folder of the repository.
-        tables, numbers, phrases, given, made: the sections of ``docs/numbers.toml``.
+        tables, numbers, phrases, given, made: the sections of ``tools/numbers.toml``.
         used: names of the numbers that stand in some phrase.
         table: a stored table by its name.
     """
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root, self.used = root, set[str]()
-        sections = tomllib.loads((root / "docs" / "numbers.toml").read_text(encoding="utf-8"))
+        sections = tomllib.loads((root / "tools" / "numbers.toml").read_text(encoding="utf-8"))
         self.tables, self.numbers, self.made = sections["tables"], sections["numbers"], sections["made"]
         self.phrases, self.given = sections["phrases"], sections["given"]
         self.table = cache(self._read)
@@ -111,7 +111,7 @@ class Bound:
             try:
                 edits.append((start, end, make()))
             except MISTAKES as mistake:
-                add(start, f"docs/numbers.toml: {source}: {mistake.args[0]}")
+                add(start, f"tools/numbers.toml: {source}: {mistake.args[0]}")
             else:
                 for place, words in differences(text[start:end], edits[-1][2]):
                     add(start + place, f"{words} ({source})")
@@ -119,7 +119,7 @@ class Bound:
         for phrase in self.phrases.get(path, []):
             matches = list(_pattern(phrase).finditer(text))
             if len(matches) != 1:
-                add(0, f"{'no' if not matches else len(matches)} such phrase (docs/numbers.toml): “{phrase}”")
+                add(0, f"{'no' if not matches else len(matches)} such phrase (tools/numbers.toml): “{phrase}”")
                 continue
             bound.append(matches[0].span())
             for group, (name, spec) in enumerate(PLACE.findall(phrase), start=1):
@@ -130,7 +130,7 @@ class Bound:
             name = match[1]
             bind(*match.span(2), f"table {name}", lambda name=name: f"\n{number_tables.markdown(self.rows(name))}\n\n")
         for place, words in self._unbound(path, text, bound):
-            add(place, f"{words} looks measured: bind it, or give its phrase, in docs/numbers.toml")
+            add(place, f"{words} looks measured: bind it, or give its phrase, in tools/numbers.toml")
         return faults, replaced(text, edits)
 
     def _unbound(self, path: str, text: str, bound: list[tuple[int, int]]) -> Iterator[tuple[int, str]]:
@@ -195,7 +195,7 @@ def main() -> None:
             print(f"{path}: written")
             here, _ = bound.faults(path, new)
         faults += here
-    faults += [f"docs/numbers.toml: {name}: no phrase has it" for name in sorted(set(bound.numbers) - bound.used)]
+    faults += [f"tools/numbers.toml: {name}: no phrase has it" for name in sorted(set(bound.numbers) - bound.used)]
     if faults:
         advice = "" if write else "\n`make numbers` writes the numbers of the tables into the texts."
         sys.exit("\n".join(faults) + advice)

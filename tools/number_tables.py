@@ -1,6 +1,6 @@
-r"""Tables of the documents that are made from stored tables; see `docs/bound_numbers.py`.
+r"""Tables of the documents that are made from stored tables; see `tools/bound_numbers.py`.
 
-A section ``[made.x]`` of `docs/numbers.toml` describes table x:
+A section ``[made.x]`` of `tools/numbers.toml` describes table x:
 
 - ``table``, ``rows``, ``sort``: a stored table, the query and the order of its rows;
 - ``cells``: for each column its title, and its cell with expressions of columns in braces and their formats. A title
@@ -183,7 +183,8 @@ def choices(tables: Tables) -> Rows:
 
 def readings(tables: Tables) -> Rows:
     """Verdicts on the claims under each reading; those that differ from the used one are bold."""
-    short = {"reproduced": "yes", "partly": "part", "not reproduced": "no", "not evaluated": "–", "": "·"}
+    short = {"reproduced": "yes", "partly, within limits": "part", "partly, another cause": "part"}
+    short |= {"not reproduced": "no", "not evaluated": "–", "": "·"}
     judged = _readings(tables)
     yield ["claim", "used", *(judged.letters[key] for key in judged.others)]
     for row in tables("verdicts").itertuples():
@@ -193,11 +194,11 @@ def readings(tables: Tables) -> Rows:
 
 
 def readings_changed(tables: Tables) -> Rows:
-    """Verdicts that another reading changes, with the first numbers behind them, and the claims that stand."""
-    yield ["claim", "verdict", "reading", "numbers"]
+    """Verdicts that another reading changes, with the first number behind each, and the claims that stand."""
+    yield ["claim", "verdict", "reading", "first number"]
     judged, numbers = _readings(tables), tables("verdicts").set_index("name")["number"]
     for row in judged.changed.itertuples():
-        first = "; ".join(str(row.finding).split("; ")[:2])
+        first = str(row.finding).split("; ")[0]
         yield [f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", judged.reading(row).clause, first]
     stand = ", ".join(f"{numbers[name]} {name}" for name in sorted(judged.standing, key=numbers.get))
     yield f"Under every reading stand {len(judged.standing)} verdicts: {stand}."
@@ -225,17 +226,6 @@ def coverage_summary(tables: Tables) -> Rows:
         if number == 0:
             yield list(row)
         yield list(row.values())
-
-
-def coverage_cells(tables: Tables) -> Rows:
-    """Coverage in every cell, by three methods."""
-    cells, methods = tables("coverage"), ["mle", "als", "interval"]
-    kappas = sorted(cells["kappa"].unique())
-    yield ["N", "cap", *(f"κ={kappa:g}" for kappa in kappas)]
-    for (n, angle), part in cells.groupby(["samples", "angle"]):
-        held = {kappa: here.set_index("method")["radius"][methods] for kappa, here in part.groupby("kappa")}
-        shown = ["/".join(f"{share:.3f}" for share in held[k]) if k in held else "-" for k in kappas]
-        yield [f"{n}", f"{angle:g}°", *shown]
 
 
 def speed(tables: Tables) -> Rows:

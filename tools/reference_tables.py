@@ -1,7 +1,7 @@
 """Small tables that the documents quote, taken from finished runs into results/; `make tables` runs the studies first.
 
-python docs/reference_tables.py               # all
-python docs/reference_tables.py robustness    # one
+python tools/reference_tables.py               # all
+python tools/reference_tables.py robustness    # one
 """
 
 import math
@@ -22,7 +22,7 @@ from study.simulation.figures import Tables, fig_coverage
 from study.simulation.runs.run_folder import Run
 
 ROOT = Path(__file__).resolve().parents[1]
-RESULTS = ROOT / "results"
+STORED = ROOT / "docs" / "assets" / "tables"
 MEASURES = ["planned", "ok", "ratio_median", "ratio_median_error", "ratio_median_ok", "ratio_median_ok_error"]
 MEASURES += ["ratio_median_all", "ratio_median_all_error", "ratio_q95", "ratio_q95_error"]
 MEASURES += ["ratio_q95_all", "ratio_q95_all_error", "median_cramer_rao", "median_attainable"]
@@ -114,11 +114,11 @@ def main() -> None:
             run = run_of(name)
             run.check("claims")
             for file in ("config.toml", "manifest.json", "summary.parquet", "claims.parquet"):
-                shutil.copyfile(run.folder / file, RESULTS / "paper" / file)
+                shutil.copyfile(run.folder / file, ROOT / "results" / "paper" / file)
             print("results/paper")
         else:
-            TABLES[name]().to_csv(RESULTS / f"{name}.csv", index=False, lineterminator="\n")
-            print(f"results/{name}.csv")
+            TABLES[name]().to_csv(STORED / f"{name}.csv", index=False, lineterminator="\n")
+            print(f"docs/assets/tables/{name}.csv")
 
 
 if __name__ == "__main__":

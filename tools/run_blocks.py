@@ -1,7 +1,7 @@
 """Run the code blocks of the documents, and compare what they print with what the documents say.
 
-    python docs/run_blocks.py docs/fitting.md             # fails at the first block that prints something else
-    python docs/run_blocks.py --write docs/fitting.md     # writes what the blocks print into the document
+    python tools/run_blocks.py docs/fitting.md             # fails at the first block that prints something else
+    python tools/run_blocks.py --write docs/fitting.md     # writes what the blocks print into the document
 
 The blocks of a document are run in their order in one temporary folder:
 
@@ -9,7 +9,8 @@ The blocks of a document are run in their order in one temporary folder:
 - ``python``: run in one namespace; a ``text`` block directly below is what the block prints.
 - any block whose first line is a comment of a file's name alone (``# my.py``) is saved under that name.
 - a block below the comment ``<!-- skip: next -->`` is not run.
-- between ``<!-- made: x -->`` and ``<!-- end -->`` stands what ``docs/made_pages.py`` prints for x.
+- a picture of ``assets/`` that a block saves under its name is stored by ``--write``.
+- between ``<!-- made: x -->`` and ``<!-- end -->`` stands what ``tools/made_pages.py`` prints for x.
 
 A line ``…`` in an output stands for any number of lines. What depends on the machine (`MASKS`) is not compared.
 """
@@ -19,6 +20,7 @@ import contextlib
 import io
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -27,7 +29,7 @@ from pathlib import Path
 from bound_numbers import replaced
 from number_tables import markdown
 
-DOCS = Path(__file__).resolve().parent
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 MASKS = re.compile(r"\d[\d.,]* ?(?:s|ms|µs|min|MB|kB|data sets)\b")
 """Times, sizes of files, work done in a time."""
 COMPILING = "study: compiling loops"
@@ -36,6 +38,7 @@ BLOCK = re.compile(
     r"^(?P<skip><!-- skip: next -->\n+)?```(?P<language>console|python|text|toml)\n(?P<code>.*?)^```$", re.M | re.S
 )
 FILE = re.compile(r"# ([\w-]+\.(?:py|toml|csv))\n")
+PICTURE = re.compile(r"\]\((assets/[\w/-]+\.png)\)")
 MADE = re.compile(r"(?<=<!-- made: )(\w+) -->\n(.*?)(?=<!-- end -->)", re.DOTALL)
 LONGEST = 600
 """Seconds after which a command is stopped."""
@@ -87,12 +90,19 @@ def run(path: Path, write: bool = False) -> int:
             elif language == "text" and ended >= 0 and not text[ended : block.start()].strip():
                 new = _checked(f"{path}:{line}: this block of Python", code, printed, write)
                 edits.append((*block.span("code"), new))
+        for name in PICTURE.findall(text):
+            made = Path(folder) / Path(name).name
+            if not made.exists():
+                raise OutputError(f"{path}: no block saves {made.name}, which the page shows")
+            if write:
+                (DOCS / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(made, DOCS / name)
     for part in MADE.finditer(text):
         import made_pages  # only pages with made parts need the packages that it loads
 
         edits.append((*part.span(2), f"\n{markdown(getattr(made_pages, part[1])()).strip()}\n\n"))
         if edits[-1][2] != part[2] and not write:
-            raise OutputError(f"{path}: a made table is not up to date; run docs/run_blocks.py --write {path}")
+            raise OutputError(f"{path}: a made table is not up to date; run tools/run_blocks.py --write {path}")
     if write and (new := replaced(text, edits)) != text:
         path.write_text(new, encoding="utf-8")
     return len(blocks)

@@ -1,4 +1,4 @@
-"""Run the notebooks of `examples/`: ``python docs/run_notebooks.py`` stores what their cells print and draw.
+"""Run the notebooks of `examples/`: ``python tools/run_notebooks.py`` stores what their cells print and draw.
 
 A cell that raises ends the run. Files that the cells write go to a temporary folder.
 """

@@ -1,7 +1,7 @@
 """Words and sentences of the documents, page by page.
 
-    python docs/sentences.py                  # a line for each page
-    python docs/sentences.py docs/sphere.md   # and the page's sentences of more than 30 words
+    python tools/sentences.py                  # a line for each page
+    python tools/sentences.py docs/sphere.md   # and the page's sentences of more than 30 words
 
 `CONTRIBUTING.md` says how the documents are written. `tests/test_documents.py` sets the limits.
 """
