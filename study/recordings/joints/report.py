@@ -33,7 +33,7 @@ def joint_table(joints: Calibration) -> pd.DataFrame:
         cov_xx ... cov_zz (m², in the parent's axes); axis_parent_* and axis_child_* of a hinge; radius_mean (metres) of
         the markers' spheres; sigma (metres), noise of one coordinate; rho, share of the smallest extent that is noise;
         moved_least, moved_most (degrees), least and greatest root mean square angle of motion about the joint, for a
-        hinge that of the relative rotation of both segments; frames; effective_frames, the effective number of independent frames;
+        hinge that of the relative rotation of both segments; frames; effective_frames, the independent of these;
         apart (metres), distance of the farthest other side's estimate that can be compared (see `side_differences`).
         NaN where there is none.
     """
