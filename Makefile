@@ -51,7 +51,7 @@ calibration: $(VENV)/.run
 	    $(BIN)/study figures configs/$$name.toml fig_calibration; \
 	done
 
-QUOTED := regret regret-circles published efficiency robustness robust precision map misfit
+QUOTED := regret regret-circles published efficiency robustness robust precision map misfit coverage
 
 # A synthetic recording, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
 BODY := results/recordings/body
@@ -95,9 +95,7 @@ tables: paper
 	$(BIN)/study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py; \
 	$(BIN)/study readings --cost results/cost.parquet --out $(STORED)/readings.csv; \
 	for name in regret regret-circles; do $(BIN)/study regret $$name --csv $(STORED)/$$name.csv; done; \
-	$(BIN)/study coverage configs/coverage.toml; \
-	cp results/coverage/fig_coverage.png figures/; \
-	for name in regret robustness map misfit; do $(DRAW) configs/$$name.toml fig_$$name; done; \
+	for name in regret robustness map misfit coverage; do $(DRAW) configs/$$name.toml fig_$$name; done; \
 	$(BIN)/study certify --table $(STORED)/certify.csv; \
 	$(BIN)/python tools/reference_tables.py; \
 	$(BIN)/python benchmarks/em_vmf.py; \

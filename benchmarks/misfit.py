@@ -24,7 +24,7 @@ from study.fits.answer import white_covariance
 from study.fits.goodness import BLOCKS, SMALL, Goodness
 from study.fits.intervals import intervals
 from study.fits.random import lanes
-from study.simulation.coverage import read_design
+from study.simulation.experiment.config import load
 
 SEED, SETS, POWER_SETS = 17, 4000, 200
 """Seed, data sets of a clean cell and of another."""
@@ -164,10 +164,12 @@ def statuses(status):
 
 def level(sets):
     """A row for each clean cell of the coverage study, with coverage by the intervals of white noise and as allowed."""
-    for cell in read_design(ROOT / "configs" / "coverage.toml").cells():
-        state = lanes(SEED, "misfit", cell.samples, cell.angle, cell.kappa)
-        count = sets if cell.samples < 10_000 or cell.sigma < SMALL else sets // 10  # which take minutes
-        fits = [study.fit(x.swapaxes(1, 2)) for x in clean(state, count, cell.samples, cell.angle, cell.sigma)]
+    groups = load(ROOT / "configs" / "coverage.toml").groups()
+    for cell in (cell for group in groups for cell in group.cells):
+        kappa = cell.values["kappa"]
+        state = lanes(SEED, "misfit", cell.samples, cell.angle, kappa)
+        count = sets if cell.samples < 10_000 or cell.noise < SMALL else sets // 10  # which take minutes
+        fits = [study.fit(x.swapaxes(1, 2)) for x in clean(state, count, cell.samples, cell.angle, cell.noise)]
         answer = Goodness(
             *(np.concatenate(block, axis=-1) for block in zip(*(fit.goodness for fit in fits), strict=True))
         )
@@ -175,8 +177,8 @@ def level(sets):
         bounded, white = (np.concatenate([getattr(look, name) for look in looks]) for name in ("identified", "radius"))
         ok, status = (np.concatenate([getattr(fit, name) for fit in fits]) for name in ("ok", "status"))
         allowed = np.concatenate([fit.interval("radius") for fit in fits])
-        row = {"kind": "clean", "name": f"cap {cell.angle:g}°, kappa {cell.kappa:g}", "samples": cell.samples}
-        row |= {"sigma": cell.sigma, "sets": len(ok), "bounded": bounded.mean(), **statuses(status)}
+        row = {"kind": "clean", "name": f"cap {cell.angle:g}°, kappa {kappa:g}", "samples": cell.samples}
+        row |= {"sigma": cell.noise, "sets": len(ok), "bounded": bounded.mean(), **statuses(status)}
         row |= {"covers_white": covered(white, 1.0).mean(), "covers": covered(allowed, 1.0).mean()}
         row |= {"ok_covers": among(covered(allowed, 1.0), ok), "wider": np.mean((white != allowed).any(axis=1))}
         yield row | rejections(answer)

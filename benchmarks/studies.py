@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 from study.fits import cap
-from study.simulation.coverage import draws
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch
@@ -39,9 +38,27 @@ def caps(rng, sets, n, angle, noise, dimension=3):
     return directions + noise * rng.standard_normal(directions.shape)
 
 
+def draws(state, sets, shape, angle):
+    """Unit directions and unit noise (b, d, n) of so many sets of points on a cap, some at a time.
+
+    Args:
+        state: of the generator.
+        sets: their number.
+        shape: d and n.
+        angle: half-angle of the cap, in degrees.
+    """
+    while sets > 0:
+        batch = min(sets, max(TOGETHER // shape[1], 1))
+        sets -= batch
+        directions, noise = np.empty((batch, *shape)), np.empty((batch, *shape))
+        cap.draw(state, math.radians(angle), directions, noise)
+        directions[:, 0] = 1.0 - directions[:, 0]  # heights to cosines
+        yield directions, noise
+
+
 def clean(state, sets, n, angle, noise, dimension=3):
     """The same by the generator of the studies, in parts (b, d, n)."""
-    for directions, unit_noise in draws(state, sets, (dimension, n), angle, TOGETHER):
+    for directions, unit_noise in draws(state, sets, (dimension, n), angle):
         yield directions + noise * unit_noise
 
 

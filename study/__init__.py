@@ -16,7 +16,8 @@
     run = study.read_run("results/mine-21aa4797f5") # one that was run before
 
 `study.ESTIMATORS` lists the estimators, `study.register` adds one of your own, `study.register_law` a law of noise or
-of directions, and `study.Incremental` fits points as they arrive. The command line is `study --help`.
+of directions, `study.register_measure` a measure of fits, and `study.Incremental` fits points as they arrive. The
+command line is `study --help`.
 """
 
 from importlib import import_module
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from study.recordings.formats.read import read_recording
     from study.recordings.recording import Recording
     from study.simulation.experiment.laws import register_law
+    from study.simulation.experiment.measures import register_measure
     from study.simulation.library import StudyRun, read_run, run
 
 
@@ -83,6 +85,7 @@ __all__ = [
     "read_run",
     "register",
     "register_law",
+    "register_measure",
     "run",
 ]
 
@@ -96,6 +99,7 @@ _PLACES = {
     "read_recording": "study.recordings.formats.read",
     **dict.fromkeys(["draw_skeleton", "find_gait", "find_joint", "find_joints"], "study.recordings.api"),
     "register_law": "study.simulation.experiment.laws",
+    "register_measure": "study.simulation.experiment.measures",
     **dict.fromkeys(["StudyRun", "read_run", "run"], "study.simulation.library"),
 }
 """Modules of the names that `study.fits` does not define."""

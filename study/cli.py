@@ -385,8 +385,8 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (
-        *(commands.configs, commands.plan, run, commands.status, posterior, commands.coverage, commands.worker),
-        commands.laws,
+        *(commands.configs, commands.plan, run, commands.status, posterior, commands.worker),
+        *(commands.laws, commands.measures),
     ),
     "Results": (
         *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),
@@ -399,7 +399,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
-    *(commands.configs, commands.check, certify, commands.cost, commands.coverage, plan_fit, commands.worker),
+    *(commands.configs, commands.check, certify, commands.cost, plan_fit, commands.worker),
     commands.compile_loops,
     *_GROUPS["Recordings"],
 }
@@ -411,6 +411,7 @@ for _title, _group in _GROUPS.items():
     for _command in _group:  # those that read configs, runs or names of estimators take --plugin
         _entry = _command if _command in _NEEDS_NO_ESTIMATOR else with_plugins(_command)
         app.command(_NAMES.get(_command), rich_help_panel=_title)(_entry)
+app.command(hidden=True)(commands.coverage)
 
 
 @app.callback()

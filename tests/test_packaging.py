@@ -18,7 +18,7 @@ from study.recordings.markersets import load_markerset, shipped
 import study
 print(study.__file__)
 print(*(path for path in shipped_configs().values()), sep="\\n")
-studies = [load(path) for name, path in shipped_configs().items() if name not in ("coverage", "readings")]
+studies = [load(path) for name, path in shipped_configs().items() if name != "readings"]
 print(len(studies), len([load_markerset(name) for name in shipped()]))
 """
 
@@ -57,7 +57,7 @@ def test_configs_and_marker_sets_are_found_from_elsewhere(installed, tmp_path):
     assert {Path(path).stem for path in configs} == {path.stem for path in (ROOT / "configs").glob("*.toml")}
     assert all(path.startswith(str(installed)) for path in configs)
     sets = len(list((ROOT / "study" / "recordings" / "markersets").glob("*.toml")))
-    assert counts == f"{len(configs) - 2} {sets}"  # coverage and readings have their own readers
+    assert counts == f"{len(configs) - 1} {sets}"  # readings have their own reader
 
 
 def test_versions_agree():

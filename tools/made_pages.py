@@ -29,13 +29,14 @@ from study.simulation.experiment.config import (
     summary_line,
 )
 from study.simulation.experiment.designs import GridDesign, RandomDesign
+from study.simulation.experiment.measures import MEASURES as FIT_MEASURES
 from study.simulation.figures import FIGURES
 from study.simulation.runs import schemas
 from study.text import paragraphs
 
 MEDIAN_VARIANCES = (0.316, 1.36)
 """n times the squared relative error of a median of n trials, for |z| of a normal z in three dimensions and in one."""
-OWN_READERS = ("coverage", "readings")
+OWN_READERS = ("readings",)
 """Configs that are no studies."""
 
 
@@ -82,6 +83,15 @@ def estimators() -> Rows:
     for name, entry in ESTIMATORS.items():
         flops = f"{entry.flops(3):g} {entry.flops_of}".strip() if entry.flops else "-"
         yield [f"`{name}`", entry.reference, "the noise" if entry.needs else "-", flops]
+
+
+def fit_measures() -> Rows:
+    """The shipped measures of fits with their columns."""
+    yield ["measure", "column", "type", "meaning"]
+    for name, measure in FIT_MEASURES.items():
+        for column, (kind, meaning) in measure.columns.items():
+            words = "truth value" if kind is bool else "number"
+            yield [f"`{name}`", f"`{name}_{column}`", words, meaning.format("i")]
 
 
 def statuses() -> Rows:

@@ -4,6 +4,7 @@ python tools/reference_tables.py               # all
 python tools/reference_tables.py robustness    # one
 """
 
+import math
 import shutil
 import sys
 from pathlib import Path
@@ -11,11 +12,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from study.fits.bounds import Cap, attainable_bound, cramer_rao
 from study.fits.cap import cap_moments
 from study.fits.registry import load
 from study.simulation.analysis.summary import as_data, chosen_rows
 from study.simulation.analysis.theory import median_at_bound
 from study.simulation.commands import run_folder
+from study.simulation.figures import Tables, fig_coverage
 from study.simulation.runs.run_folder import Run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -64,6 +67,25 @@ def published() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def coverage() -> pd.DataFrame:
+    """Coverage by each method in every cell, with the width also over those at the attainable bound."""
+    cells: pd.DataFrame = fig_coverage.prepare(Tables(run_of("coverage"))).cells
+    larger = [_attainable_ratio(row.angle, row.sigma) for row in cells.itertuples()]
+    return cells.assign(**{f"width_attainable{end}": cells[f"width{end}"] / larger for end in ("", "_error")})
+
+
+def _attainable_ratio(angle: float, sigma: float) -> float:
+    """Standard error of the radius at the attainable bound over that at the Cramér-Rao bound.
+
+    Each for one sample, over the law of the directions; NaN where noise hides the cap.
+    """
+    try:
+        reached = attainable_bound(angle, sigma)[3, 3]
+    except ValueError:
+        return math.nan
+    return math.sqrt(reached / cramer_rao(Cap(math.radians(angle), sigma, 3))[3, 3])
+
+
 def studies() -> pd.DataFrame:
     """Seconds that the studies of the paper's claims took, on the machine of their runs."""
     manifests = {name: run_of(name).manifest() for name in PAPERS}
@@ -75,6 +97,7 @@ def studies() -> pd.DataFrame:
 TABLES = {
     "studies": studies,
     "published": published,
+    "coverage": coverage,
     "efficiency": lambda: summary("efficiency", "angle", "noise_over_radius").query("estimator == 'corrected'"),
     "robustness": lambda: robustness("robustness"),
     "robust": lambda: robustness("robust"),

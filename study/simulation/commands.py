@@ -114,6 +114,8 @@ EstimatorChoice = Annotated[str | None, typer.Option("--estimators", "-e", metav
 All = Annotated[bool, typer.Option("--all", help="print every row; by default some that are evenly spread")]
 _OK = "medians of each estimator's own ok fits: of other trials in each column"
 OnlyOk = Annotated[bool, typer.Option("--ok", help=_OK)]
+_MEASURE = "a measure of the summary instead, such as far or interval_radius"
+MeasureChoice = Annotated[str | None, typer.Option("--measure", "-m", metavar="NAME", help=_MEASURE)]
 Csv = Annotated[bool, typer.Option("--csv", help="print all columns of the summary table as CSV")]
 
 
@@ -123,6 +125,7 @@ def summary(
     estimators: EstimatorChoice = None,
     every: All = False,
     only_ok: OnlyOk = False,
+    measure: MeasureChoice = None,
     as_json: Json = False,
     as_csv: Csv = False,
 ) -> None:
@@ -135,17 +138,21 @@ def summary(
     The table fits a screen: of many cells it has some that are evenly spread over the conditions, and cells that differ
     by scaling alone are printed once. If --where gives a condition several times, cells with any of the values count.
 
+    With --measure the table has another measure of the summary, of all fits unless its name ends in _ok.
+
     --csv and --json have every cell that --where and --estimators choose. With --json: run, bound, conditions (their
     names), and rows, each with the columns of the summary table (ratio_median is the median of all trials) and, where
     they are known, noise_over_radius and the medians at the bounds, median_cramer_rao and median_attainable.
     """
-    from study.simulation.analysis.summary import as_data, chosen_rows, printed
+    from study.simulation.analysis.summary import as_data, chosen_rows, measure_shown, printed
 
-    if as_json + as_csv + only_ok > 1:
-        raise typer.BadParameter("give one of --json, --csv and --ok; the first two have ok fits in columns …_ok")
+    if as_json + as_csv + only_ok + (measure is not None) > 1:
+        words = "give one of --json, --csv, --ok and --measure; the first two have all measures"
+        raise typer.BadParameter(words)
     run = opened(folder)
     try:
         rows = chosen_rows(run, where or [], estimators)
+        shown = measure_shown(run, measure or ("ratio_median_ok" if only_ok else "ratio_median"))
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
     if as_json:
@@ -153,7 +160,7 @@ def summary(
     elif as_csv:  # all columns; an empty field is not a number
         echo(inert_frame(rows).to_csv(index=False, lineterminator="\n").splitlines())
     else:
-        echo(printed(run, rows, every, only_ok))
+        echo(printed(run, rows, every, shown))
 
 
 def diff(
@@ -277,27 +284,45 @@ def laws() -> None:
     echo(columns(sorted(rows, key=lambda row: [*PLAIN].index(row[1])), ["law", "of", ""]))
 
 
+def measures() -> None:
+    """List the measures of fits that a config may name.
+
+    Below each stand the columns that it adds to the tables, in three dimensions.
+    """
+    from study.simulation.experiment.measures import MEASURES, stored
+
+    rows = []
+    for name, measure in MEASURES.items():
+        rows.append([name, "", measure.sentence])
+        rows += [[f"  {c.name}", c.kind.__name__, c.meaning.removeprefix(f"{name}: ")] for c in stored([name], 3)]
+    echo(columns(rows, ["measure", "type", ""]))
+
+
+_FILE = "Python file with estimators, laws or measures of your own"
+
+
 def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Python file with estimators or laws of your own")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help=_FILE)],
     limit: Annotated[
         float, typer.Option("--limit", metavar="SECONDS", min=0.1, help="time in which a single fit should be done")
     ] = 60.0,
 ) -> None:
-    """Check the estimators and the laws of a file.
+    """Check the estimators, the laws and the measures of a file.
 
     Of estimators these are equivariance, exactness without noise and the like; of laws, that a trial has the same
-    numbers again, and alone. Each violation is described (exit code 1); a fit that does not return in time is one. What
-    the file prints goes to standard error.
+    numbers again, and alone; of measures the same, and that they do not depend on the unit. Each violation is described
+    (exit code 1); a fit that does not return in time is one. What the file prints goes to standard error.
     """
     from study.fits.check import check_file, printed
     from study.simulation.experiment.laws import check as check_law
     from study.simulation.experiment.laws import laws_of
+    from study.simulation.experiment.measures import check as check_measures
 
     if file.suffix == ".toml":
         raise typer.BadParameter(f"{file} is a config, which study plan checks")
     result = check_file(file, limit=limit)
     echo(printed(result))
-    checked = [check_law(name) for name in laws_of(file.name)]
+    checked = [*map(check_law, laws_of(file.name)), check_measures(file.name)]
     echo(line for violations, lines in checked for line in (*violations, *lines))
     if any(report.violations for report in result) or any(violations for violations, _ in checked):
         raise typer.Exit(ExitCode.FAILURE)
@@ -335,31 +360,15 @@ def cost(
     echo(printed(table))
 
 
-_CONFIG = "config of a coverage study, such as configs/coverage.toml"
-CoverageConfig = Annotated[Path, typer.Argument(metavar="CONFIG", help=_CONFIG)]
-Threads = Annotated[int, typer.Option("--jobs", "-j", min=1, max=1024, help="number of threads")]
-CoverageOut = Annotated[Path | None, typer.Option("--out", help="folder of the results; results/NAME if absent")]
+NoJobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, hidden=True, help="has no effect any more")]
+Former = Annotated[Path | None, typer.Argument(metavar="[CONFIG]")]
+FormerOut = Annotated[Path | None, typer.Option("--out", help="has no effect any more")]
 
 
-def coverage(config: CoverageConfig, jobs: Threads = 2, out: CoverageOut = None) -> None:
-    """Measure how often intervals hold the truth.
-
-    The table is stored as coverage.parquet and coverage.csv, with its figure, and printed.
-    """
-    from study.files import save_frame
-    from study.simulation.coverage import draw, measure, printed, read_design
-    from study.style import save
-
-    design = read_design(config)
-    folder = out or RUNS / design.name
-    table = measure(design, jobs)
-    for suffix in ("parquet", "csv"):
-        save_frame(table, folder / f"coverage.{suffix}")
-    fewer = ", fewer for large N" if table["trials"].nunique() > 1 else ""
-    stamp = f"{design.name} · seed {design.seed} · {int(table['trials'].max()):,} trials a cell{fewer}"
-    for path in save(draw(table, stamp, design.level), folder / "fig_coverage"):
-        typer.echo(str(path))
-    echo(printed(table, design.level))
+def coverage(config: Former = None, jobs: NoJobs = None, out: FormerOut = None) -> None:
+    """Name the commands that have taken its place."""
+    words = "coverage is a study like others: `study run coverage`, and `study figures coverage fig_coverage`"
+    raise typer.BadParameter(f"{words}; your own config lists measures = ['interval', 'own_errors']")
 
 
 ReadingsConfig = Annotated[Path, typer.Argument(metavar="CONFIG", help="config of readings, or readings if shipped")]
@@ -404,7 +413,6 @@ _FIGURES = "write the figures there too, as PNG and SVG"
 FiguresToo = Annotated[Path | None, typer.Option("--figures", metavar="DIR", help=_FIGURES)]
 ReadingsToo = Annotated[Path | None, typer.Option("--readings", help="table that `study readings` stores")]
 ClaimsToo = Annotated[bool, typer.Option("--claims", help="store the verdicts too, as `study claims` does")]
-NoJobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, hidden=True, help="has no effect any more")]
 
 
 def claims(folders: Folders, cost: Cost = None, recording: Recordings = None, as_json: Json = False) -> None:
@@ -491,7 +499,7 @@ def _load(paths: list[Path] | None) -> list[Path] | None:
     return paths
 
 
-_HELP = "Python file with estimators or laws of your own; may be given several times"
+_HELP = f"{_FILE}; may be given several times"
 Plugins = Annotated[
     list[Path] | None, typer.Option("--plugin", metavar="FILE", help=_HELP, is_eager=True, callback=_load)
 ]

@@ -126,7 +126,7 @@ class StudyRun(Hinting):
             ValueError: if there is no such table.
             RunError: if the run has it not, or it is damaged.
         """
-        known = schemas.declared(self._run.study.dimension, self._run.study.conditions())
+        known = schemas.declared(*self._run.study.columns())
         if name not in known:
             raise ValueError(f"table {name!r}: unknown; {did_you_mean(name, known)}")
         return self._run.table(name)
@@ -194,7 +194,7 @@ class StudyRun(Hinting):
             errors = errors.drop(columns="cell")  # its conditions say the same
         words = dict.fromkeys(errors.select_dtypes("category"), object)
         result = errors.astype(words).set_index([*axes, "estimator", "trial"]).to_xarray()
-        for column in schemas.errors(study.dimension, study.conditions()):
+        for column in schemas.errors(*study.columns()):
             if column.name in result.variables:
                 result[column.name].attrs = {"units": column.unit, "long_name": column.meaning}
         return result.assign_attrs(run=self.name)
@@ -220,7 +220,7 @@ def write_duckdb(run: StudyRun, path: Path) -> None:
         import duckdb
 
         stored = run._run
-        declared = schemas.declared(stored.study.dimension, stored.study.conditions())
+        declared = schemas.declared(*stored.study.columns())
         with duckdb.connect(str(temporary)) as database:
             for name in sorted(stored.manifest()["tables"]):
                 database.read_parquet(str(stored.require(name))).create(name)
@@ -261,7 +261,7 @@ def run(
             study takes long.
         scheduler: address of a Dask scheduler, with ``backend="dask"``.
         budget: seconds after which no new work is started, for a config with [precision].
-        plugins: files with estimators or laws of your own that the config names.
+        plugins: files with estimators, laws or measures of your own that the config names.
 
     Returns:
         The run. A run that its budget stopped, and too many fits that failed, are warned of.
@@ -290,7 +290,7 @@ def read_run(run: str | Path, plugins: Sequence[str | Path] = ()) -> StudyRun:
 
     Args:
         run: its folder; or its config, or the name of a shipped one, whose run is in ``results``.
-        plugins: files with estimators or laws of your own that its config names.
+        plugins: files with estimators, laws or measures of your own that its config names.
 
     Returns:
         The run, whose tables are read when they are asked for.

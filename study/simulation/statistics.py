@@ -17,10 +17,10 @@ is a cell, or, in a random design, a decade of σ/r. Failures count: no planned 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -29,6 +29,7 @@ from study.arrays import Bools, Floats
 from study.fits import Status
 from study.simulation.experiment.compute import Columns, Errors
 from study.simulation.experiment.conditions import STORED
+from study.simulation.experiment.measures import MeasureColumn
 
 
 class Measure(NamedTuple):
@@ -300,19 +301,42 @@ def measured(name: str, columns: Columns) -> Measure:
     return MEASURES[name].of(Fits(columns))
 
 
+def of_column(column: MeasureColumn) -> dict[str, tuple[str, Callable[[Any], Measure]]]:
+    """Summaries of a column of a measure over all fits, by name: each with its meaning and its function.
+
+    Of a column of truth values that is the share; of numbers they are the mean and the median, in which one that is not
+    a number counts as infinite.
+    """
+    if column.kind is bool:
+        return {column.name: (f"share of all fits; {column.meaning}", _share_of)}
+    return {
+        f"{column.name}_mean": (f"mean of all fits; {column.meaning}", mean),
+        f"{column.name}_median": (f"median of all fits; {column.meaning}", _median),
+    }
+
+
+def _share_of(values: Bools) -> Measure:
+    return share(int(np.sum(values)), len(values))
+
+
+def _median(values: Floats) -> Measure:
+    return quantile(np.where(np.isnan(values), np.inf, values), 0.5)
+
+
 Row = dict[str, str | float]
 """A row of the summary table: a value for each column."""
 NEEDED = ["error", "error_1", "bound", "status"]
 """Columns of the error table that a row of the summary is made of, besides the conditions."""
 
 
-def row(group: str, estimator: str, fits: Columns) -> Row:
+def row(group: str, estimator: str, fits: Columns, measured: Sequence[MeasureColumn] = ()) -> Row:
     """Summarise the fits of one estimator in one group.
 
     Args:
         group: name of the group.
         estimator: name of the estimator.
-        fits: rows of the error table: the conditions, the columns `NEEDED`, and ``decade``.
+        fits: rows of the error table: the conditions, the columns `NEEDED`, those measured, and ``decade``.
+        measured: columns of the study's measures.
 
     Returns:
         A value for each column of the summary table.
@@ -328,14 +352,19 @@ def row(group: str, estimator: str, fits: Columns) -> Row:
     measures = Fits(fits)
     for name, measure in MEASURES.items():
         result[name], result[f"{name}_error"] = measure.of(measures)
+    for column in measured:
+        with np.errstate(invalid="ignore"):  # a mean with infinite values has no error
+            for name, (_, of_values) in of_column(column).items():
+                result[name], result[f"{name}_error"] = of_values(fits[column.name])
     return result
 
 
-def of_errors(errors: Errors) -> Columns:
+def of_errors(errors: Errors, measured: Sequence[MeasureColumn] = ()) -> Columns:
     """Summarise whole cells of a grid from their errors in memory, for a study that keeps no error table.
 
     Args:
         errors: all trials of some cells.
+        measured: columns of the study's measures.
 
     Returns:
         Columns of the summary table, with the rows that the stored errors would have.
@@ -351,7 +380,8 @@ def of_errors(errors: Errors) -> Columns:
                 "status": errors.fits.status[place, index],
                 "decade": np.array([np.nan]),
             }
-            rows.append(row(cell.name, estimator, of_cell | of_fits))
+            of_fits |= {column.name: errors.measured[column.name][place, index] for column in measured}
+            rows.append(row(cell.name, estimator, of_cell | of_fits, measured))
     return as_columns(rows)
 
 

@@ -129,7 +129,8 @@ def test_every_command_is_in_one_group(sections):
     """The groups stand in the order of a study, and between them have every command once."""
     assert list(sections) == ["Options", *TITLES, "Exit codes"]
     names = [name for title in TITLES for name in sections[title]]
-    registered = [entry.name or entry.callback.__name__.replace("_", "-") for entry in cli.app.registered_commands]
+    shown = [entry for entry in cli.app.registered_commands if not entry.hidden]
+    registered = [entry.name or entry.callback.__name__.replace("_", "-") for entry in shown]
     assert sorted(names) == sorted(registered)
     assert sections["Studies"][:3] == ["configs", "plan", "run"]
     assert sections["Results"][:2] == ["summary", "claims"]
@@ -233,3 +234,11 @@ def test_report_counts_the_verdicts(well, folder):
     each = well(folder, "claims", "out").splitlines()
     assert len(each) == 1
     assert said[-2:] == [*each, "page.html"]
+
+
+def test_a_command_that_is_gone(call_here, tmp_path):
+    """The old word is answered with the new ones, whatever options follow it; the list of commands has it no more."""
+    code, said, complained = call_here(tmp_path, "coverage", "configs/coverage.toml", "-j", "2", "--out", "here")
+    assert (code, said) == (2, "")
+    assert "study run coverage" in " ".join(complained.split())
+    assert "measures = ['interval', 'own_errors']" in " ".join(complained.split())

@@ -321,7 +321,8 @@ def test_the_commands_that_make_a_run_again(refused, well, call_here, folder):
     forget()
     well(folder, *command.split()[1:])
     forget()
-    refused(folder, 1, "out: ... it was made with estimators or laws of my.py: give --plugin FILE", "summary", "out")
+    words = "out: ... it was made with estimators, laws or measures of my.py: give --plugin FILE"
+    refused(folder, 1, words, "summary", "out")
 
 
 def test_a_violation_is_code_1(call_here, folder):

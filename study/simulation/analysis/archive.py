@@ -311,7 +311,7 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 def _schemas(run: Run) -> dict[str, list[dict[str, str]]]:
     """Columns of each table: name, type, unit and meaning."""
-    declared = schemas.declared(run.study.dimension, run.study.conditions())
+    declared = schemas.declared(*run.study.columns())
     return {
         name: [{field: str(value) for field, value in column._asdict().items()} for column in declared.get(name, [])]
         for name in tables_of(run)

@@ -5,6 +5,7 @@ Each group and estimator is one comparison, by the strongest test that the store
 - Both runs have error tables and share their draws: the sign test. If neither run is better, the number of data sets
   on which its error is the larger one is binomial.
 - The draws differ: Mann & Whitney's test on errors over bound.
+- Measures that both runs store are compared by the same two tests.
 - One run has only its summary: medians are compared by their Monte-Carlo errors, shares of ok fits by Fisher's exact
   test.
 
@@ -16,6 +17,7 @@ a thousand times, whatever the dependence between the comparisons.
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -26,6 +28,7 @@ from study.files import RunError
 from study.fits import Status
 from study.simulation.analysis.summary import Grouped, Key
 from study.simulation.experiment.conditions import label
+from study.simulation.experiment.measures import MeasureColumn
 from study.simulation.runs.provenance import described
 from study.simulation.runs.run_folder import Run
 from study.text import columns
@@ -88,38 +91,58 @@ def _by_errors(one: Run, other: Run) -> tuple[list[Row], tuple[int, int], str]:
         raise RunError(f"{one.folder} and {other.folder}: a grid and a random design have no groups in common")
     # runs have the same data sets only if their cells share draws in the same way
     draws = [getattr(run.study.design, "draws", run.study.design.kind) for run in (one, other)]
-    paired = one.study.stem() == other.study.stem() and draws[0] == draws[1]
+    stems = [run.study.model_copy(update={"measures": ()}).stem() for run in (one, other)]
+    paired = stems[0] == stems[1] and draws[0] == draws[1]
     shared = [key for key in a.counts if key in b.counts]
     columns = [*_COLUMNS, *(condition.name for condition in one.study.conditions())]
+    measured = [column for column in one.study.measured() if column in other.study.measured()]
+    further = [column.name for column in measured]
     rows: list[Row] = []
     for keys in a.batches(shared):
-        mine, theirs = a.read(keys, columns), b.read(keys, _COLUMNS)
+        mine, theirs = a.read(keys, columns + further), b.read(keys, _COLUMNS + further)
         for key in keys:
             frames = pd.DataFrame(mine[key]), pd.DataFrame(theirs[key])
-            named = dict(zip(_NAMES, (*key, _words(frames[0].iloc[0], key), "median over bound"), strict=True))
-            rows.append(named | _compared(*frames, paired))
+            for column in (None, *measured):
+                named = dict(zip(_NAMES, (*key, _words(frames[0].iloc[0], key), _title(column)), strict=True))
+                rows.append(named | _compared(*frames, paired, column))
     only = len(a.counts) - len(shared), len(b.counts) - len(shared)
     return rows, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
 
 
-def _compared(one: pd.DataFrame, other: pd.DataFrame, paired: bool) -> Row:
-    """Compare a group by fits of the same data sets, or by its distributions if there are none."""
+def _title(column: MeasureColumn | None) -> str:
+    """The compared measure in words: a share of truth values, or a median."""
+    if column is None:
+        return "median over bound"
+    return f"{'share' if column.kind is bool else 'median'} of {column.name}"
+
+
+def _compared(one: pd.DataFrame, other: pd.DataFrame, paired: bool, column: MeasureColumn | None = None) -> Row:
+    """Compare a group by fits of the same data sets, or by its distributions if there are none.
+
+    Args:
+        one: the first run's fits.
+        other: the second's.
+        paired: the runs may have the same data sets.
+        column: the measure that is compared; None for the error over the bound.
+    """
     both = one.merge(other, on=["cell", "trial"], suffixes=("_a", "_b")) if paired else one.iloc[:0]
+    values_of = _over_bound if column is None else partial(_measured, column.name)
     if len(both):
-        a, b = _over_bound(both, "_a"), _over_bound(both, "_b")
+        a, b = values_of(both, "_a"), values_of(both, "_b")
         with np.errstate(invalid="ignore"):
             differ = ~((np.abs(a - b) <= _ROUNDING) | (a == b))
         worse, better = int(np.sum(differ & (b > a))), int(np.sum(differ & (b < a)))
         chance = scipy.stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
-        columns = ("error", "radius_error", "status")
+        columns = ("error", "radius_error", "status") if column is None else (column.name,)
         equal = all(both[f"{name}_a"].equals(both[f"{name}_b"].rename(f"{name}_a")) for name in columns)
         trials, same = len(both), len(both) == len(one) == len(other)
     else:
-        a, b = _over_bound(one, ""), _over_bound(other, "")
+        a, b = values_of(one, ""), values_of(other, "")
         several = len(np.unique(np.concatenate([a, b]))) > 1
         chance = scipy.stats.mannwhitneyu(a, b).pvalue if several else 1.0
         trials, equal, same = min(len(one), len(other)), False, False
-    first, second = (float(np.median(values)) if len(values) else math.nan for values in (a, b))
+    middle = np.mean if column is not None and column.kind is bool else np.median
+    first, second = (float(middle(values)) if len(values) else math.nan for values in (a, b))
     values = first, second, float(chance), trials, equal, same
     return dict(zip(_VALUES, values, strict=True))
 
@@ -130,6 +153,12 @@ def _over_bound(frame: pd.DataFrame, suffix: str) -> Floats:
     ok = (frame[f"status{suffix}"] == Status.OK).to_numpy() & np.isfinite(bound)
     with np.errstate(all="ignore"):
         return np.where(ok, error / bound, np.inf)
+
+
+def _measured(name: str, frame: pd.DataFrame, suffix: str) -> Floats:
+    """Values of a measure; one that is not a number counts as infinite."""
+    values = frame[f"{name}{suffix}"].to_numpy(dtype=float)
+    return np.where(np.isnan(values), np.inf, values)
 
 
 def _by_summary(one: Run, other: Run) -> tuple[list[Row], tuple[int, int], str]:

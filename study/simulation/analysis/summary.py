@@ -181,7 +181,7 @@ def up_to_date(run: Run) -> bool:
 
 def summarise(run: Run) -> None:
     """Summarise a run's error table and store the summary beside it, with few groups in memory at a time."""
-    columns, grouped = schemas.summary(run.study.conditions()), Grouped(run)
+    columns, grouped = schemas.summary(*run.study.columns()[1:]), Grouped(run)
     with writing(run.folder):
         run.join("summary", columns, rows_of_groups(run, grouped), {"study.config": run.study.canonical()})
         run.record("summary")
@@ -195,11 +195,13 @@ def rows_of_groups(run: Run, grouped: Grouped, keys: Collection[Key] | None = No
         grouped: its error table.
         keys: groups and estimators; all if None.
     """
-    conditions = run.study.conditions()
-    columns, needed = schemas.summary(conditions), [*(condition.name for condition in conditions), *statistics.NEEDED]
+    _, conditions, measured = run.study.columns()
+    columns = schemas.summary(conditions, measured)
+    needed = [*(c.name for c in conditions), *statistics.NEEDED, *(c.name for c in measured)]
     for batch in grouped.batches(keys):
         fits = grouped.read(batch, needed)
-        yield schemas.table(columns, statistics.as_columns([statistics.row(*key, fits[key]) for key in batch]))
+        rows = [statistics.row(*key, fits[key], measured) for key in batch]
+        yield schemas.table(columns, statistics.as_columns(rows))
 
 
 def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
@@ -394,35 +396,52 @@ def _values(condition: Condition, summary: pd.DataFrame) -> list[Value]:
 
 ROWS = 32
 """Most rows of a table that, with the lines about it, fits 40 lines."""
-_ALL_TRIALS = (
-    "Medians of all trials, whatever the status; a fit without a number is infinitely far. Brackets: share not ok."
-)
-_OK_FITS = "Medians of each estimator's own ok fits, not to be compared: trials differ. Brackets: share not ok."
+_BRACKETS = "Brackets: share not ok."
+_NOTES = {
+    "ratio_median": "Medians of all trials, whatever the status; a fit without a number is infinitely far. ",
+    "ratio_median_ok": "Medians of each estimator's own ok fits, not to be compared: trials differ. ",
+}
+"""Notes on the medians of error over bound."""
 
 
-def printed(run: Run, rows: pd.DataFrame, every: bool = False, only_ok: bool = False) -> Iterator[str]:
-    """The medians of error over bound of a run.
+def _meanings(run: Run) -> dict[str, str]:
+    """Meanings of the measures of a run's summary by name."""
+    declared = {column.name: column.meaning for column in schemas.summary(*run.study.columns()[1:])}
+    return {name: meaning for name, meaning in declared.items() if f"{name}_error" in declared}
+
+
+def measure_shown(run: Run, name: str) -> str:
+    """The name of a measure of a run's summary; ValueError if it has no such measure."""
+    if name not in (known := _meanings(run)):
+        raise ValueError(f"--measure {name}: not a measure of this run; {did_you_mean(name, known)}")
+    return name
+
+
+def printed(run: Run, rows: pd.DataFrame, every: bool = False, measure: str = "ratio_median") -> Iterator[str]:
+    """The medians of error over bound of a run, or another measure.
 
     Args:
         run: a finished run.
         rows: the rows, see `chosen_rows`.
         every: print each of them; otherwise cells that are the same by scaling are printed once, and of more than
             `ROWS` rows some that are evenly spread.
-        only_ok: give the median of each estimator's own ok fits, instead of all trials.
+        measure: name of the measure.
 
     Yields:
-        A title, a legend, a header, and a line per group: for each estimator the median error of all trials over the
-        bound with its Monte-Carlo error, and in brackets the share of fits that are not ok, if there are any. Before
-        them stand the medians of estimators with Gaussian errors at the two bounds, where the cells have them. Last
-        come the numbers of rows that were left out.
+        A title, a legend, a header, and a line per group: for each estimator the measure with its Monte-Carlo error,
+        and in brackets the share of fits that are not ok, if there are any. Before medians of error over the bound
+        stand those of estimators with Gaussian errors at the two bounds, where the cells have them. Last come the
+        numbers of rows that were left out.
     """
-    yield f"{run.study.run_name()}: median error of the centre over the {_bound(rows.columns)} ± its Monte-Carlo error"
-    yield _OK_FITS if only_ok else _ALL_TRIALS
+    of_bound = measure in _NOTES
+    words = f"median error of the centre over the {_bound(rows.columns)}" if of_bound else _meanings(run)[measure]
+    yield f"{run.study.run_name()}: {words} ± its Monte-Carlo error"
+    yield _NOTES.get(measure, "") + _BRACKETS
     if rows.empty:
         yield "no cell has a trial yet"
         return
     chosen, notes = (rows, []) if every else _fitting(run, rows)
-    named, bounded = distinguishing(chosen), has_bounds(run.study)
+    named, bounded = distinguishing(chosen), of_bound and has_bounds(run.study)
     yield _legend(chosen, named)
     if bounded:
         yield "CRLB and attainable: the median of Gaussian errors at the Cramér-Rao bound and at the attainable bound."
@@ -430,7 +449,7 @@ def printed(run: Run, rows: pd.DataFrame, every: bool = False, only_ok: bool = F
     for _, part in chosen.groupby("group", sort=False):
         fits = part.to_dict("records")
         bounds = [f"{value:.3g}" for value in medians_at_bounds(run.study, fits[0])] if bounded else []
-        medians = [_median(fit, "ratio_median_ok" if only_ok else "ratio_median") for fit in fits]
+        medians = [_value_in_words(fit, measure) for fit in fits]
         lines.append([_conditions(fits[0], named), *bounds, *medians])
     yield from columns(lines, ["", *(["CRLB", "attainable"] if bounded else []), *dict.fromkeys(chosen["estimator"])])
     yield from notes
@@ -497,8 +516,8 @@ def _conditions(row: RowValues, named: list[Condition]) -> str:
     return ", ".join(condition.label(row) for condition in named)
 
 
-def _median(row: RowValues, name: str) -> str:
-    """A median with its error, and in brackets the share of fits that are not ok."""
+def _value_in_words(row: RowValues, name: str) -> str:
+    """A measure with its error, and in brackets the share of fits that are not ok."""
     failed = 1.0 - row["ok"] / row["planned"]
     if np.isnan(row[name]):
         return "none ok" if name.endswith("_ok") else "unknown"

@@ -135,7 +135,7 @@ def recompute_units(run: Run, names: list[str], seed: str, share: float) -> dict
     others: list[str] = [name for name in ("points", "failures") if name in names]
     if main not in names:
         return {}
-    columns = schemas.of_units(study.dimension, study.conditions())
+    columns = schemas.of_units(*study.columns())
     table, places = TableRows(run.path(main)), _places(study, trials)
     results = {name: Recomputed(len(places), "units") for name in (main, *others)}
     if (expected := places[-1][2] if places else 0) != table.count:
@@ -278,7 +278,7 @@ class Verification:
         manifest = run.manifest()
         if run.study.keep not in manifest["tables"]:
             raise RunError(f"{run.folder}: not finished, so there is nothing to verify; {run.again()} finishes it")
-        declared = schemas.declared(run.study.dimension, run.study.conditions())
+        declared = schemas.declared(*run.study.columns())
         stored = [name for name in declared if run.has(name) or name in manifest["tables"]]
         self.run, self.digests = run, {name: _fault(run, name) for name in stored}
         good = [name for name, fault in self.digests.items() if fault is None]

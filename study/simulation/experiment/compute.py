@@ -2,7 +2,7 @@
 
 A unit's batches are drawn, placed on the spheres of their cells, fitted, and compared with the truth. One draw of unit
 directions u and unit noise z serves every σ, r and c. An exception in an estimator, or an exit, costs the trials that
-raise it, and no others.
+raise it, and no others; so does one in a measure.
 """
 
 import math
@@ -22,10 +22,12 @@ from study.fits.moments import JointMoments
 from study.fits.random import Name, lanes, stream
 from study.fits.registry import SimpleForm
 from study.fits.samples import blank
+from study.simulation.experiment import measures
 from study.simulation.experiment.conditions import CONDITIONS, Value
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell
 from study.simulation.experiment.laws import COORDINATES, DIRECTIONS, PLAIN, cell_noise, changed
+from study.simulation.experiment.measures import Truth
 from study.simulation.experiment.noise import GaussianNoise, Trials
 
 Array = Callable[[str, tuple[int, ...]], Floats]
@@ -158,6 +160,7 @@ class Errors:
         bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
         fits: estimated minus true centre (C, E, T, d) and radius (C, E, T), in the unit of the cells; the rest as the
             fits have it (C, E, T).
+        measured: columns of the study's measures (C, E, T), by name.
     """
 
     batch: Batch
@@ -165,10 +168,17 @@ class Errors:
     conditions: tuple[str, ...]
     bound: Floats
     fits: Estimates
+    measured: Columns
 
     @classmethod
     def of(
-        cls, study: Study, batch: Batch, bound: Floats, fits: Sequence[list[Estimates]], of_spheres: bool = True
+        cls,
+        study: Study,
+        batch: Batch,
+        bound: Floats,
+        fits: Sequence[list[Estimates]],
+        measured: Sequence[list[Columns]] = (),
+        of_spheres: bool = True,
     ) -> "Errors":
         """Compare fits with the truth.
 
@@ -178,6 +188,7 @@ class Errors:
             bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
             fits: of all trials: for each level, or several levels that were fitted together, a fit per estimator, of
                 each trial's levels one after the other.
+            measured: for each level the columns of the measures (T,) of each estimator; none if they are not known.
             of_spheres: true if the fits are spheres; false if they are their errors already.
         """
         cells = batch.cells
@@ -203,7 +214,10 @@ class Errors:
             radius=(whole.radius - true_radius) * scale,
             noise_variance=whole.noise_variance * scale**2,
         )
-        return cls(batch, study.estimators, tuple(c.name for c in study.conditions()), bound, errors)
+        columns = measures.missing(study.measures, study.dimension, errors.radius.shape)
+        for name in columns if measured else ():
+            columns[name] = np.array([[of_fit[name] for of_fit in at_level] for at_level in measured])[level]
+        return cls(batch, study.estimators, tuple(c.name for c in study.conditions()), bound, errors, columns)
 
     @classmethod
     def joined(cls, parts: Sequence["Errors"]) -> "Errors":
@@ -211,8 +225,9 @@ class Errors:
         if len(parts) == 1:
             return parts[0]
         fits = Estimates(*(np.concatenate(arrays, axis=2) for arrays in zip(*(p.fits for p in parts), strict=True)))
-        batch = replace(parts[0].batch, last=parts[-1].batch.last)
-        return replace(parts[0], batch=batch, bound=np.concatenate([part.bound for part in parts]), fits=fits)
+        measured = {name: np.concatenate([p.measured[name] for p in parts], axis=2) for name in parts[0].measured}
+        batch, bound = replace(parts[0].batch, last=parts[-1].batch.last), np.concatenate([p.bound for p in parts])
+        return replace(parts[0], batch=batch, bound=bound, fits=fits, measured=measured)
 
     @property
     def cells(self) -> tuple[Cell, ...]:
@@ -262,6 +277,7 @@ class Errors:
             "status": fits.status.ravel()[place],
             "condition": fits.condition.ravel()[place],
             "iterations": fits.iterations.ravel()[place],
+            **{name: values.ravel()[place] for name, values in self.measured.items()},
         }
 
 
@@ -332,7 +348,7 @@ class Result:
         self._study, self._cause = study, cause
         self._seconds: dict[tuple[str, int], list[float]] = {}
         self._points: dict[tuple[int, int], Columns] = {}
-        self._failures: list[tuple[int, int, int, int, Cell, str, str]] = []
+        self._failures: dict[tuple[int, int, int, int], tuple[Cell, str, str]] = {}
         self._last = perf_counter()
 
     def clock(self, step: str, samples: int, fits: int) -> None:
@@ -344,7 +360,7 @@ class Result:
         self._last = perf_counter()
 
     def fail(self, name: str, cells: Sequence[int], batch: Batch, raised: Mapping[int, str]) -> None:
-        """Note the exceptions of an estimator.
+        """Note the exceptions of an estimator, or of a measure of its fits; of each fit the first.
 
         Args:
             name: the estimator's.
@@ -356,8 +372,7 @@ class Result:
         for place, message in raised.items():
             trial = batch.first + place
             for cell in cells:
-                order = (trial // size, cell, estimator, trial)
-                self._failures.append((*order, batch.cells[cell], name, message))
+                self._failures.setdefault((trial // size, cell, estimator, trial), (batch.cells[cell], name, message))
 
     def add_points(self, place: int, batch: Batch, samples: Samples) -> None:
         """Add the points of a cell of a batch, as far as the study keeps them, from those of its level."""
@@ -394,7 +409,9 @@ class Result:
         """Columns of the fits that failed, in the order of the error table; none if none did."""
         if not self._failures:
             return {}
-        *_, trials, cells, names, messages = zip(*sorted(self._failures, key=lambda row: row[:4]), strict=True)
+        places = sorted(self._failures)
+        trials = [trial for *_, trial in places]
+        cells, names, messages = zip(*map(self._failures.__getitem__, places), strict=True)
         return {
             "cell": np.array([cell.name for cell in cells], dtype=object),
             "trial": np.array(trials, dtype=np.int64),
@@ -434,17 +451,21 @@ def _from_points(study: Study, unit: Batch, result: Result) -> None:
         result.clock("draw", n, trials)
         bound = draws.unit_bound()
         fits: list[list[Estimates]] = []
+        measured: list[list[Columns]] = []
         result.clock("bound", n, trials)
         for places in batch.group.levels:
-            samples = draws.place(batch.cells[places[0]].level, _workspace)
+            level = batch.cells[places[0]].level
+            samples = draws.place(level, _workspace)
             result.clock("points", n, trials)
             samples.regression  # noqa: B018  computed now, so that no estimator's time includes what all use
             result.clock("moments", n, trials)
             fits.append(_fits(study, samples, places, batch, result))
             for place in places if study.keep_points else ():
                 result.add_points(place, batch, samples)
+            truth = Truth(np.array(level.center), level.radius, level.noise, level.noise**2 * bound)
+            measured.append(_measured(study, samples, fits[-1], truth, places, batch, result))
         if study.estimators:  # if all fits are known already, a run may need points or timings alone
-            result.blocks.append(Errors.of(study, batch, bound, fits))
+            result.blocks.append(Errors.of(study, batch, bound, fits, measured))
 
 
 def _from_moments(study: Study, unit: Batch, result: Result) -> None:
@@ -478,6 +499,32 @@ def _fits(study: Study, samples: Samples, places: Sequence[int], batch: Batch, r
         result.fail(name, places, batch, raised)
         result.clock(name, batch.group.samples, batch.trials)
     return fits
+
+
+def _measured(
+    study: Study,
+    samples: Samples,
+    fits: list[Estimates],
+    truth: Truth,
+    places: Sequence[int],
+    batch: Batch,
+    result: Result,
+) -> list[Columns]:
+    """Columns of the study's measures of the fits of a level, for each estimator; see `_fits`.
+
+    Standard errors are those of fits that are given no noise.
+    """
+    of_fits: list[Columns] = []
+    samples = replace(samples, noise=None)
+    for name, fit in zip(study.estimators, fits, strict=True):
+        of_fits.append({})
+        for measure in study.measures:
+            columns, raised = measures.attempt(measure, samples, fit, name, truth)
+            of_fits[-1] |= columns
+            result.fail(name, places, batch, raised)
+    if study.measures:
+        result.clock("measures", batch.group.samples, batch.trials)
+    return of_fits
 
 
 def stack(parts: Iterable[Columns]) -> Columns:

@@ -247,11 +247,23 @@ COORDINATES = _of_laws(
     meaning="change of the coordinates that are measured",
     in_full="change of the coordinates that are measured: none, or rounded to a grid",
 )
+KAPPA = _silent(
+    name="kappa",
+    symbol="κ",
+    meaning="least variance of the directions over the standard error of the noise's variance",
+    in_full="κ = (v/σ²)√(N/2), v the least variance of the directions: at 1 the noise hides the curvature of any cap",
+    allowed=lambda v: v > 0,
+    rule="above 0: the noise follows from it, the number of samples, the angle and the radius",
+    alternative="noise",
+    law=False,
+    by_moments=True,
+    by_posterior=True,
+)
 DEPARTURES = (LAW, OUTLIER_SHARE, OUTLIER_SIZE, OUTLIER_LAW, COORDINATES)
 """The conditions that make the noise other than normal."""
 
 _PLACING = (SAMPLES, NOISE, NOISE_OVER_RADIUS, ANGLE, RADIUS, CENTER)
-_FURTHER = (LAW, OUTLIER_SHARE, OUTLIER_SIZE, STATED_VARIANCE, DIRECTIONS, OUTLIER_LAW, COORDINATES)
+_FURTHER = (LAW, OUTLIER_SHARE, OUTLIER_SIZE, STATED_VARIANCE, DIRECTIONS, OUTLIER_LAW, COORDINATES, KAPPA)
 CONDITIONS = {c.name: c for c in (*_PLACING, *_FURTHER)}
 """Every condition by its name, in the order of keys, columns and labels. A new one is appended."""
 

@@ -39,6 +39,7 @@ from pydantic import (
 from study.fits import ESTIMATORS
 from study.fits.samples import Worded
 from study.simulation.experiment import laws
+from study.simulation.experiment import measures as registry
 from study.simulation.experiment.conditions import CONDITIONS, LAWS, STORED, Condition, Value
 from study.simulation.experiment.designs import (
     MAX_CELLS,
@@ -53,7 +54,18 @@ from study.simulation.experiment.designs import (
 )
 from study.simulation.experiment.noise import GaussianNoise, gaussian
 from study.text import did_you_mean, listed
-from study.toml import ConfigError, Distinct, Fault, Frozen, Listed, distinct, report, toml_tables, toml_text
+from study.toml import (
+    ConfigError,
+    Distinct,
+    Fault,
+    Frozen,
+    Listed,
+    distinct,
+    each_once,
+    report,
+    toml_tables,
+    toml_text,
+)
 from study.words import estimator_remedy
 
 Noise = Literal["known", "unknown"]
@@ -194,8 +206,16 @@ def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
+def _known_measures(names: tuple[str, ...]) -> tuple[str, ...]:
+    unknown = [name for name in names if name not in registry.MEASURES]
+    if unknown:
+        raise ValueError(f"{listed(map(repr, unknown))} unknown; {did_you_mean(unknown[0], registry.MEASURES)}")
+    return names
+
+
 FolderName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,60}$")]
 EstimatorNames = Annotated[Distinct[str], AfterValidator(_known_estimators)]
+MeasureNames = Annotated[Listed[str], AfterValidator(each_once), AfterValidator(_known_measures)]
 
 
 class Study(Frozen):
@@ -220,6 +240,8 @@ class Study(Frozen):
     for closed forms only, which gives the statistical error without rounding, and all noise levels at once."""
     keep: Literal["errors", "summary"] = "errors"
     """The table that is stored: the error of every fit, or only their summary."""
+    measures: MeasureNames = ()
+    """Names of what is measured of each fit besides its error; `study measures` lists them."""
     design: Annotated[SerializeAsAny[Grid | Random], PlainValidator(_DESIGNS.validate_python)]
     posterior: Posterior | None = None
     precision: Precision | None = None
@@ -232,7 +254,9 @@ class Study(Frozen):
 
     def cells(self) -> int:
         """Number of cells: in a random design, one per trial."""
-        return self.design.cells()
+        if getattr(self.design, "most_noise", None) is None:
+            return self.design.cells()
+        return sum(len(group.cells) for group in self.groups())
 
     def independent(self) -> bool:
         """True if no two cells share their directions and noise."""
@@ -297,6 +321,18 @@ class Study(Frozen):
         given = self.design.given()
         return tuple(c for c in STORED if not c.silent or c.name in given)
 
+    def columns(self) -> tuple[int, tuple[Condition, ...], tuple[registry.MeasureColumn, ...]]:
+        """Arguments of `study.simulation.runs.schemas.declared`, which gives the columns of the study's tables."""
+        return self.dimension, self.conditions(), self.measured()
+
+    def measured(self) -> tuple[registry.MeasureColumn, ...]:
+        """The columns of the study's measures."""
+        return registry.stored(self.measures, self.dimension)
+
+    def measure_versions(self) -> dict[str, int | str]:
+        """Versions of the study's measures by name."""
+        return {name: registry.MEASURES[name].version for name in self.measures}
+
     def canonical(self) -> str:
         """The config as JSON, as far as it determines the error table.
 
@@ -314,15 +350,16 @@ class Study(Frozen):
     def stem(self) -> str:
         """The entries that determine a row besides its cell, trial and estimator, as JSON: the seed, for example.
 
-        The code of a law of a user's own is one of them, by its digest.
+        The code of a law of a user's own is one of them, by its digest, and that of each measure, by its version.
         """
         left_out = {"posterior", "precision", "tolerate_failures", "name", "design", "estimators", "keep_points"}
         own = " ".join(f"{name}@{laws.ORIGINS[name].digest}" for name in self.own_laws())
+        own += "".join(f" {name}@{version}" for name, version in self.measure_versions().items())
         return self.model_dump_json(exclude={*left_out, *self._unused()}) + own
 
     def _unused(self) -> set[str]:
         """Newer entries that are at their defaults; they are left out, so that older configs keep their digest."""
-        names = ("route", "keep", "precision")
+        names = ("route", "keep", "precision", "measures")
         return {name for name in names if getattr(self, name) == type(self).model_fields[name].default}
 
     def digest(self) -> str:
@@ -351,8 +388,8 @@ def parse(text: str, source: str = "config") -> Study:
         study = Study.model_validate(raw)
     except ValidationError as error:
         faults = distinct(faults + report(error, _KEYS, _path))
-    if study is not None and study.cells() > MAX_CELLS:
-        faults.append(Fault(("design",), f"{study.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
+    if study is not None and study.design.cells() > MAX_CELLS:
+        faults.append(Fault(("design",), f"{study.design.cells():,} cells; at most {MAX_CELLS:,} are allowed"))
     elif study is not None:
         for check in (
             _departure_faults,
@@ -361,6 +398,7 @@ def parse(text: str, source: str = "config") -> Study:
             _level_faults,
             _posterior_faults,
             _precision_faults,
+            _measure_faults,
         ):
             faults += check(study)
     if faults or study is None:
@@ -384,10 +422,10 @@ def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
     design, d = raw.get("design"), raw.get("dimension", 3)
     if not isinstance(d, int) or not isinstance(design, dict):
         return
-    either = ("noise", "noise_over_radius")
+    either = ("noise", "noise_over_radius", "kappa")
     given = [key for key in either if key in design]
     if len(given) != 1:
-        words = f"give noise or noise_over_radius, one of the two (found {' and '.join(given) or 'neither'})"
+        words = f"give one of noise, noise_over_radius and kappa (found {' and '.join(given) or 'none'})"
         yield Fault(("design",), words, wants=() if given else tuple(("design", key) for key in either))
     counts = _sample_counts(design.get("samples"))
     if counts and min(counts) < d + 1:
@@ -410,6 +448,7 @@ def _faults_between_keys(raw: dict[str, Any]) -> Iterator[Fault]:
     for wrong, key, words in (
         (moments and shape is not None, "noise_shape", 'the route "moments" is for isotropic noise'),
         (moments and points, "keep_points", 'the route "moments" forms no points'),
+        (moments and bool(raw.get("measures")), "measures", 'the route "moments" forms no points, which they need'),
         (moments and random, "route", 'a random design draws every trial for one level: route = "points"'),
         (summary and random, "keep", 'a random design has one trial in a cell: keep = "errors"'),
         (summary and points, "keep_points", 'belongs to the errors, which keep = "summary" does not store'),
@@ -423,6 +462,8 @@ def _departure_faults(study: Study) -> Iterator[Fault]:
     given = study.design.given()
     if "law" in given and study.noise_shape is not None:
         yield Fault(("noise_shape",), "is the covariance of normal noise: take law out of the design")
+    if "kappa" in given and "directions" in given:
+        yield Fault(("design", "kappa"), "is of directions by area: take directions out, or give noise instead")
     for name in ("outlier_size", "outlier_law"):
         if name in given and "outlier_share" not in given:
             yield Fault(("design", name), "has no effect without outlier_share, the probability of an outlier")
@@ -469,6 +510,9 @@ def _neglect_faults(study: Study) -> Iterator[Fault]:
 def _level_faults(study: Study) -> Iterator[Fault]:
     """Find noise that float64 cannot hold both as σ and as σ over the radius."""
     given = study.design.given()
+    if not study.cells():
+        words = "leaves no cell: raise it, or give less noise"
+        yield Fault(("design", "most_noise"), words, getattr(study.design, "most_noise", None))
     name = "noise" if "noise" in given else "noise_over_radius"
     if name not in given:  # which is another fault
         return
@@ -531,6 +575,11 @@ def _precision_faults(study: Study) -> Iterator[Fault]:
     if unknown := [name for name in precision.estimators or () if name not in study.estimators]:
         words = f"{listed(map(repr, unknown))} not among the study's; {estimator_remedy(unknown, study.estimators)}"
         yield Fault(("precision", "estimators"), words)
+
+
+def _measure_faults(study: Study) -> Iterator[Fault]:
+    """Find measures of a user's own that fail in the study's dimension, and two that have the same column."""
+    return (Fault(("measures",), words) for words in registry.faults(study.measures, study.dimension))
 
 
 def _sample_counts(samples: object) -> list[int]:

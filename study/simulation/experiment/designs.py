@@ -11,7 +11,7 @@ import math
 import operator
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import chain, product
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -25,6 +25,7 @@ from pydantic import (
     model_serializer,
 )
 
+from study.fits.cap import cap_moments
 from study.fits.random import Name, stream
 from study.simulation.experiment.conditions import (
     CONDITIONS,
@@ -67,10 +68,15 @@ class Cell:
 
     @classmethod
     def of(cls, values: Mapping[str, Value], center: tuple[float, ...], scale: float = 1.0) -> "Cell":
-        """Make a cell from the values of its conditions by name, of which the noise may be relative to the radius."""
-        radius = float(values["radius"])
-        sigma = float(values["noise"]) if "noise" in values else float(values["noise_over_radius"]) * radius
-        return cls(int(values["samples"]), sigma, float(values["angle"]), radius, center, scale, further(values))
+        """Make a cell from the values of its conditions by name; the noise may be relative to the radius, or by κ."""
+        samples, angle, radius = int(values["samples"]), float(values["angle"]), float(values["radius"])
+        if "noise" in values:
+            sigma = float(values["noise"])
+        elif "noise_over_radius" in values:
+            sigma = float(values["noise_over_radius"]) * radius
+        else:
+            sigma = rounded(relative_noise(samples, angle, float(values["kappa"]), len(center)) * radius)
+        return cls(samples, sigma, angle, radius, center, scale, further(values))
 
     @cached_property
     def name(self) -> str:
@@ -108,6 +114,18 @@ class Cell:
         known = {name: getattr(self, name) for name in ("samples", "noise", "angle", "radius")}
         silent = {c.name: c.default for c in SILENT if c.default is not None}
         return known | {"center": self.distance} | silent | dict(self.further)
+
+
+def relative_noise(samples: int, angle: float, kappa: float, dimension: int) -> float:
+    """The noise σ in radii that has a κ."""
+    return math.sqrt(_least_variance(angle, dimension) / kappa * math.sqrt(samples / 2.0))
+
+
+@cache
+def _least_variance(angle: float, dimension: int) -> float:
+    """The least variance of directions that are uniform by area on a cap of a half-angle in degrees."""
+    moments = cap_moments(math.radians(angle), dimension)
+    return min(moments.along, moments.across)
 
 
 def further(values: Mapping[str, Value]) -> Further:
@@ -398,10 +416,12 @@ class Grid(_Design):
     """Cells of equal samples and angle share their draws, so that differences are precise; or each cell has its own."""
     most_samples: Annotated[int, Field(ge=1)] | None = None
     """Limit of trials times samples: cells of many samples have fewer trials."""
+    most_noise: Annotated[float, Field(gt=0.0)] | None = None
+    """Largest noise σ, as a share of the radius: cells of larger noise are left out."""
     one_trial_a_cell = False
 
     def cells(self) -> int:
-        """Number of combinations."""
+        """Number of combinations, also of those that `most_noise` leaves out."""
         return math.prod(len(values) for values in self.given().values())
 
     def trials_of(self, samples: int) -> int:
@@ -413,7 +433,7 @@ class Grid(_Design):
         given: dict[str, tuple[Value, ...]] = self.given()
         if condition.name in given:
             return given[condition.name]
-        if condition.alternative:
+        if condition.alternative and not condition.silent:
             change = operator.mul if condition.name == "noise" else operator.truediv
             other = given.get(condition.alternative, ())
             return tuple(change(float(v), float(r)) for v, r in product(other, given["radius"]))
@@ -436,7 +456,10 @@ class Grid(_Design):
         for drawn in product(*(given[name] for name in apart)):
             common = dict(zip(apart, drawn, strict=True))
             placed = product(*(given[name] for name in together))
-            cells = tuple(_cell(common | dict(zip(together, values, strict=True)), dimension) for values in placed)
+            whole = (_cell(common | dict(zip(together, values, strict=True)), dimension) for values in placed)
+            most = math.inf if self.most_noise is None else self.most_noise
+            if not (cells := tuple(cell for cell in whole if cell.noise <= most * cell.radius)):
+                continue
             name: Name = ("draw", cells[0].samples, cells[0].angle, dimension, *chain(*further(common)))
             size = block_trials(cells[0].samples)
             if self.draws == "shared":
@@ -445,7 +468,7 @@ class Grid(_Design):
                 yield from (Group((*name, cell.name), size, (cell,)) for cell in cells)
 
     def _unwritten(self) -> set[str]:
-        return super()._unwritten() | ({"most_samples"} if self.most_samples is None else set())
+        return super()._unwritten() | {name for name in ("most_samples", "most_noise") if getattr(self, name) is None}
 
 
 _AXES: Any = {name: axis(condition) for name, condition in CONDITIONS.items() if condition.axis}

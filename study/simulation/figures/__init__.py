@@ -21,6 +21,7 @@ _MODULES = (
     "fig_map",
     "fig_robustness",
     "fig_misfit",
+    "fig_coverage",
 )
 _POSTERIORS = ("fig_posterior", "fig_calibration")
 FIGURES: dict[str, FigureModule] = {

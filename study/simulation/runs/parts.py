@@ -328,7 +328,7 @@ def give_up(study: Study, task: UnitTask, message: str) -> Packet:
 
 
 def _packed(study: Study, tasks: tuple[UnitTask, ...], answer: Callable[[Study, Batch], Result]) -> Packet:
-    columns, of_tasks = schemas.of_units(study.dimension, study.conditions()), []
+    columns, of_tasks = schemas.of_units(*study.columns()), []
     for task in tasks:
         points = study.keep_points if any(o.startswith(POINTS) for o in task.outputs) else 0
         part = study.model_copy(update={"estimators": estimators_of(task.outputs), "keep_points": points})
@@ -348,7 +348,7 @@ def tables(study: Study, result: Result) -> dict[str, Columns]:
     if study.keep == "errors":
         table["errors"] = result.errors
     elif result.blocks:
-        table["summary"] = statistics.of_errors(Errors.joined(result.blocks))
+        table["summary"] = statistics.of_errors(Errors.joined(result.blocks), study.measured())
         samples = result.blocks[0].cells[0].samples
         result.clock("summary", samples, sum(block.fits.radius.size for block in result.blocks))
     return table | {"timings": result.timings}
@@ -472,7 +472,7 @@ class Layout:
             Outputs, and their rows.
         """
         task = self.task(piece)
-        columns = schemas.of_units(self.study.dimension, self.study.conditions())[name]
+        columns = schemas.of_units(*self.study.columns())[name]
         for outputs, fresh, table in parts.tables(task.key, name):
             wanted = tuple(output for output in fresh if output in task.outputs)
             if not wanted or (name == "points" and not any(o.startswith(POINTS) for o in wanted)):

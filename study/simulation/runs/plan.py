@@ -212,7 +212,7 @@ def plan(study: Study, jobs: int) -> Plan:
     fits = trials * len(study.estimators)
     rows = study.cells() * len(study.estimators) if study.keep == "summary" else fits
     stored = min(study.keep_points, study.design.trials) * samples / study.design.trials
-    space = _ROW_BYTES * rows + _POINT_BYTES * stored
+    space = (_ROW_BYTES + 8.0 * sum(c.kind is float for c in study.measured())) * rows + _POINT_BYTES * stored
     seconds = max((seconds + pace.summary * study.cells()) / min(jobs, units), longest)
     seconds += _ROW_SECONDS * rows + _START_SECONDS * processes
     return Plan(study.cells(), units, trials, draws, samples, fits, space, seconds)

@@ -35,7 +35,7 @@ from study import files
 from study.files import RunError, explained, join, write
 from study.fits import ESTIMATORS
 from study.fits.registry import origins
-from study.simulation.experiment import laws
+from study.simulation.experiment import laws, measures
 from study.simulation.experiment.config import Study, load
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import DAMAGED, FORMAT
@@ -90,6 +90,8 @@ class Begun(BaseModel, strict=True):
     tables: dict[str, str]
     own_estimators: list[dict[str, Any]] | None = None
     own_laws: list[dict[str, object]] | None = None
+    own_measures: list[dict[str, object]] | None = None
+    measures: dict[str, int | str] = {}
     posterior: dict[str, Any] = {}
     precision: dict[str, int] = {}
     stopped_after: float = math.nan
@@ -139,14 +141,14 @@ def _without_digest(content: Manifest) -> Manifest:
 
 
 def _own_files(folder: Path) -> list[str]:
-    """Files or packages whose estimators or laws a run has, by its manifest, whatever else is wrong with that.
+    """Files or packages whose estimators, laws or measures a run has, by its manifest, whatever else is wrong there.
 
     Returns:
         Their names; none if all were shipped, or the manifest does not say.
     """
     try:
         manifest = json.loads((folder / NAME).read_text(encoding="utf-8"))
-        entries = [*manifest.get("own_estimators", ()), *manifest.get("own_laws", ())]
+        entries = [each for kind in ("estimators", "laws", "measures") for each in manifest.get(f"own_{kind}", ())]
         return list(dict.fromkeys(str(entry["from"]) for entry in entries))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return []
@@ -245,7 +247,7 @@ class Run:
         except ConfigError as error:
             words = "; ".join(line.strip() for line in str(error).splitlines())
             own = ", ".join(_own_files(folder))
-            hint = f"; it was made with estimators or laws of {own}: give --plugin FILE" if own else ""
+            hint = f"; it was made with estimators, laws or measures of {own}: give --plugin FILE" if own else ""
             again = f"`study run CONFIG --out {folder}`, with the config that it was made of, writes it again"
             raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}{hint}") from None
 
@@ -333,7 +335,7 @@ class Run:
         """The fault of a stored table that should have a digest, and the columns declared; None if it has both."""
         if self.fingerprint(name) != digest:
             return f"damaged: its SHA-256 is not the one in {NAME}"
-        declared = schemas.declared(self.study.dimension, self.study.conditions()).get(name, [])
+        declared = schemas.declared(*self.study.columns()).get(name, [])
         try:
             return schemas.fault(pq.read_schema(self.path(name)), declared)
         except (OSError, pa.ArrowException, ValueError) as error:
@@ -345,8 +347,9 @@ class Run:
         return f"`{' '.join(['study', *command, str(self.folder), *self.plugins()])}`"
 
     def plugins(self) -> list[str]:
-        """The options that give the files whose estimators or laws the run has; packages are found without them."""
+        """The options that give the files whose estimators, laws or measures the run has; packages are found anyway."""
         own = origins(self.study.estimators) + laws.origins(self.study.own_laws())
+        own += measures.origins(self.study.measures)
         names = dict.fromkeys(str(origin["from"]) for origin in own)
         return [word for name in names if name.endswith(".py") for word in ("--plugin", name)]
 
@@ -516,17 +519,19 @@ class Run:
     def up_to_date(self) -> bool:
         """Tell whether a finished run has nothing left to compute.
 
-        No estimator and no law of a user's own is newer, and no unit is lost.
+        No estimator, no measure and no law of a user's own is newer, and no unit is lost.
         """
         manifest = self.manifest()
         made = manifest["estimators"]
         newest = all(str(made[n]) == str(ESTIMATORS[n].version) for n in made)
-        return not manifest["lost"] and newest and self.same_laws()
+        return not manifest["lost"] and newest and self.same_code()
 
-    def same_laws(self) -> bool:
-        """Tell whether the laws of a user's own are those that a finished run was drawn by."""
-        made = {str(origin["sha256"]) for origin in self.known().get("own_laws") or ()}
-        return made == {str(origin["sha256"]) for origin in laws.origins(self.study.own_laws())}
+    def same_code(self) -> bool:
+        """Tell whether the measures, and the laws of a user's own, are those that a finished run was made by."""
+        known = self.known()
+        made = {str(origin["sha256"]) for origin in known.get("own_laws") or ()}
+        same = known.get("measures", {}) == self.study.measure_versions()
+        return same and made == {str(origin["sha256"]) for origin in laws.origins(self.study.own_laws())}
 
     def stopped(self) -> float | None:
         """Seconds of the budget that stopped the run before its end; None if none did."""

@@ -28,7 +28,7 @@ from study.files import RunError, TableRows, writing
 from study.fits import ESTIMATORS
 from study.fits.random import Name
 from study.fits.registry import only_here, origins
-from study.simulation.experiment import laws
+from study.simulation.experiment import laws, measures
 from study.simulation.experiment.config import Study
 from study.simulation.runs import provenance, schemas
 from study.simulation.runs.adaptive import BUDGET, TARGET, Rounds, TimeBudget
@@ -66,6 +66,8 @@ def failure_message(run: Run) -> str | None:
     if failures <= tolerated * fits:
         return None
     words = f"{failures:,} of {fits:,} fits raised an exception or killed their worker"
+    first = run.arrow("failures").slice(0, 1).to_pylist()[0]
+    words += f", the first of them {first['name']} by {first['estimator']}: {first['message'].splitlines()[0]}"
     return f"{run.path('failures')}: {words}; tolerate_failures = {tolerated:g}"
 
 
@@ -91,7 +93,7 @@ class EarlierRun:
     @classmethod
     def of(cls, run: Run) -> "EarlierRun | None":
         """Open a run; None if it is not finished, or its rows are damaged."""
-        if "errors" not in run.digests() or {"errors", "failures"} & set(run.damaged()) or not run.same_laws():
+        if "errors" not in run.digests() or {"errors", "failures"} & set(run.damaged()) or not run.same_code():
             return None
         try:
             return cls(run)
@@ -183,7 +185,8 @@ def run(
     warn = warn or partial(print, file=sys.stderr)
     budget = budget or TimeBudget(study.precision.seconds if study.precision else None)
     workers = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
-    if workers.backend != "threads" and (names := only_here(study.estimators) + laws.only_here(study.own_laws())):
+    names = only_here(study.estimators) + laws.only_here(study.own_laws()) + measures.only_here(study.measures)
+    if workers.backend != "threads" and names:
         words = f"registered by this program alone, which {workers.backend} workers do not know"
         raise RunError(f"{', '.join(names)}: {words}; use threads, or a file with --plugin")
     with contextlib.ExitStack() as stack:
@@ -293,7 +296,7 @@ class _Computation:
         """
         store, parts, layout, study, clock = self.store, self.parts, self.layout, self.study, time.perf_counter()
         metadata = {"study.config": study.canonical(), "study.software": json.dumps(parts.software)}
-        tables = schemas.of_units(study.dimension, study.conditions())
+        tables = schemas.of_units(*study.columns())
         store.forget(*tables, "precision")  # they are about to be replaced
         store.remove("summary")
         written, causes, reasons = [], Counter[str](), Counter[str]()
@@ -329,6 +332,8 @@ class _Computation:
                 "tables": {name: store.fingerprint(name) for name in written} | before.get("tables", {}),
                 **({"own_estimators": own} if (own := origins(study.estimators)) else {}),
                 **({"own_laws": own} if (own := laws.origins(study.own_laws())) else {}),
+                **({"own_measures": own} if (own := measures.origins(study.measures)) else {}),
+                **({"measures": made} if (made := study.measure_versions()) else {}),
                 "started": self.started.isoformat(timespec="seconds"),
                 "seconds_computing": round(parts.seconds, 3),
                 "seconds": round(parts.seconds + time.perf_counter() - clock, 3),

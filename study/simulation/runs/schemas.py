@@ -9,7 +9,8 @@ import pyarrow as pa
 from study.fits import Status
 from study.simulation.experiment.conditions import COLUMNS, CONDITIONS, Condition, bound_law
 from study.simulation.experiment.config import ChainStatus
-from study.simulation.statistics import MEASURES
+from study.simulation.experiment.measures import MeasureColumn
+from study.simulation.statistics import MEASURES, of_column
 
 
 class Column(NamedTuple):
@@ -48,12 +49,15 @@ def _bound_law(conditions: Iterable[Condition]) -> str:
     return f"; {law}" if law else ""
 
 
-def errors(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
+def errors(
+    dimension: int, conditions: Sequence[Condition] = COLUMNS, measured: Sequence[MeasureColumn] = ()
+) -> list[Column]:
     """The error table: a row per cell, trial and estimator.
 
     Args:
         dimension: d.
         conditions: those that have a column in the study's tables.
+        measured: columns of the study's measures.
     """
     law = _bound_law(conditions)
     return [
@@ -70,6 +74,7 @@ def errors(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list[Co
         Column("status", pa.int8(), "", _STATUSES),
         Column("condition", pa.float64(), "", "ρ(Σ̂C⁻¹), the Leontief condition; NaN if nothing is subtracted"),
         Column("iterations", pa.int32(), "", "steps of an iteration; 0 for a closed form"),
+        *(Column(name, pa.bool_() if kind is bool else pa.float64(), "", words) for name, kind, words in measured),
     ]
 
 
@@ -111,8 +116,8 @@ def _varying(condition: Condition) -> Column:
     return Column(condition.name, pa.float64(), condition.unit, f"{condition.meaning}; not a number where it varies")
 
 
-def summary(conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
-    """The summary table: a row per group, a cell or a decade of σ/r, and estimator; for the argument see `errors`."""
+def summary(conditions: Sequence[Condition] = COLUMNS, measured: Sequence[MeasureColumn] = ()) -> list[Column]:
+    """The summary table: a row per group, a cell or a decade of σ/r, and estimator; for the arguments see `errors`."""
     columns = [
         Column("group", pa.string(), "", "name of the cell, or the decade of σ/r by its lower end"),
         Column("estimator", _WORD, "", "name of the estimator"),
@@ -123,9 +128,11 @@ def summary(conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
     ]
 
     law = _bound_law(conditions)
-    for name, measure in MEASURES.items():
-        of_bound = "bound" in measure.meaning or "CRLB" in measure.meaning
-        columns.append(Column(name, pa.float64(), "", measure.meaning + law * of_bound))
+    meanings = {name: measure.meaning for name, measure in MEASURES.items()}
+    meanings |= {name: meaning for column in measured for name, (meaning, _) in of_column(column).items()}
+    for name, meaning in meanings.items():
+        of_bound = "bound" in meaning or "CRLB" in meaning
+        columns.append(Column(name, pa.float64(), "", meaning + law * of_bound))
         columns.append(Column(f"{name}_error", pa.float64(), "", f"Monte-Carlo standard error of {name}"))
     return columns
 
@@ -238,20 +245,24 @@ def precision(conditions: Sequence[Condition] = COLUMNS) -> list[Column]:
     return [Column("cell", _WORD, "", "name of the condition"), *_conditions(conditions), *_PRECISION]
 
 
-def of_units(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[str, list[Column]]:
+def of_units(
+    dimension: int, conditions: Sequence[Condition] = COLUMNS, measured: Sequence[MeasureColumn] = ()
+) -> dict[str, list[Column]]:
     """Columns of the tables that units fill, by table: errors or, in a study that keeps nothing else, the summary."""
     return {
-        "errors": errors(dimension, conditions),
+        "errors": errors(dimension, conditions, measured),
         "timings": TIMINGS,
         "points": points(dimension),
         "failures": FAILURES,
-        "summary": summary(conditions),
+        "summary": summary(conditions, measured),
     }
 
 
-def declared(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> dict[str, list[Column]]:
+def declared(
+    dimension: int, conditions: Sequence[Condition] = COLUMNS, measured: Sequence[MeasureColumn] = ()
+) -> dict[str, list[Column]]:
     """Columns of all tables of a run, by table."""
-    return of_units(dimension, conditions) | {
+    return of_units(dimension, conditions, measured) | {
         "precision": precision(conditions),
         "posterior": posterior(dimension, conditions),
         "answers": answers(dimension),

@@ -22,7 +22,7 @@ from study.simulation.experiment.designs import Cell
 from study.simulation.runs import schemas
 
 FOLDER = Path(study.__file__).parents[1] / "configs"
-OTHERS = {"coverage.toml", "readings.toml"}  # configs of another kind, which have their own reader
+OTHERS = {"readings.toml"}  # a config of another kind, which has its own reader
 CONFIGS = sorted(path for path in FOLDER.glob("*.toml") if path.name not in OTHERS)
 BASE = """name = "test"
 seed = 1

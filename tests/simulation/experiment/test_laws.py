@@ -167,7 +167,7 @@ def test_a_file_that_changes(von_mises, tmp_path):
     assert np.array_equal(after["error"] == before["error"], area)
     registry.unload(str(von_mises))
     with pytest.raises(
-        RunError, match=r"'von_mises\(2\)' not allowed.*estimators or laws of my.py: give --plugin FILE"
+        RunError, match=r"'von_mises\(2\)' not allowed.*estimators, laws or measures of my.py: give --plugin FILE"
     ):
         Run.open(again.folder)
 

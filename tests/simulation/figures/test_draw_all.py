@@ -45,6 +45,7 @@ def runs(circles, random, make_run):
         "noises": config({"estimators": [*two, "als"]}, noise_over_radius=[1e-3, 1e-2, 1e-1, 1], **cells),
         "laws": config(short, **cells, **level, **laws),
         "misfits": config(short, **cells, **level, **structured),
+        "intervals": config({"estimators": two, "measures": ["interval", "own_errors"]}, trials=30, angle=[45, 180]),
         "posteriors": config(chains, samples=20, noise=0.05, angle=120, **apart),
     }
     return {"circles": circles, **{kind: make_run(text) for kind, text in texts.items()}, "random": random}

@@ -28,6 +28,7 @@ TOP = {
     "tolerate_failures": [None, 1.0],
     "route": [None, "moments"],
     "keep": [None, "summary"],
+    "measures": [None, ["interval"], ["jaccard", "own_errors"]],
     "posterior": [None, {"where": {"samples": 6}, "trials": 1}],
     "precision": [None, {"relative_target": 0.9, "first": 100}],
 }
@@ -37,6 +38,8 @@ GRID = {
     "samples": [[6, 40], [40, 6], [6, 20, 40], [6]],
     "noise": [[0.05, 0.5], [0.5, 0.05], [0.01, 0.05, 0.5], [0.5], None],
     "noise_over_radius": [None, [0.05, 0.5], [0.5, 0.1, 0.05]],
+    "kappa": [None, [30.0, 100.0], [300.0, 100.0]],
+    "most_noise": [None, 0.3],
     "angle": [[60], [60, 90], [90, 45, 60]],
     "radius": [None, [1.0], [1.0, 2.0], [10.0, 1.0]],
     "center": [None, [0.0, 3.0], [3.0]],

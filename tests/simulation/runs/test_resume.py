@@ -88,7 +88,12 @@ def test_only_what_is_missing_is_computed(start, stopped, computed, tables, jobs
     assert not (stopped / "parts").exists()
 
 
-@pytest.mark.parametrize("top", [{"keep_points": 2}, {"keep": "summary"}], ids=["errors", "summary"])
+MEASURED = {"keep_points": 2, "measures": ["own_errors", "jaccard"]}
+
+
+@pytest.mark.parametrize(
+    "top", [{"keep_points": 2}, {"keep": "summary"}, MEASURED], ids=["errors", "summary", "measures"]
+)
 def test_a_run_killed_at_any_step(killed_at, start, computed, tmp_path, top):
     """Resumed, it has the bytes of an unbroken run, and computes what is not stored, and no more; nothing stays behind.
 
