@@ -161,11 +161,16 @@ _HOLDS = {
     "center_i": (bool, "the interval of the centre's component {} holds the truth"),
     "width": (float, "length of the radius's interval over that of ± t (or z) standard deviations of the bound"),
 }
+_OWN = {
+    "radius": (bool, "the radius ± t of its standard errors holds the truth"),
+    "center_i": (bool, "the centre's component {} ± t of its standard errors holds the truth"),
+    "width": (float, "standard error of the radius over the standard deviation of the bound"),
+}
 _IDENTIFIED = {"identified": (bool, "the points bound the radius, and the noise is below 0.35 radii")}
 _INDEX = {"index": (float, "volume of the intersection of the fitted and the true ball over that of their union")}
 MEASURES: dict[str, FitMeasure] = {
     "interval": FitMeasure(interval, _described(interval), {**_HOLDS, **_IDENTIFIED}, "theory §10"),
-    "own_errors": FitMeasure(own_errors, _described(own_errors), _HOLDS),
+    "own_errors": FitMeasure(own_errors, _described(own_errors), _OWN),
     "jaccard": FitMeasure(jaccard, _described(jaccard), _INDEX, "Jaccard 1912"),
 }
 """The measures by name."""
