@@ -18,7 +18,7 @@ from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import meanings, statuses
 from study.fits.form import FORM_DEGREES
 from study.fits.given import GivenFit
-from study.fits.judge import NOTHING, Assumptions
+from study.fits.judge import INFLUENCE, NOTHING, Assumptions
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
 from study.fits.prior import takes
@@ -323,8 +323,8 @@ class FileFits(NamedTuple):
         return fit_rows(self.fits, self.table.names)
 
     def ok(self) -> bool:
-        """True if every fit is ok."""
-        return all(bool(fit.ok) for fit in self.fits.values())
+        """True if every fit is ok, and uses no outliers that move it."""
+        return all(bool(fit.ok) and fit.to_dict()["outlier_influence"] <= INFLUENCE for fit in self.fits.values())
 
 
 def as_text(files: list[FileFits], noise: float | None = None, sensitivity: bool = False) -> Iterator[str]:

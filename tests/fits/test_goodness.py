@@ -616,7 +616,7 @@ def test_heavy_tails_are_no_outliers():
     assert at_least(fit.ok, 0.6)
     low, high = fit.interval("radius")[fit.ok].T
     assert at_least((low <= 1.0) & (high >= 1.0), 0.92)
-    assert all(one.to_dict()["outlier_influence"] <= 1.5 for one in fit[fit.ok])
+    assert all(one.to_dict()["outlier_influence"] <= 3.0 for one in fit[fit.ok])
 
 
 @pytest.mark.parametrize(("n", "memory"), [(12, 0.7), (40, 0.7), (100, 0.9)])

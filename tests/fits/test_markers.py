@@ -94,8 +94,8 @@ def test_one_marker(rng, weighted, n):
         joint, single = mgdk([points], noise, weighted), study.fit(points, name, noise)
         np.testing.assert_allclose(joint.center, single.center, rtol=0, atol=1e-9)
         assert joint.radii[0] == pytest.approx(float(single.radius), rel=1e-9)
-        assert joint.noise_variance == pytest.approx(float(single.noise_variance), rel=1e-9)
-        assert joint.condition == pytest.approx(float(single.condition), rel=1e-9)
+        assert joint.noise_variance == pytest.approx(float(single.estimates.noise_variance), rel=1e-9)
+        assert joint.condition == pytest.approx(float(single.estimates.condition), rel=1e-9)
         np.testing.assert_allclose(joint.covariance, single.covariance[:3, :3], rtol=1e-8)
 
 
