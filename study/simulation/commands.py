@@ -267,7 +267,8 @@ def rank(folders: Ranked, by: RankBy = "center", level: RankLevel = 0.95, table:
     """Rank estimators, with all that may be the best.
 
     Those are marked that cannot be told from the best. Estimators are compared on the same trials: by the median and
-    the root mean square of their errors, in each cell, over the cells of a run, and over all runs. A fit without a number counts as infinitely far.
+    the root mean square of their errors, in each cell, over the cells of a run, and over all runs. A fit without a
+    number counts as infinitely far.
     """
     from study.files import save_frame
     from study.simulation.analysis.rank import WORDS, of_run, printed, ranked
