@@ -43,8 +43,10 @@ _DRAWS = 1000
 _GROUPS = 200
 """Groups of trials, by their numbers, that are swapped together, if there are more trials."""
 _LARGEST, _LEAST = 1.0 - 1e-12, 1e-300
-_ROUNDING = 1e-6
-"""Difference of log losses that is rounding: estimators with the same answer differ in their last digits."""
+_ROUNDING = 1e-4
+"""Difference of log losses that is none: estimators with the same answer differ by rounding, and by where they stop."""
+_FEWEST = 10
+"""Trials of a cell that its quantiles need."""
 
 
 def disc_loss(distance: Floats, radius: Floats, true_radius: Floats) -> Floats:
@@ -190,7 +192,7 @@ class Mechanism:
         logs: mean log losses over the cells, by loss.
         marked: of each cell the estimators that may be the best (cells, k), by loss.
         failures: share of each estimator's fits without a number (k,).
-        seconds: per fit (k,); not a number where it is not known.
+        seconds: per fit, the median over the units of work (k,); not a number where it is not known.
     """
 
     name: str
@@ -213,15 +215,15 @@ def compared(errors: pd.DataFrame, estimators: Sequence[str], name: str = "", le
         level: of each comparison with the best.
 
     Raises:
-        RunError: if a cell has one trial only.
+        RunError: if a cell has fewer than ten trials.
     """
     names, flips = list(estimators), signs(name)
     means, marked = {loss: MeanLog() for loss in LOSSES}, {loss: list[Bools]() for loss in LOSSES}
     lost, counts = np.zeros(len(names)), list[int]()
     for cell, part in errors.groupby("cell", observed=True, sort=False):
         distances, trials = by_trial(part, names)
-        if len(trials) < 2:
-            raise RunError(f"cell {cell}: {len(trials)} trials; a ranking needs at least 2")
+        if len(trials) < _FEWEST:
+            raise RunError(f"cell {cell}: {len(trials)} trials; a ranking needs at least {_FEWEST}")
         for loss, logs in log_losses(distances, trials, flips).items():
             means[loss].add(logs)
             marked[loss].append(may_be_best(logs, level))
@@ -252,9 +254,9 @@ def of_run(run: Run, by: By = "center", level: float = 0.95) -> Mechanism:
         )
     errors = run.table("errors", ["cell", "trial", "estimator", "error", "radius_error", "radius"])
     result = compared(errors.assign(error=_losses(errors, by)), run.study.estimators, run.study.run_name(), level)
-    timings = run.table("timings", ["step", "fits", "seconds"]).astype({"step": str}).groupby("step").sum()
-    seconds = (timings["seconds"] / timings["fits"]).reindex(result.estimators)
-    result.seconds[:] = seconds.to_numpy(dtype=float)
+    timings = run.table("timings", ["step", "fits", "seconds"]).astype({"step": str})
+    seconds = (timings["seconds"] / timings["fits"]).groupby(timings["step"]).median()  # the first compiles
+    result.seconds[:] = seconds.reindex(result.estimators).to_numpy(dtype=float)
     return result
 
 
