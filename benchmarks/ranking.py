@@ -5,18 +5,22 @@
 
 The configs of configs/benchmark are run in results/, as far as they have not been, with the methods of other packages
 and of articles in benchmarks/methods. FOLDER has ``published_b1.csv`` and ``published_b2.csv``, tables of arXiv
-2507.11476 (its program's repository, Apache License 2.0), which are not part of this project; without them the rows of
-results/benchmark-published.csv that need them are left as they are.
+2507.11476 (its program's repository, Apache License 2.0), which are not part of this project. Without them the tables
+beside published numbers are left as they are: results/benchmark-published.csv from our sets of points, and
+results/benchmark-same-sets.csv from the very sets behind the published numbers, whose seeds are known.
 """
 
+import contextlib
 import sys
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pandas as pd
 from studies import ROOT, store
 
 import study
+from study.fits import registry
 from study.simulation.analysis import rank
 
 CONFIGS = ROOT / "configs" / "benchmark"
@@ -27,9 +31,13 @@ CIRCLES = ["b1", "b2", "b2-pixels", "b2-coarse", "lesouple", "lesouple-one-sided
 SPHERES = ["lesouple-spheres"]
 METHODS = {"Guo": "guo", "Greco": "greco", "Qi": "qi", "Nurunnabi": "nurunnabi", "RFCA": "rfca"}
 """The methods of arXiv 2507.11476 that stand in benchmarks/methods/robust_circles.py."""
-INDEX = "mean Jaccard index"
+INDEX, DISTANCE = "mean Jaccard index", "mean distance of centres, mm"
 SETS = 100
 """Sets behind each of their numbers; their errors are taken to be those of so many sets of ours."""
+NOISES, QUANTA = [0, 1, 2, 5, 10], [0, 1, 2, 4, 8, 16]
+"""Noise in per cent of the radius, and q, of B2 in the order of its seeds."""
+EQUAL = 5.1e-5
+"""Largest difference of numbers that are the same to four digits."""
 MOST = 3.0
 """Deviation in standard errors up to which two numbers agree."""
 
@@ -64,6 +72,78 @@ def deviation(row):
     return (row["ours"] - row["published"]) / np.linalg.norm(errors)
 
 
+def their_sets(seeds, circle, outliers, quantum=0):
+    """Sets of points of B1 or B2 as their program draws them.
+
+    Args:
+        seeds: of its generators, one for each set.
+        circle: centre, radius, angle that the points are spread over, number of points, and σ.
+        outliers: how many there are, and least and largest distance of one in σ.
+        quantum: q, by which coordinates are divided before they are rounded; 0 for neither.
+    """
+    center, radius, spread, count, sigma = circle
+    bad, least, most = outliers
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        angle, away = rng.uniform(0.0, spread, count), rng.normal(0.0, sigma, count)
+        for place in rng.choice(count, bad, replace=False) if bad else []:
+            sign = 2.0 * round(rng.uniform(0.0, 1.0)) - 1.0
+            away[place] = sign * rng.uniform(least, most) * sigma
+        points = np.array(center) + (radius + away)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        yield np.unique(np.round(points / quantum), axis=0) if quantum else points
+
+
+def mean_index(method, sets, center, radius):
+    """Mean Jaccard index and mean distance of the centres of a method; 0 for a set where it fails."""
+    registry.load(HERE / "methods" / "robust_circles.py")
+    index, away = np.zeros(len(sets)), np.zeros(len(sets))
+    for place, points in enumerate(sets):
+        with contextlib.suppress(Exception), np.errstate(all="ignore"):
+            found, size = registry.ESTIMATORS[METHODS[method]].function.function(points)
+            apart = np.hypot(*(found - np.array(center)))
+            loss = rank.disc_loss(apart, size, float(radius))
+            index[place], away[place] = (1.0 - loss, apart) if np.isfinite(loss) else (0.0, 0.0)
+    return index.mean(), away.mean()
+
+
+def their_cell(experiment, number, method):
+    """Index and distance of a method on the sets of a cell: its number of outliers, or its noise, outliers and q."""
+    if experiment == "b1":
+        (bad,) = number
+        seeds = 1000 * np.arange(SETS) + bad
+        sets = list(their_sets(seeds, ((50.0, 60.0), 100.0, np.pi, 50, 1.0), (bad, 9.0, 10.0)))
+        return mean_index(method, sets, (50.0, 60.0), 100.0)
+    noise, bad, quantum = number
+    places = 1000 * NOISES.index(noise) + 100 * (bad // 10) + QUANTA.index(quantum)
+    circle = (120.0, 120.0), 120.0, 2.0 * np.pi, 100, noise / 100.0 * 120.0
+    sets = list(their_sets(10_000 * np.arange(SETS) + places, circle, (bad, 5.0, 20.0), quantum))
+    size = 120 // quantum if quantum else 120
+    return mean_index(method, sets, (size, size), size)
+
+
+def same_sets(folder):
+    """For each experiment and method, how many of the published numbers it has again on the sets behind them.
+
+    `nurunnabi` draws at random, from no seed, and is left out.
+    """
+    first = pd.read_csv(folder / "published_b1.csv").set_index(["measure", "method"])
+    second = pd.read_csv(folder / "published_b2.csv")
+    for method in [name for name in METHODS if name != "Nurunnabi"]:
+        rows = second[second["method"] == method]
+        cells = [("b1", (bad,)) for bad in range(6)]
+        cells += [("b2", tuple(map(int, c))) for c in rows[["noise_percent", "outlier_percent", "quantum"]].to_numpy()]
+        found = joblib.Parallel(2)(joblib.delayed(their_cell)(*cell, method) for cell in cells)
+        known = [
+            ("b1", INDEX, [first.loc[(INDEX, method), f"outliers_{bad}"] for bad in range(6)], found[:6], 0),
+            ("b1", DISTANCE, [first.loc[(DISTANCE, method), f"outliers_{bad}"] for bad in range(6)], found[:6], 1),
+            ("b2", INDEX, rows["jaccard_mean"].tolist(), found[6:], 0),
+        ]
+        for experiment, measure, published, answers, which in known:
+            differences = np.abs(np.array(published) - [answer[which] for answer in answers])
+            row = {"experiment": experiment, "measure": measure, "method": method, "numbers": len(differences)}
+            yield row | {"same": int((differences < EQUAL).sum()), "largest_difference": differences.max()}
+
+
 def by_estimator(part, values):
     """Values of rows by estimator."""
     return {str(name): values[(part["estimator"] == name).to_numpy()] for name in part["estimator"].unique()}
@@ -88,7 +168,7 @@ def first_experiment(folder):
     for law, part in run("b1").errors.groupby("law", observed=True):
         count = outliers(law)
         away = part["error"].fillna(0.0).to_numpy()
-        for measure, values in {INDEX: jaccard(part), "mean distance of centres, mm": away}.items():
+        for measure, values in {INDEX: jaccard(part), DISTANCE: away}.items():
             published = table.loc[measure][f"outliers_{count}"]
             yield from beside("b1", f"{count} outliers", measure, published, by_estimator(part, values))
 
@@ -133,7 +213,8 @@ if __name__ == "__main__":
     store("benchmark", ranking().to_dict("records"), "%.6g")
     place = Path(sys.argv[1] if len(sys.argv) > 1 else "circles")
     if not (place / "published_b1.csv").is_file():
-        sys.exit(f"{place / 'published_b1.csv'} is not there: results/benchmark-published.csv is left as it is")
+        sys.exit(f"{place / 'published_b1.csv'} is not there: the tables beside published numbers are left as they are")
+    store("benchmark-same-sets", same_sets(place), "%.6g")
     store("benchmark-published", published(place), "%.6g")
     rows = pd.read_csv(ROOT / "results" / "benchmark-published.csv")
     within = (rows["deviation"].abs() <= MOST).groupby([rows["mechanism"], rows["method"]], sort=False)

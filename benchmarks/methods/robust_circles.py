@@ -1,8 +1,8 @@
 """Five robust fits of circles that arXiv 2507.11476 compares, written again from what its authors' program does.
 
-Settings are theirs. Names are those of the comparison; the articles that it cites may have something else: `qi`, for
-example, has weights that grow towards the limit of rejection, where the usual ones fall. As there, equal points count
-once.
+Settings are theirs. On the sets of points of their experiment B1 these functions give their numbers to four digits, but
+for `nurunnabi`, which draws at random (benchmarks/ranking.py). The fits of `guo` and `qi` depend on where the origin of
+the coordinates is. As there, equal points count once.
 """
 
 import numpy as np
@@ -70,8 +70,7 @@ def qi(points):
         found = found / found[0]
         size = np.abs(rows @ found)
         size /= 1.4826 * np.median(size)
-        with np.errstate(divide="ignore"):
-            weights = np.where(size < 1.5, 1.0, (1.5 / size) * (1.0 / (2.5 - size)) ** 2) * (size <= 2.5)
+        weights = np.where(size < 1.5, 1.0, 1.5 / np.maximum(size, 1.5) * np.maximum(2.5 - size, 0.0) ** 2)
         if np.linalg.norm(found - last) < 1e-6:
             break
         last = found

@@ -142,3 +142,21 @@ def test_numbers_beside_published_ones():
     part = pd.DataFrame(columns | {"radius": [7.0] * 3})
     assert ranking.jaccard(part)[:2] == pytest.approx([1.0, 0.0])
     assert ranking.jaccard(part, 0.5, 7.5)[2] == pytest.approx(1.0)
+
+
+def test_sets_of_the_published_experiments():
+    """Sets have the points, outliers and circle that are asked for; on a grid equal points count once."""
+    import ranking
+
+    circle = (50.0, 60.0), 100.0, np.pi, 50, 1.0
+    one, again = (list(ranking.their_sets(range(30), circle, (5, 9.0, 10.0))) for _ in range(2))
+    np.testing.assert_array_equal(one, again)
+    away = np.abs(np.hypot(*(np.array(one) - [50.0, 60.0]).transpose(2, 0, 1)) - 100.0)
+    assert set((away > 8.0).sum(axis=1)) == {5}
+    assert away.max() <= 10.0
+    assert np.array(one)[..., 1].min() > 50.0  # the upper half
+    circle = (120.0, 120.0), 120.0, 2.0 * np.pi, 100, 0.0
+    for points in ranking.their_sets(range(3), circle, (0, 5.0, 20.0), 16):
+        assert len(np.unique(points, axis=0)) == len(points) < 100
+        np.testing.assert_array_equal(points, np.round(points))
+        assert np.abs(np.hypot(*(points - 7.5).T) - 7.5).max() <= np.sqrt(0.5)

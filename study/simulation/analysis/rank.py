@@ -344,6 +344,6 @@ def printed(table: pd.DataFrame, by: By, level: float) -> Iterator[str]:
                 number = f"{row[loss]:.3f} ± {row[f'{loss}_error']:.3f}" if np.isfinite(row[loss]) else "inf"
                 texts += [f"{number}{' *' if row[f'{loss}_best'] else '  '}"]
                 texts += [f"{row[f'{loss}_cells']} ({row[f'{loss}_alone']})"]
-            cost = f"{1e3 * row['seconds']:.3g}" if np.isfinite(row["seconds"]) else "-"
+            cost = f"{1e3 * row['seconds']:.3g} ms" if np.isfinite(row["seconds"]) else "-"
             rows.append([*texts, f"{100.0 * row['failures']:.2g} %", cost])
-        yield from columns(rows, ["", "median", "cells", "rms", "cells", "failures", "ms a fit"], "<>")
+        yield from columns(rows, ["", "median", "cells", "rms", "cells", "failures", "a fit"], "<>")
