@@ -119,7 +119,7 @@ def log_losses(distances: Floats, trials: Ints, flips: Floats) -> dict[str, Logs
         levels = np.quantile(distances, [0.5 - width, 0.5, 0.5 + width], axis=1, method="lower")
         low, median, high = np.log(np.maximum(levels, _LEAST))
         slope = np.where(np.isfinite(high), 0.5 * (high - low), median - low) / width
-        steps = (0.5 - (distances <= np.exp(median)[:, None])) * slope[:, None] / count
+        steps = (0.5 - (distances <= levels[1][:, None])) * slope[:, None] / count
         square = np.maximum(np.mean(distances**2, axis=1), _LEAST)
         ratios = distances**2 / square[:, None] / count
     parts = np.vstack([steps, ratios, np.full((1, count), 1.0 / count)])
