@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 import study
+from study.simulation.analysis.rank import disc_loss
 
 SETS = 100
 
@@ -23,13 +24,7 @@ SETS = 100
 def jaccard(center, radius, true_center, true_radius):
     """Area of the intersection of two discs over that of their union."""
     apart = np.linalg.norm(np.asarray(center) - true_center, axis=-1)
-    small, large = np.minimum(radius, true_radius), np.maximum(radius, true_radius)
-    with np.errstate(all="ignore"):
-        one = np.arccos(np.clip((apart**2 + radius**2 - true_radius**2) / (2 * apart * radius), -1, 1))
-        two = np.arccos(np.clip((apart**2 + true_radius**2 - radius**2) / (2 * apart * true_radius), -1, 1))
-    lens = radius**2 * (one - np.sin(2 * one) / 2) + true_radius**2 * (two - np.sin(2 * two) / 2)
-    common = np.where(apart <= large - small, np.pi * small**2, np.where(apart >= large + small, 0.0, lens))
-    return np.nan_to_num(common / (np.pi * (radius**2 + true_radius**2) - common))
+    return 1.0 - np.minimum(disc_loss(apart, radius, true_radius), 1.0)
 
 
 def placed(center, angle, distance):

@@ -390,7 +390,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     ),
     "Results": (
         *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),
-        *(commands.regret, commands.diff, commands.verify, commands.archive, export),
+        *(commands.regret, commands.rank, commands.diff, commands.verify, commands.archive, export),
     ),
     "Points and estimators": (
         *(fit, plan_fit, commands.estimators, commands.check, certify),

@@ -236,3 +236,41 @@ def speed(tables: Tables) -> Rows:
     for what, beside, group, names, words in tomllib.loads(text)["made"]["speed"]["ratios"]:
         ratios = [table[group.format(name), naive if "{}" in group else name] for name in names]
         yield [what, beside, " / ".join(f"{r:.0f}" if r >= 10 else f"{r:.2g}" for r in ratios) + words]
+
+
+def _ranking(table: pd.DataFrame, run: str) -> Rows:
+    """The ranking of a run; methods with the same numbers share a row, and those that may be the best are bold."""
+    yield ["method", "median", "root mean square", "cells", "mechanisms"]
+    marked = table[table["median_best"] & (table["run"] != "all")].groupby("estimator")["run"].agg(list)
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for row in table[table["run"] == run].to_dict("records"):
+        texts = [
+            text if not row[f"{loss}_best"] else f"**{text}**"
+            for loss in ("median", "rms")
+            for text in [with_error(row[loss], row[f"{loss}_error"]) if row[loss] > 1.0 else "1"]
+        ]
+        where = ", ".join(f"`{name}`" for name in marked.get(row["estimator"], [])) or "-"
+        cells = f"{row['median_cells']} ({row['median_alone']}) of {row['cells']}"
+        rows.setdefault((*texts, cells, where), []).append(f"`{row['estimator']}`")
+    yield from ([", ".join(names), *cells] for cells, names in rows.items())
+
+
+def benchmark(tables: Tables) -> Rows:
+    """The ranking over all mechanisms in the plane."""
+    yield from _ranking(tables("benchmark"), "all")
+
+
+def benchmark_spheres(tables: Tables) -> Rows:
+    """The ranking of the spheres."""
+    yield from _ranking(tables("benchmark"), "lesouple-spheres")
+
+
+def benchmark_published(tables: Tables) -> Rows:
+    """How many published numbers of each method agree with those of our sets, by mechanism."""
+    table = tables("benchmark_published")
+    mechanisms = list(table["mechanism"].unique())
+    yield ["method", *(f"`{name}`" for name in mechanisms), "largest difference in errors"]
+    for method, part in table.groupby("method", sort=False):
+        near = (part["deviation"].abs() <= 3.0).groupby(part["mechanism"])
+        cells = [f"{near.sum()[name]} of {near.size()[name]}" if name in near.size() else "-" for name in mechanisms]
+        yield [str(method), *cells, f"{part['deviation'].abs().max():.1f}"]

@@ -261,6 +261,33 @@ def regret(
     echo(printed(run, table))
 
 
+_RANKED = "folders of runs, or their configs, each a mechanism"
+Ranked = Annotated[list[Path], typer.Argument(metavar="RUN", parser=run_folder, help=_RANKED)]
+_BY = "error that estimators are ranked by: center, radius or disc (1 - Jaccard index; for circles)"
+RankBy = Annotated[str, typer.Option("--by", help=_BY)]
+_LEVEL = "level at which the others are told from the best"
+RankLevel = Annotated[float, typer.Option("--level", min=0.5, max=0.999, help=_LEVEL)]
+RankTable = Annotated[Path | None, typer.Option("--table", metavar="FILE", help="file of the table, .csv or .parquet")]
+
+
+def rank(folders: Ranked, by: RankBy = "center", level: RankLevel = 0.95, table: RankTable = None) -> None:
+    """Rank estimators, with all that may be the best.
+
+    Those are marked that cannot be told from the best. Estimators are compared on the same trials: by the median and
+    the root mean square of their errors, in each cell, over the cells of a run, and over all runs. A fit without a
+    number counts as infinitely far.
+    """
+    from study.files import save_frame
+    from study.simulation.analysis.rank import WORDS, of_run, printed, ranked
+
+    if by not in WORDS:
+        raise typer.BadParameter(f"--by {by}: must be {', '.join(WORDS)}")
+    result = ranked([of_run(opened(folder), by, level) for folder in folders], level)
+    if table is not None:
+        save_frame(result, table)
+    echo(printed(result, by, level))
+
+
 def estimators() -> None:
     """List the estimators, their cost and their sources."""
     from study.fits import ESTIMATORS

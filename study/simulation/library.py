@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from study.files import RunError, explained, replacing
 from study.fits.registry import load
-from study.simulation.analysis import regret
+from study.simulation.analysis import rank, regret
 from study.simulation.analysis.summary import chosen_rows, summarise, up_to_date
 from study.simulation.commands import RUNS, opened, run_folder
 from study.simulation.experiment.conditions import NOISE_OVER_RADIUS, Value
@@ -155,6 +155,26 @@ class StudyRun(Hinting):
             RunError: unless the run is a grid of several estimators with its errors.
         """
         return regret.regret(regret.of_run(self._run))
+
+    def rank(self, by: rank.By = "center", level: float = 0.95) -> "pd.DataFrame":
+        """Estimators from the best to the worst, with all marked that cannot be told from the best, as `study rank`.
+
+        Args:
+            by: the error that counts: ``"center"``, ``"radius"`` or, for circles, ``"disc"`` (1 - Jaccard index).
+            level: of the comparisons with the best.
+
+        Returns:
+            A row per estimator: ``median`` and ``rms`` of its errors, as geometric means over the cells divided by
+            that of the first estimator, each with its Monte-Carlo error (``…_error``), the mark (``…_best``), the
+            number of cells in which it cannot be told from the best (``…_cells``) and in which it alone cannot
+            (``…_alone``); the share of ``failures``, and ``seconds`` per fit.
+
+        Raises:
+            RunError: unless the run is a grid of several estimators with its errors, and of circles for discs.
+
+        Source: Hsu, Annals of Statistics 12 (1984) 1136-1144.
+        """
+        return rank.ranked([rank.of_run(self._run, by, level)], level)
 
     def plot(self, figure: str) -> "Figure":
         """Draw one of the figures, such as ``"fig_map"``, as `study figures` does.

@@ -23,15 +23,15 @@ _GROUPS = 10
 """Groups of trials, one of which is left out at a time."""
 
 
-def _by_trial(part: pd.DataFrame, estimators: list[str]) -> tuple[Floats, Ints]:
-    """A cell's errors (estimators, trials), infinite where there is none, and each trial's group (trials,)."""
+def by_trial(part: pd.DataFrame, estimators: list[str]) -> tuple[Floats, Ints]:
+    """A cell's errors (estimators, trials), infinite where there is none, and the numbers of its trials (trials,)."""
     trials, column = np.unique(part["trial"].to_numpy(), return_inverse=True)
     row = pd.Index(estimators).get_indexer(pd.Index(part["estimator"].astype(str)))
     distances, use = np.full((len(estimators), len(trials)), np.inf), row >= 0
     distances[row[use], column[use]] = np.nan_to_num(
         part["error"].to_numpy(dtype=float)[use], nan=np.inf, posinf=np.inf
     )
-    return distances, trials % _GROUPS
+    return distances, trials
 
 
 def by_cell(errors: pd.DataFrame, estimators: list[str]) -> pd.DataFrame:
@@ -48,7 +48,8 @@ def by_cell(errors: pd.DataFrame, estimators: list[str]) -> pd.DataFrame:
     """
     rows: list[pd.DataFrame] = []
     for cell, part in errors.groupby("cell", observed=True, sort=False):
-        distances, groups = _by_trial(part, estimators)
+        distances, trials = by_trial(part, estimators)
+        groups = trials % _GROUPS
         chosen = [groups >= 0, *(groups != group for group in range(_GROUPS))]
         if min(map(np.sum, chosen)) == 0:
             raise RunError(f"cell {cell}: {len(groups)} trials; regret needs at least 2")
@@ -92,18 +93,23 @@ def regret(cells: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def check_comparable(run: Run, what: str) -> None:
+    """Raise RunError unless a run has the errors of several estimators in many trials of each condition."""
+    if run.study.design.kind != "grid":
+        raise RunError(f'{run.folder}: {what} needs many trials of each condition: kind = "grid" in the config')
+    if run.study.keep != "errors":
+        raise RunError(f'{run.folder}: {what} needs every error: keep = "errors" in the config')
+    if len(run.study.estimators) < 2:
+        raise RunError(f"{run.folder}: {what} compares estimators: list more than one in the config")
+
+
 def of_run(run: Run) -> pd.DataFrame:
     """The table of `by_cell` of a finished run.
 
     Raises:
         RunError: if the run is not finished, has no error table, is not a grid, or has one estimator only.
     """
-    if run.study.design.kind != "grid":
-        raise RunError(f'{run.folder}: regret needs many trials of each condition: kind = "grid" in the config')
-    if run.study.keep != "errors":
-        raise RunError(f'{run.folder}: regret needs every error: keep = "errors" in the config')
-    if len(run.study.estimators) < 2:
-        raise RunError(f"{run.folder}: regret compares estimators: list more than one in the config")
+    check_comparable(run, "regret")
     used = ["cell", "samples", "trial", "estimator", "error"]
     return by_cell(run.table("errors", used), list(run.study.estimators))
 
