@@ -23,6 +23,9 @@ QUOTED = {
     "choices": ("readings", CHANGED, []),
     "readings_changed": ("readings", CHANGED, []),
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"]),
+    "benchmark": ("benchmark", "run == 'all'", ["median", "rms"]),
+    "benchmark_spheres": ("benchmark", "run == 'lesouple-spheres'", ["median", "rms"]),
+    "benchmark_published": ("benchmark_published", "", ["deviation"]),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"]),
 }
 """Tables of documents that functions make: the stored table, rows and columns that are quoted."""

@@ -247,7 +247,8 @@ def _ranking(table: pd.DataFrame, run: str) -> Rows:
         texts = [
             text if not row[f"{loss}_best"] else f"**{text}**"
             for loss in ("median", "rms")
-            for text in [with_error(row[loss], row[f"{loss}_error"]) if row[loss] > 1.0 else "1"]
+            for error in [row[f"{loss}_error"]]
+            for text in [with_error(row[loss], error) if error > 0.0 else f"{row[loss]:.3g}"]
         ]
         where = ", ".join(f"`{name}`" for name in marked.get(row["estimator"], [])) or "-"
         cells = f"{row['median_cells']} ({row['median_alone']}) of {row['cells']}"
