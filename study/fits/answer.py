@@ -456,11 +456,8 @@ class Fit(Hinting):
             ValueError: if there is more than one fit, or the fit does not hold its points.
         """
         numbers = as_dict(self)
-        named, points, moved = self.outliers[None], self._points, 0.0
-        if named.any() and not self._without_outliers:
-            moved = float(influence(points.samples, named)[0])
-        copies = int(points.repeated.sum())
-        return numbers | {"outlier_influence": moved, "copies": copies, "ordered": self._assumed.ordered}
+        numbers |= {"outlier_influence": self._influence, "copies": int(self._points.repeated.sum())}
+        return numbers | {"ordered": self._assumed.ordered}
 
     def plot(self) -> "Figure":
         """Draw the points, the sphere and its centre's error, and the distances of the points: as ``study fit --plot``.
@@ -651,6 +648,14 @@ class Fit(Hinting):
         spare = None if self._noise_is_known else np.maximum(self._points.used.sum(axis=1) - d - 1, 1)
         found = semi_axes(self.covariance[..., :d, :d].reshape(-1, d, d), level, spare)
         return found.reshape(*self.center.shape, d)
+
+    @cached_property
+    def _influence(self) -> float:
+        """Largest change of a single fit without its outliers, in standard errors without them; 0 if it has none."""
+        named = self.outliers[None]
+        if self._without_outliers or not named.any():
+            return 0.0
+        return float(influence(self._points.samples, named)[0])
 
     @property
     def _noise_is_known(self) -> bool:

@@ -519,14 +519,14 @@ def load(path: Path) -> tuple[str, ...]:
     """Load a file of one's own; once is enough, and a file that has changed replaces what it registered before.
 
     Args:
-        path: a Python file that calls `study.register`, or `study.register_law`.
+        path: a Python file that calls `study.register`, `study.register_law` or `study.register_measure`.
 
     Returns:
         The names of the estimators that it registered.
 
     Raises:
-        PluginError: if it cannot be read, raises, registers nothing, or registers an estimator or a law that answers in
-            the wrong shape. Then nothing of it is registered.
+        PluginError: if it cannot be read, raises, registers nothing, or registers something that answers in the wrong
+            shape. Then nothing of it is registered.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -553,8 +553,8 @@ def load_text(plugin: PluginFile, shown: str = "") -> tuple[str, ...]:
             _execute(plugin, shown)
             entries = tuple(entry for entry in _registered() if entry not in known)
             if not entries:
-                words = "it should call study.register(name, function), or study.register_law for a law"
-                raise PluginError(f"{shown}: registers no estimator; {words}")
+                words = "study.register(name, function), or study.register_law or study.register_measure"
+                raise PluginError(f"{shown}: registers nothing; it should call {words}")
             for entry in entries:
                 _try_out(*entry, shown)
         except BaseException:

@@ -81,7 +81,7 @@ REFUSED = {
     "raises": ("1 / 0", "my.py: line 3: ZeroDivisionError: division by zero"),
     "no Python": ("def f(:", "my.py: line 3: SyntaxError: invalid syntax"),
     "exit": ("raise SystemExit(3)", "my.py: line 3: SystemExit: 3"),
-    "nothing": ("x = 1", r"my.py: registers no estimator; it should call study.register\(name, function\)"),
+    "nothing": ("x = 1", r"my.py: registers nothing; it should call study.register\(name, function\)"),
     "a taken name": (
         MEAN + "study.register('als', mean)",
         rf"line 6: {TAKEN}'als'\): .* a shipped estimator; choose an",

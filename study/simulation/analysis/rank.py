@@ -13,7 +13,6 @@ of about 1 - level at most; each comparison in one cell, in one run and over all
 in all cells together, because cells may share draws; runs are independent if their seeds differ.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -25,6 +24,7 @@ from study.arrays import Bools, Floats, Ints
 from study.files import RunError
 from study.fits.random import stream
 from study.simulation.analysis.regret import by_trial, check_comparable
+from study.simulation.experiment.measures import jaccard_index
 from study.simulation.runs.run_folder import Run
 from study.text import columns, listed
 
@@ -60,13 +60,7 @@ def disc_loss(distance: Floats, radius: Floats, true_radius: Floats) -> Floats:
     a, r, s = np.asarray(distance, dtype=float), np.asarray(radius, dtype=float), np.asarray(true_radius, dtype=float)
     known = np.isfinite(a) & np.isfinite(r) & (r > 0.0)
     a, r = np.where(known, a, 0.0), np.where(known, r, s)
-    with np.errstate(all="ignore"):
-        angle = np.arccos(np.clip((a**2 + r**2 - s**2) / (2.0 * a * r), -1.0, 1.0))
-        other = np.arccos(np.clip((a**2 + s**2 - r**2) / (2.0 * a * s), -1.0, 1.0))
-    lens = r**2 * (angle - 0.5 * np.sin(2.0 * angle)) + s**2 * (other - 0.5 * np.sin(2.0 * other))
-    inside = math.pi * np.minimum(r, s) ** 2
-    common = np.where(a <= np.abs(r - s), inside, np.where(a >= r + s, 0.0, lens))
-    return np.where(known, 1.0 - common / (math.pi * (r**2 + s**2) - common), np.inf)
+    return np.where(known, 1.0 - jaccard_index(a, r, s, 2), np.inf)
 
 
 def _losses(errors: pd.DataFrame, by: By) -> Floats:

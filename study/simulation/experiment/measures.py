@@ -138,22 +138,33 @@ def own_errors(samples: Samples, fit: Fit, truth: Truth) -> dict[str, Floats | B
 
 
 def jaccard(samples: Samples, fit: Fit, truth: Truth) -> dict[str, Floats]:
-    """Jaccard index of the fitted and the true ball, or disc: the volume that both have over that of their union.
+    """Jaccard index of the fitted and the true ball, or disc: the volume that both have over that of their union."""
+    apart = np.linalg.norm(fit.center - truth.center, axis=1)
+    return {"index": jaccard_index(apart, np.abs(fit.radius), np.full(len(apart), truth.radius), samples.shape[1])}
+
+
+def jaccard_index(apart: Floats, radius: Floats, true_radius: Floats, dimension: int) -> Floats:
+    """Volume of the intersection of two balls over that of their union.
 
     A ball of radius r is cut by a plane at a distance a from its centre into caps of the shares I(1 - a²/r²)/2 and the
     rest, I the regularised incomplete beta function of (d+1)/2 and 1/2. The two balls' spheres cut each other in such a
     plane.
+
+    Args:
+        apart: distance of the centres.
+        radius: of one ball.
+        true_radius: of the other.
+        dimension: d; 2 for discs.
     """
-    d = samples.shape[1]
-    radii = np.abs(fit.radius), np.full(len(fit.radius), truth.radius)
-    apart = np.linalg.norm(fit.center - truth.center, axis=1)
-    both = np.zeros(len(apart))
-    for own, other in (radii, radii[::-1]):
-        plane = (apart**2 + own**2 - other**2) / (2.0 * apart * own)  # its distance from the centre, over the radius
-        outer = 0.5 * betainc(0.5 * (d + 1), 0.5, np.clip(1.0 - plane**2, 0.0, 1.0))
-        both += own**d * np.where(plane > 0.0, outer, 1.0 - outer)
-    both = np.where(apart <= np.abs(radii[0] - radii[1]), np.minimum(*radii) ** d, both)  # one within the other
-    return {"index": both / (radii[0] ** d + radii[1] ** d - both)}
+    d, radii = dimension, (radius, true_radius)
+    both = np.zeros(np.shape(apart))
+    with np.errstate(all="ignore"):  # no plane cuts concentric balls
+        for own, other in (radii, radii[::-1]):
+            plane = (apart**2 + own**2 - other**2) / (2.0 * apart * own)  # its distance from the centre, over own
+            outer = 0.5 * betainc(0.5 * (d + 1), 0.5, np.clip(1.0 - plane**2, 0.0, 1.0))
+            both = both + own**d * np.where(plane > 0.0, outer, 1.0 - outer)
+        both = np.where(apart <= np.abs(radius - true_radius), np.minimum(*radii) ** d, both)  # one within the other
+        return np.asarray(both / (radius**d + true_radius**d - both))
 
 
 _HOLDS = {

@@ -2,6 +2,7 @@
 
 import pytest
 
+from study.fits import registry
 from study.simulation.experiment.compute import compute, stack
 from study.simulation.experiment.config import parse
 from tests.configs import config
@@ -17,3 +18,14 @@ def make_study():
 def rows():
     """The error rows of a whole study, by column."""
     return lambda study: stack([compute(study, unit).errors for unit in study.units()])
+
+
+@pytest.fixture
+def forgotten():
+    """Take out what a test registered, by files or by itself."""
+    yield
+    for path, _ in registry.loaded():
+        registry.unload(path)
+    for kind in registry.REGISTRIES:
+        for name in list(kind.origins):
+            kind.remove(name)

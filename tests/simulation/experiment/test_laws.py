@@ -19,6 +19,7 @@ from study.simulation.runs.workers import Workers
 from study.toml import ConfigError
 from tests.configs import config
 
+pytestmark = pytest.mark.usefixtures("forgotten")
 VON_MISES = """
 import numpy as np
 import study
@@ -40,16 +41,6 @@ study.register_law("von_mises", von_mises, "directions", example=[2.0])
 BODY = (
     "import numpy as np\nimport study\ndef f(trial):\n    'A law.'\n    return {}\nstudy.register_law('own', f, {!r})\n"
 )
-
-
-@pytest.fixture(autouse=True)
-def _forgotten():
-    """Take out what a test registered."""
-    yield
-    for path, _ in registry.loaded():
-        registry.unload(path)
-    for name in list(laws.ORIGINS):
-        laws._remove(name)
 
 
 @pytest.fixture

@@ -25,6 +25,7 @@ from study.simulation.runs.workers import Workers
 from study.toml import ConfigError
 from tests.configs import config
 
+pytestmark = pytest.mark.usefixtures("forgotten")
 NEAR = """
 import numpy as np
 import study
@@ -43,16 +44,6 @@ BODY = (
     "study.register_measure('own', f, {})\n"
 )
 FLOAT = "{'a': (float, 'a number')}"
-
-
-@pytest.fixture(autouse=True)
-def _forgotten():
-    """Take out what a test registered."""
-    yield
-    for path, _ in registry.loaded():
-        registry.unload(path)
-    for name in list(measures.ORIGINS):
-        measures._remove(name)
 
 
 @pytest.fixture
