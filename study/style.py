@@ -29,7 +29,7 @@ PAGE = 6.8
 _ON_SCREEN = 120
 """Dots per inch in a notebook."""
 
-SMALL = 7.4
+SMALL = 7.0
 """Size of the smallest type, in points: notes and direct labels."""
 
 INK = "#222222"
