@@ -42,7 +42,7 @@ results/cost.parquet: $(VENV)/.run
 article: $(VENV)/.article
 	$(BIN)/python tools/make_article.py
 
-# Posteriors of many trials: how often they, and the estimators' own error ellipsoids, cover the truth. Takes minutes.
+# Posteriors of many trials: how often they, and the estimators' own error ellipsoids, cover the truth.
 calibration: $(VENV)/.run
 	@set -e; \
 	for name in calibration whole-sphere; do \

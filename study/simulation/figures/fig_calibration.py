@@ -9,8 +9,8 @@ as outside.
 
 Only cells with σ²/v < 0.02 count, where the likelihood is nearly quadratic.
 
-Look at: posteriors lie within the band, and every method on its line but GDKE, whose ellipsoids do not include its
-bias.
+Look at: posteriors lie within the band, and every method on its line. GDKE leaves it where its bias is seen (more
+noise, a smaller cap), since its ellipsoids do not include the bias.
 """
 
 from typing import Any

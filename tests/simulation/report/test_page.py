@@ -95,8 +95,8 @@ def test_what_was_run(document):
     """Design, numbers of trials and samples, seed, estimators, machine and time, for each run."""
     assert "circles in the plane; 4 cells of 60 trials, all from the same draws: N = 20, 40, 80, 160" in document.text
     assert "spheres in space; 60 trials, each with conditions of its own: N log-uniform from 4 to 100" in document.text
-    assert "MLE, LLS, GDKE, UGDK 240 18 000 3 " in document.text  # 60 · (20 + 40 + 80 + 160) samples
-    assert re.search(r"MLE, GDKE, UGDK 60 \d+ 2009 ", document.text)
+    assert "MLE, LLS, GDKE, UGDK 240 18,000 3 " in document.text  # 60 · (20 + 40 + 80 + 160) samples
+    assert re.search(r"MLE, GDKE, UGDK 60 [\d,]+ 2009 ", document.text)
 
 
 def test_sections_in_order(document, circles, random):

@@ -86,7 +86,7 @@ class Run {
 }
 
 const raised = n => String(n).replace(/[-\d]/g, c => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]);
-const many = n => n < 10000 ? String(n) : String(n).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+const many = n => String(n).replace(/\B(?=(\d{3})+$)/g, ",");
 
 function short(v, digits = 3) {
     if (v === null || Number.isNaN(v)) return "–";
