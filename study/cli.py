@@ -385,18 +385,19 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (
-        *(commands.configs, commands.plan, run, commands.status, posterior, commands.worker),
+        *(commands.configs, commands.plan, run, commands.status, posterior),
         *(commands.laws, commands.measures),
     ),
     "Results": (
-        *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),
-        *(commands.regret, commands.rank, commands.diff, commands.verify, commands.archive, export),
+        *(commands.summary, commands.claims, figures, commands.report, commands.rank, commands.worst, replay),
+        *(commands.diff, commands.verify, commands.archive, export),
     ),
-    "Points and estimators": (
-        *(fit, plan_fit, commands.estimators, commands.check, certify),
+    "Points and estimators": (fit, plan_fit, commands.estimators, commands.check),
+    "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
+    "Maintenance": (
+        *(commands.worker, commands.readings, commands.regret, certify),
         *(commands.cost, commands.compile_loops),
     ),
-    "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
     *(commands.configs, commands.check, certify, commands.cost, plan_fit, commands.worker),
