@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
-.PHONY: paper article calibration skeleton test smoke lint numbers tables bench mutants docs clean
+.PHONY: paper article calibration skeleton test smoke lint numbers tables bench benchmark mutants docs clean
 .DELETE_ON_ERROR:
 
 # Tables that the documents quote.
@@ -102,6 +102,11 @@ tables: paper
 	$(BIN)/python benchmarks/em_vmf.py; \
 	$(BIN)/python benchmarks/stopping.py; \
 	$(BIN)/python benchmarks/limits.py
+
+# The ranking of circle and sphere fits. CIRCLES=FOLDER has published numbers, SCANS=FOLDER scans; see benchmarks/*.py.
+benchmark: $(VENV)/.bench
+	$(BIN)/python benchmarks/ranking.py $(CIRCLES)
+	$(if $(CIRCLES),$(BIN)/python benchmarks/given.py $(CIRCLES) $(SCANS))
 
 # Speed as ratios to the limits of this machine and to other packages; stored in docs/assets/tables/bench.csv.
 bench: $(VENV)/.bench
