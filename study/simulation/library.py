@@ -18,7 +18,7 @@ from study.simulation.experiment.config import Study, config_file, read
 from study.simulation.experiment.designs import as_list
 from study.simulation.runs import runner, schemas
 from study.simulation.runs.adaptive import TimeBudget
-from study.simulation.runs.parts import takes_long
+from study.simulation.runs.parts import Share, takes_long
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import Workers
 from study.text import did_you_mean
@@ -78,6 +78,50 @@ def complete(
         with progress("posteriors") as advance:
             compute(done, workers, advance)
     return done, [words for words in (runner.budget_message(done), runner.failure_message(done)) if words]
+
+
+def complete_share(
+    config: tuple[Study, str], share: Share, folder: Path | None, workers: Workers, progress: Progress = _silent
+) -> Run:
+    """Compute a share of a study.
+
+    Args:
+        config: the study, and its text.
+        share: the share.
+        folder: the share's folder; by the run's name and the share in `RUNS`, if None.
+        workers: who computes it.
+        progress: shows how far it is.
+
+    Returns:
+        The folder as a run without tables, which `merge` puts together with those of the other shares.
+    """
+    study, text = config
+    name = f"{study.run_name()}-part-{share.number}-of-{share.of}"
+    with progress(name) as advance:
+        return runner.run_share(study, text, folder or RUNS / name, share, workers, advance)
+
+
+def merge(
+    config: tuple[Study, str],
+    shares: Sequence[Path],
+    folder: Path | None,
+    workers: Workers,
+    progress: Progress = _silent,
+) -> tuple[Run, list[str]]:
+    """Put shares together to the run that one machine would have made; see `complete`.
+
+    Args:
+        config: the study, and its text.
+        shares: folders of the shares; all beside the run's folder, if none is given.
+        folder: the run's folder; by its name in `RUNS`, if None.
+        workers: who computes posteriors, if the config has them.
+        progress: shows how far it is.
+    """
+    study, text = config
+    folder = folder or RUNS / study.run_name()
+    found = shares or sorted(folder.parent.glob(f"{study.run_name()}-part-*-of-*"))
+    runner.gather(study, text, folder, found)
+    return complete(config, folder, workers, progress=progress)
 
 
 class StudyRun(Hinting):
