@@ -450,15 +450,33 @@ def options(version: Version = False) -> None:
 
 
 @contextlib.contextmanager
-def _progress(words: str) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar if standard error is a terminal; the function it gives adds a share of the work."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+def _progress(title: str) -> Iterator[Callable[..., None]]:
+    """Show a bar if standard error is a terminal, else a line a minute; it gives `Headway.add`, or one like it."""
+    from study.simulation.library import Headway
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, disable=not sys.stderr.isatty(), console=Console(file=unchanged(sys.stderr))) as bar:
-        task = bar.add_task(words, total=1.0)
-        yield lambda share: bar.advance(task, share)
+    if not sys.stderr.isatty():
+        yield Headway(lambda words: print(f"{title}: {words}", file=sys.stderr, flush=True)).add
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+    from rich.text import Text
+
+    class Words(ProgressColumn):
+        """Units done, the time that has passed and the time that is left."""
+
+        def render(self, task: Task) -> Text:
+            return Text(headway.words())
+
+    headway = Headway()
+    columns = (TextColumn("{task.description}"), BarColumn(), Words())
+    with Progress(*columns, console=Console(file=unchanged(sys.stderr))) as bar:
+        task = bar.add_task(title, total=1.0)
+
+        def add(share: float, done: int = 0, total: int = 0) -> None:
+            headway.add(share, done, total)
+            bar.update(task, completed=headway.share)
+
+        yield add
 
 
 def main(command: Callable[..., object] = app) -> None:

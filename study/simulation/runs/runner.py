@@ -151,8 +151,9 @@ def neighbour(study: Study, folder: Path) -> Run | None:
     return next((run for rows, run in earlier if rows and EarlierRun.of(run)), None)
 
 
-Progress = Callable[[float], None]
-"""Callback for progress: called with the share of all work, in [0, 1], that was done since the last call."""
+Progress = Callable[[float, int, int], None]
+"""Callback for progress: called with the share of all work, in [0, 1], that was done since the last call, and with the
+numbers of units that are done, and of all that are known."""
 Warn = Callable[[str], None]
 """Callback for warnings, each a line."""
 
@@ -333,7 +334,7 @@ def _begun(
     with workers.open() as backend, threadpool_limits(limits=1):
         store = Run.create(folder, study)
         with writing(folder):
-            computation = _Computation(store, workers, budget, progress or (lambda share: None), warn)
+            computation = _Computation(store, workers, budget, progress or (lambda *numbers: None), warn)
             store.set_damaged_aside(warn)
             store.begin(config)
             yield computation, backend
@@ -398,12 +399,16 @@ class _Computation:
         whole = sum(task.weight for task in missing)
         share = self.left * self.layout.ahead() if missing else 0.0
         self.left -= share
+        total = sum(1 for _ in self.layout.pieces())
+        done = total - len(missing)
         lost: list[tuple[UnitTask, str]] = []
 
         def ended(tasks: tuple[UnitTask, ...], failure: str) -> None:
+            nonlocal done
+            done += len(tasks)
             if failure:
                 lost.extend((task, failure) for task in tasks)
-            self.progress(share * sum(task.weight for task in tasks) / whole)
+            self.progress(share * sum(task.weight for task in tasks) / whole, done, total)
 
         dispatch = Dispatch(backend, execute, self.study, self.parts)
         dispatch.compute(missing, attrgetter("weight"), ended, self.budget.spent)

@@ -111,7 +111,7 @@ def test_no_earlier_run_is_used(start, share, merge, tmp_path, computed):
 def test_a_share_that_was_killed(start, share, merge, computed):
     """Run again, it computes what is not stored, and no more; until then the merge names the share and the command."""
 
-    def stop(done):
+    def stop(*numbers):
         raise Stop
 
     with pytest.raises(Stop):
@@ -203,7 +203,7 @@ def test_other_software(share, merge, monkeypatch):
 def test_a_run_that_goes_on_with_an_earlier_one(share, merge, start, tmp_path):
     """Its units are cut otherwise, so that shares do not complete it: the message says what does."""
 
-    def stop(done):
+    def stop(*numbers):
         raise Stop
 
     top = {"name": "grown", "keep_points": 2}
@@ -243,7 +243,7 @@ def test_shares_are_read():
 def test_the_folder_says_what_it_is_for(share):
     """The share and the software that computes it are stored before anything is computed."""
 
-    def stop(done):
+    def stop(*numbers):
         raise Stop
 
     with pytest.raises(Stop):
