@@ -196,6 +196,22 @@ def test_a_page_about_other_questions(make_run, make_claims, read):
 
 
 @pytest.mark.usefixtures("no_figures")
+def test_a_long_list_of_estimators_is_cut(make_run, make_claims, read):
+    """A finding names six estimators in a row at most, and says how many more there are, and how far they are off."""
+    names = ["gdke", "lls", "lls_nr", "mle", "als", "fuller", "taubin", "pratt", "hyper", "ugdk_cov", "corrected"]
+    text = config({"name": "ball-bar", "estimators": names}, trials=300, samples=1000, angle=[20, 50], noise=0.02)
+    opening = read(render(Material([make_run(text)], make_claims()))).text.split("Explore every number")[0]
+    rows = re.findall(r"(?:Best over all conditions|φ = \d+°): ([^;.]*)[;.]", opening)
+    rows += re.findall(r"of all estimators, [\d.]+ times at worst; (.*?)\. [A-Z]", opening)
+    assert len(rows) == 4
+    for row in rows:
+        named = len(re.split(r", (?!up|which)|; | or ", row))
+        more = re.search(r"(\d+) more", row)
+        assert named == 6 if more else named <= 6
+    assert any("more" in row for row in rows)
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_an_unknown_verdict_is_shown_as_it_is(random, make_claims, read):
     """A verdict that a later version adds has a badge too."""
     document = read(render(Material([random], make_claims(("hardly", {})))))
