@@ -52,7 +52,7 @@ calibration: $(VENV)/.run
 	done; \
 	$(DRAW) configs/calibration.toml fig_calibration
 
-QUOTED := regret regret-circles published efficiency robustness robust precision map misfit coverage
+QUOTED := regret regret-circles published efficiency robustness robust precision map misfit coverage sweep zip
 
 # A synthetic recording, so that nothing is downloaded: its joints, its skeleton, a figure, a page that shows it.
 BODY := results/recordings/body
@@ -96,7 +96,9 @@ tables: paper
 	$(BIN)/study run benchmarks/em_vmf.toml --plugin benchmarks/em_vmf.py; \
 	$(BIN)/study readings --cost results/cost.parquet --out $(STORED)/readings.csv; \
 	for name in regret regret-circles; do $(BIN)/study regret $$name --csv $(STORED)/$$name.csv; done; \
-	for name in regret robustness map misfit coverage; do $(DRAW) configs/$$name.toml fig_$$name; done; \
+	for name in regret robustness map misfit coverage zip; do $(DRAW) configs/$$name.toml fig_$$name; done; \
+	$(DRAW) configs/sweep.toml fig_nested; \
+	$(DRAW) configs/bias.toml fig_bias; \
 	$(BIN)/study certify --table $(STORED)/certify.csv; \
 	$(BIN)/python tools/reference_tables.py; \
 	$(BIN)/python benchmarks/em_vmf.py; \

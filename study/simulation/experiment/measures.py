@@ -123,18 +123,30 @@ def interval(samples: Samples, fit: Fit, truth: Truth) -> dict[str, Floats | Boo
     return {**_held(known.center, known.radius, truth, n - d - 1), "identified": known.identified}
 
 
-def own_errors(samples: Samples, fit: Fit, truth: Truth) -> dict[str, Floats | Bools]:
-    """95 % intervals of the estimate ± t standard errors of the estimator's own, from the noise that it found.
-
-    They are ± z of an estimator that takes σ from the study.
-    """
+def _own_ends(samples: Samples, fit: Fit) -> tuple[Floats, float]:
+    """The estimate ± t standard errors of the estimator's own (b, d+1, 2), and the degrees of freedom of the noise."""
     _, d, n = samples.shape
     entry = ESTIMATORS[fit.estimator]
     spare = math.inf if entry.needs or entry.takes_noise else n - d - 1
     half = _quantile(spare) * np.sqrt(np.einsum("bii->bi", white_covariance(fit)))
     estimate = np.column_stack([fit.center, fit.radius])
-    ends = np.stack([estimate - half, estimate + half], axis=2)
+    return np.stack([estimate - half, estimate + half], axis=2), spare
+
+
+def own_errors(samples: Samples, fit: Fit, truth: Truth) -> dict[str, Floats | Bools]:
+    """95 % intervals of the estimate ± t standard errors of the estimator's own, from the noise that it found.
+
+    They are ± z of an estimator that takes σ from the study.
+    """
+    ends, spare = _own_ends(samples, fit)
     return _held(ends[:, :-1], ends[:, -1], truth, spare)
+
+
+def ends(samples: Samples, fit: Fit, truth: Truth) -> dict[str, Floats]:
+    """Ends of the 95 % intervals of `interval` and `own_errors` of the radius, over the true radius."""
+    known, (own, _) = _known_interval(samples).radius / truth.radius, _own_ends(samples, fit)
+    own = own[:, -1] / truth.radius
+    return {"low": known[:, 0], "high": known[:, 1], "own_low": own[:, 0], "own_high": own[:, 1]}
 
 
 def jaccard(samples: Samples, fit: Fit, truth: Truth) -> dict[str, Floats]:
@@ -178,10 +190,17 @@ _OWN = {
     "width": (float, "standard error of the radius over the standard deviation of the bound"),
 }
 _IDENTIFIED = {"identified": (bool, "the points bound the radius, and the noise is below 0.35 radii")}
+_ENDS = {
+    "low": (float, "lower end of the radius's interval from the points alone, over the true radius"),
+    "high": (float, "its upper end, infinite if the points do not bound it"),
+    "own_low": (float, "the radius less t of its standard errors, over the true radius"),
+    "own_high": (float, "the radius plus t of its standard errors, likewise"),
+}
 _INDEX = {"index": (float, "volume of the intersection of the fitted and the true ball over that of their union")}
 MEASURES: dict[str, FitMeasure] = {
     "interval": FitMeasure(interval, _described(interval), {**_HOLDS, **_IDENTIFIED}, "theory §10"),
     "own_errors": FitMeasure(own_errors, _described(own_errors), _OWN),
+    "ends": FitMeasure(ends, _described(ends), _ENDS),
     "jaccard": FitMeasure(jaccard, _described(jaccard), _INDEX, "Jaccard 1912"),
 }
 """The measures by name."""

@@ -24,18 +24,20 @@ _MODULES = (
     "fig_coverage",
 )
 _POSTERIORS = ("fig_posterior", "fig_calibration")
+_OF_ANY = ("fig_nested", "fig_bias", "fig_zip")
+"""Figures of any grid, which are drawn where they are named."""
 FIGURES: dict[str, FigureModule] = {
     "fig2_error": import_module(f"{__name__}.fig2_error"),
     **fig3_5_ellipses.FIGURES,
-    **{name: import_module(f"{__name__}.{name}") for name in (*_MODULES, *_POSTERIORS)},
+    **{name: import_module(f"{__name__}.{name}") for name in (*_MODULES, *_POSTERIORS, *_OF_ANY)},
 }
 
 __all__ = ["FAILED", "FIGURES", "FigureModule", "Gallery", "NotApplicable", "Tables", "draw_all", "gallery", "gathered"]
 
 
 def gallery(names: Collection[str] = (), kinds: Collection[str] = style.KINDS) -> Gallery:
-    """A gallery of figures by name, of all if none is named, in some formats."""
-    return Gallery({name: FIGURES[name] for name in names or FIGURES}, kinds)
+    """A gallery of figures by name, in some formats; if none is named, of all but those of any grid."""
+    return Gallery({name: FIGURES[name] for name in names or FIGURES if names or name not in _OF_ANY}, kinds)
 
 
 def make_folder(folder: Path) -> None:
@@ -58,7 +60,7 @@ def draw_all(
     Args:
         runs: finished runs.
         folder: where the pictures go, as PNG and SVG; made if it is not there. The run's own, if None.
-        names: figures to draw; all, if none is named.
+        names: figures to draw; see `gallery`.
 
     Returns:
         The paths written, and for each figure that was not drawn the reason; see `Gallery`.

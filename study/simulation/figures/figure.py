@@ -18,14 +18,20 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.arrays import Floats
+from study.arrays import Floats, Ints
 from study.files import RunError
 from study.fits.cap import cap_moments
 from study.simulation.analysis.summary import stored_summary, worst_of_run
 from study.simulation.analysis.theory import median_at_bound
-from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law
+from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law, distinguishing
 from study.simulation.runs.run_folder import Run
 
+FEWEST_CELLS, MOST_CELLS = 4, 400
+"""Cells that can be drawn side by side."""
+LOOP_HEIGHT = 0.36
+"""Inches of the height of a figure that a condition has."""
+_NAMED = 8
+"""Values of a condition that are named."""
 Frame = SimpleNamespace
 """Content of a figure by name: ``prepare`` computes it, and says what it has; ``draw`` shows it."""
 PACKAGE = Path(__file__).parents[2]
@@ -353,3 +359,57 @@ def log_axes(ax: Axes) -> None:
     """Make both axes logarithmic."""
     ax.set_xscale("log")
     ax.set_yscale("log")
+
+
+class Loop(NamedTuple):
+    """A condition that varies in a grid.
+
+    Attributes:
+        symbol: of the condition.
+        values: its values in words, in the order of the config.
+        place: of its value in them, for each cell in the order of the loops (cells,).
+    """
+
+    symbol: str
+    values: list[str]
+    place: Ints
+
+
+def loops(tables: Tables, most: int = MOST_CELLS) -> tuple[list[Loop], dict[str, int]]:
+    """The conditions that vary in a grid, those of few values outermost, and the place of each group in their order.
+
+    Args:
+        tables: of the run.
+        most: largest number of cells.
+
+    Raises:
+        NotApplicable: if the design is no grid, or has too few or too many cells.
+    """
+    tables.require_grid()
+    cells = tables.summary.drop_duplicates("group").set_index("group")
+    if not FEWEST_CELLS <= len(cells) <= most:
+        raise NotApplicable(f"the grid has {len(cells):,} cells; {FEWEST_CELLS} to {most} can be drawn side by side")
+    words = {c: [c.label(row) for _, row in cells.iterrows()] for c in distinguishing(cells)}
+    varying = {c: list(dict.fromkeys(labels)) for c, labels in words.items() if len(set(labels)) > 1}
+    nested = sorted(varying, key=lambda c: len(varying[c]))
+    codes = [np.array([varying[c].index(label) for label in words[c]]) for c in nested]
+    order = np.lexsort(codes[::-1])
+    result = [
+        Loop(c.symbol, [value.removeprefix(f"{c.symbol} = ") for value in varying[c]], code[order])
+        for c, code in zip(nested, codes, strict=True)
+    ]
+    return result, {str(cells.index[cell]): place for place, cell in enumerate(order)}
+
+
+def draw_loops(ax: Axes, nested: Sequence[Loop]) -> None:
+    """Draw a line for each condition, which steps up with its value, and name its values."""
+    for number, loop in enumerate(nested):
+        base, count = -float(number), len(loop.place)
+        height = base + 0.1 + 0.5 * loop.place / (len(loop.values) - 1)
+        ax.stairs(height, np.arange(count + 1) - 0.5, baseline=None, color=style.INK, linewidth=0.9)
+        values = loop.values if len(loop.values) <= _NAMED else [*loop.values[: _NAMED - 2], "…", loop.values[-1]]
+        words = f"{loop.symbol}: {', '.join(values)}"
+        ax.text(-0.5, base + 0.68, words, fontsize=style.SMALL, va="bottom", color=style.INK)
+    ax.set_ylim(0.0 - len(nested) + 1.0, 1.05)
+    ax.set_xlim(-0.5, len(nested[0].place) - 0.5)
+    ax.set_axis_off()

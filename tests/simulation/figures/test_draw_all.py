@@ -22,10 +22,10 @@ from tests.configs import config
 REDRAW = """
 import sys
 from pathlib import Path
-from study.simulation.figures import draw_all
+from study.simulation.figures import FIGURES, draw_all
 from study.simulation.runs.run_folder import Run
 for folder in sys.argv[2:]:
-    draw_all([Run.open(Path(folder))], Path(sys.argv[1]))
+    draw_all([Run.open(Path(folder))], Path(sys.argv[1]), FIGURES)
 sys.exit("pyplot is not needed" if "matplotlib.pyplot" in sys.modules else 0)
 """
 
@@ -45,7 +45,10 @@ def runs(circles, random, make_run):
         "noises": config({"estimators": [*two, "als"]}, noise_over_radius=[1e-3, 1e-2, 1e-1, 1], **cells),
         "laws": config(short, **cells, **level, **laws),
         "misfits": config(short, **cells, **level, **structured),
-        "intervals": config({"estimators": two, "measures": ["interval", "own_errors"]}, trials=30, angle=[45, 180]),
+        "intervals": config(
+            {"estimators": two, "measures": ["interval", "own_errors", "ends"]}, trials=30, angle=[45, 180]
+        ),
+        "moments": config({"estimators": two}, trials=300, samples=100, noise=[0.01, 0.02], angle=[60, 180]),
         "posteriors": config(chains, samples=20, noise=0.05, angle=120, **apart),
     }
     return {"circles": circles, **{kind: make_run(text) for kind, text in texts.items()}, "random": random}
@@ -66,7 +69,7 @@ def elsewhere(runs, tmp_path_factory):
 def drawn(runs, elsewhere, tmp_path_factory):
     """What each of them said that it drew, and did not, into one folder below another that is not there."""
     folder = tmp_path_factory.mktemp("figures")
-    return {kind: figures.draw_all([store], folder / "a" / "b") for kind, store in runs.items()}
+    return {kind: figures.draw_all([store], folder / "a" / "b", FIGURES) for kind, store in runs.items()}
 
 
 @pytest.fixture(scope="module")

@@ -351,8 +351,8 @@ def test_drawn_curves_and_shares(small, likelihoods):
     assert right.get_ylim()[0] > right.get_ylim()[1]  # from above to below
     (legend,) = figure.legends
     words = [text.get_text() for text in legend.get_texts()]
-    assert words[-2:] == ["σ known", "σ unknown"]
-    assert len(words) == 4 * len(likelihoods) + 2
+    assert words[-3:] == ["σ known", "σ unknown", "95 of 100 if calibrated"]
+    assert len(words) == 4 * len(likelihoods) + 3
     assert [text.get_text() for text in figure.texts] == [frame.stamp]
 
 
