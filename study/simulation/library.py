@@ -365,7 +365,7 @@ def run(
     backend: str | None = None,
     scheduler: str | None = None,
     budget: float | None = None,
-    plugins: Sequence[str | Path] = (),
+    plugins: str | Path | Sequence[str | Path] = (),
 ) -> StudyRun:
     """Run a study, as `study run` does; resume it, or only read it, as far as it has been run.
 
@@ -401,7 +401,7 @@ def run(
     return StudyRun(done)
 
 
-def read_run(run: str | Path, plugins: Sequence[str | Path] = ()) -> StudyRun:
+def read_run(run: str | Path, plugins: str | Path | Sequence[str | Path] = ()) -> StudyRun:
     """Read a run that is stored, whoever ran it.
 
     Args:
@@ -424,7 +424,7 @@ def read_run(run: str | Path, plugins: Sequence[str | Path] = ()) -> StudyRun:
     return StudyRun(opened(run_folder(str(run))))
 
 
-def _load(plugins: Sequence[str | Path]) -> None:
+def _load(plugins: str | Path | Sequence[str | Path]) -> None:
     """Load files of a user's own before a config is read, which names what they register."""
-    for path in plugins:
+    for path in [plugins] if isinstance(plugins, str | Path) else plugins:
         load(Path(path))

@@ -321,7 +321,7 @@ def test_the_commands_that_make_a_run_again(refused, well, call_here, folder):
     forget()
     well(folder, *command.split()[1:])
     forget()
-    words = "out: ... it was made with estimators, laws or measures of my.py: give --plugin FILE"
+    words = "out: ... was made with estimators, laws or measures of my.py: give --plugin FILE"
     refused(folder, 1, words, "summary", "out")
 
 

@@ -206,3 +206,17 @@ def test_exports_that_cannot_be_made(run, call_here, monkeypatch):
         assert (code, said, complained.count("\n")) == (1, "", 1)
         assert complained.startswith(f"file: {package} is not installed; pip install 'sphere-fit-study[export]'")
         assert not (folder / "file").exists()
+
+
+def test_a_ranking_says_what_it_takes(run):
+    """An error that nobody ranks by, and a level in per cent, are refused with the remedy, not taken for others."""
+    with pytest.raises(ValueError, match=r"by = 'centre': errors are ranked by 'center', 'radius', 'disc'"):
+        run.rank(by="centre")
+    with pytest.raises(ValueError, match=r"level = 95: give a number between 0 and 1"):
+        run.rank(level=95)
+
+
+def test_one_plugin_is_a_list_of_one(tmp_path):
+    """``plugins="my.py"`` is not taken for a file for each letter."""
+    with pytest.raises(registry.PluginError, match=r"absent\.py"):
+        study.read_run("smoke", plugins=str(tmp_path / "absent.py"))

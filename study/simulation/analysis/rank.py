@@ -240,7 +240,12 @@ def of_run(run: Run, by: By = "center", level: float = 0.95) -> Mechanism:
 
     Raises:
         RunError: if the run is not a grid of several estimators with its errors, or not of circles for discs.
+        ValueError: if errors cannot be ranked by that, or the level is no share.
     """
+    if by not in WORDS:
+        raise ValueError(f"by = {by!r}: errors are ranked by {', '.join(map(repr, WORDS))}")
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level = {level}: give a number between 0 and 1, such as 0.95")
     check_comparable(run, "a ranking")
     if by == "disc" and run.study.dimension != 2:
         raise RunError(

@@ -634,4 +634,5 @@ def printed_worst(run: Run, trials: pd.DataFrame) -> Iterator[str]:
     titles = ["trial", "estimator", "over bound", "error/r", *(condition.symbol for condition in shown)]
     yield from columns(rows, titles, "<<>")
     if len(trials):
-        yield f"to see the first: study replay {run.folder} {trials['cell'][0]}/{trials['trial'][0]} --plot worst.png"
+        words = [f"{trials['cell'][0]}/{trials['trial'][0]}", "--plot worst.png", *run.plugins()]
+        yield f"to see the first: study replay {run.folder} {' '.join(words)}"

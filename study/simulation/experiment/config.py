@@ -202,14 +202,18 @@ _SAMPLES_IN_SUMMARY = 20_000_000_000
 def _known_estimators(names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in ESTIMATORS]
     if unknown:
-        raise ValueError(f"{listed(map(repr, unknown))} unknown; {estimator_remedy(unknown, ESTIMATORS)}")
+        raise ValueError(
+            f"{listed(map(repr, unknown))} unknown; {estimator_remedy(unknown, ESTIMATORS)}; {laws.OF_YOUR_OWN}"
+        )
     return names
 
 
 def _known_measures(names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in names if name not in registry.MEASURES]
     if unknown:
-        raise ValueError(f"{listed(map(repr, unknown))} unknown; {did_you_mean(unknown[0], registry.MEASURES)}")
+        raise ValueError(
+            f"{listed(map(repr, unknown))} unknown; {did_you_mean(unknown[0], registry.MEASURES)}; {laws.OF_YOUR_OWN}"
+        )
     return names
 
 

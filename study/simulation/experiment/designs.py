@@ -27,6 +27,7 @@ from pydantic import (
 
 from study.fits.cap import cap_moments
 from study.fits.random import Name, stream
+from study.simulation.experiment import laws
 from study.simulation.experiment.conditions import (
     CONDITIONS,
     SILENT,
@@ -182,7 +183,8 @@ def _expanded(condition: Condition, given: Any) -> tuple[Value, ...]:
     wrong = [v for v in values if not condition.holds(v) or not condition.allowed(v)]
     if wrong:
         listed = ", ".join(shorten(v) for v in wrong[:5]) + (", …" if len(wrong) > 5 else "")
-        raise ValueError(f"{listed} not allowed: every value must be {condition.must_be}")
+        own = f"; {laws.OF_YOUR_OWN}" if condition.laws else ""
+        raise ValueError(f"{listed} not allowed: every value must be {condition.must_be}{own}")
     if condition.kind is float:
         values = [v + 0.0 for v in values]  # -0.0 is 0.0
     result: tuple[Value, ...] = tuple(map(condition.kind, values))

@@ -8,8 +8,10 @@ so that no other number of the study depends on it.
 import inspect
 import math
 import re
+import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -102,6 +104,17 @@ def written(name: str, numbers: Iterable[float]) -> str:
     """A law as a config has it: ``student(5)``."""
     texts = ", ".join(f"{number:g}" for number in numbers)
     return f"{name}({texts})" if texts else name
+
+
+OF_YOUR_OWN = "one of your own needs its file: --plugin FILE, in Python plugins=[FILE]"
+"""Remedy for a name that nobody knows."""
+
+
+def raised(error: BaseException, function: Callable[..., object]) -> str:
+    """What a user's own function raised, with the line of its file, where that is known."""
+    file = getattr(getattr(function, "__code__", None), "co_filename", None)
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    return (f"{Path(file).name}, line {lines[-1]}: " if file and lines else "") + registry.one_line(error)
 
 
 def rule(kind: str) -> str:
@@ -238,7 +251,7 @@ class OneByOne:
         try:
             answer = np.asarray(self.function(trial, *numbers), dtype=float)
         except (Exception, SystemExit) as error:
-            raise self._fault(numbers, registry.one_line(error)) from None
+            raise self._fault(numbers, raised(error, self.function)) from None
         if answer.shape != shape:
             raise self._fault(numbers, f"returned shape {answer.shape}, expected {shape}: a row for each sample")
         if not np.all(np.isfinite(answer)):
@@ -296,6 +309,7 @@ def register_law(
     numbers, sentence = _described(function)
     if not sentence:
         raise ValueError(f"{call}: give the function a docstring: its first sentence says what the law is")
+    example = [example] if isinstance(example, int | float) else example
     if len(example) != len(numbers):
         words = f"give a number for each of {', '.join(numbers)}" if numbers else "the function takes none"
         raise ValueError(f"{call}: example = {list(example)}: {words}")
@@ -402,4 +416,7 @@ def check(name: str) -> tuple[list[str], list[str]]:
         mean, spread = answer.mean(axis=(0, 2)), answer.std(axis=(0, 2))
         shown = ", ".join(f"{m:.3f} ± {s:.3f}" for m, s in zip(mean, spread, strict=True))
         lines.append(f"{word}: d = {d}: mean ± standard deviation of each coordinate {shown}")
+        if law.kind == NOISE:  # along the radius the mean of a coordinate does not show it
+            away = np.einsum("bdn,bdn->bn", answer, trials.directions)
+            lines[-1] += f", along the radius {away.mean():.3f} ± {away.std():.3f}"
     return violations, lines

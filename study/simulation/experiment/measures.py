@@ -20,8 +20,9 @@ from study.fits import Estimates, Fit, Samples
 from study.fits.answer import white_covariance
 from study.fits.bounds import crlb
 from study.fits.intervals import Intervals, intervals
-from study.fits.registry import ESTIMATORS, Origin, Registry, as_fit, one_line, sound_samples, source
+from study.fits.registry import ESTIMATORS, Origin, Registry, as_fit, sound_samples, source
 from study.fits.registry import REGISTRIES as ALL_REGISTRIES
+from study.simulation.experiment.laws import raised
 
 Values = dict[str, NDArray[np.generic]]
 """Columns of measures by their stored names."""
@@ -248,17 +249,17 @@ def attempt(
         return _called(name, samples, as_fit(estimates, samples, estimator), truth), {}
     except (Exception, SystemExit):  # trying each trial by itself shows which of them raise
         result = missing([name], d, b)
-    raised = {}
+    faults = {}
     for t in range(b):
         one, part = samples.only(t), Estimates._make([array[t : t + 1] for array in estimates])
         try:
             answer = _called(name, one, as_fit(part, one, estimator), truth.only(t))
         except (Exception, SystemExit) as error:
-            raised[t] = f"measure {name}: {one_line(error)}"
+            faults[t] = f"measure {name}: {raised(error, MEASURES[name].function)}"
             continue
         for column, values in answer.items():
             result[column][t] = values[0]
-    return result, raised
+    return result, faults
 
 
 def _called(name: str, samples: Samples, fit: Fit, truth: Truth) -> Values:
@@ -369,7 +370,7 @@ def tried(name: str, dimension: int) -> str:
         if name in ORIGINS:
             _measured(name, dimension)
     except (Exception, SystemExit) as error:
-        return one_line(error)
+        return raised(error, MEASURES[name].function)
     return ""
 
 

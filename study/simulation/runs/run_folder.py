@@ -255,10 +255,11 @@ class Run:
             return cls(folder, load(folder / "config.toml"))
         except ConfigError as error:
             words = "; ".join(line.strip() for line in str(error).splitlines())
-            own = ", ".join(_own_files(folder))
-            hint = f"; it was made with estimators, laws or measures of {own}: give --plugin FILE" if own else ""
+            if own := _own_files(folder):
+                names = f"estimators, laws or measures of {', '.join(own)}"
+                raise RunError(f"{folder}: was made with {names}: give --plugin FILE; without it, {words}") from None
             again = f"`study run CONFIG --out {folder}`, with the config that it was made of, writes it again"
-            raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}{hint}") from None
+            raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}") from None
 
     def begin(self, config: str) -> "Run":
         """Store the config's text, remove the temporary files of a killed writer, and return the run."""

@@ -1,6 +1,7 @@
 """Measures of fits: what the shipped ones say, columns in the tables, and measures of one's own."""
 
 import math
+import re
 
 import numpy as np
 import pandas as pd
@@ -250,13 +251,16 @@ def test_a_measure_that_raises(tmp_path, start):
     assert set(zip(failures["trial"], failures["estimator"], strict=True)) == {
         (t, e) for t in bad for e in ("mle", "gdke")
     }
-    assert set(failures["message"]) == {"measure near: ValueError: near 0"}
+    assert set(failures["message"]) == {"measure near: my.py, line 8: ValueError: near 0"}
     assert set(failures["name"]) == {f"{errors['cell'][0]}/{trial}" for trial in bad}
     lacking = errors["trial"].isin(bad)
     assert errors["near_distance"].isna().equals(lacking)
     assert not errors.loc[lacking, "near_center"].any()
     assert errors[["error", "jaccard_index"]].notna().all().all()
-    assert f"the first of them {failures['name'][0]} by mle: measure near: ValueError" in runner.failure_message(run)
+    assert (
+        f"the first of them {failures['name'][0]} by mle: measure near: my.py, line 8: ValueError"
+        in runner.failure_message(run)
+    )
     assert Verification(run, 1.0).faults == []
 
 
@@ -270,7 +274,7 @@ def test_an_estimator_that_raises_is_told_first(monkeypatch):
         messages = dict(zip(result.failures["estimator"], result.failures["message"], strict=True))
         assert len(result.failures["message"]) == 4
         assert messages["raises"].startswith("ZeroDivisionError")
-        assert messages["lls"] == "measure bad: ZeroDivisionError: division by zero"
+        assert re.fullmatch(r"measure bad: test_measures.py, line \d+: ZeroDivisionError: .*", messages["lls"])
         assert np.isnan(lost(made, next(made.units()), "died").errors["bad_a"]).all()
     finally:
         registry.remove(["raises"])
