@@ -100,7 +100,8 @@ tables: paper
 	$(BIN)/python tools/reference_tables.py; \
 	$(BIN)/python benchmarks/em_vmf.py; \
 	$(BIN)/python benchmarks/stopping.py; \
-	$(BIN)/python benchmarks/limits.py
+	$(BIN)/python benchmarks/limits.py; \
+	$(BIN)/python benchmarks/ask.py
 
 # Speed as ratios to the limits of this machine and to other packages; stored in docs/assets/tables/bench.csv.
 bench: $(VENV)/.bench

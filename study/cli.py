@@ -390,7 +390,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     ),
     "Results": (
         *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),
-        *(commands.regret, commands.rank, commands.diff, commands.verify, commands.archive, export),
+        *(commands.regret, commands.rank, commands.ask, commands.diff, commands.verify, commands.archive, export),
     ),
     "Points and estimators": (
         *(fit, plan_fit, commands.estimators, commands.check, certify),
@@ -399,7 +399,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
-    *(commands.configs, commands.check, certify, commands.cost, plan_fit, commands.worker),
+    *(commands.configs, commands.check, certify, commands.cost, plan_fit, commands.worker, commands.ask),
     commands.compile_loops,
     *_GROUPS["Recordings"],
 }
