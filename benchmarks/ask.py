@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from scipy.linalg import cho_solve
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 from scipy.stats import qmc
 from studies import ROOT, store, whole
@@ -36,7 +36,7 @@ ESTIMATORS = ["corrected", "als", "fuller", "mle", "taubin", "pratt", "hyper", "
 NAMES = [condition.name for condition in ASKED]
 RANGES = {"samples": [8, 2000], "noise_over_radius": [0.003, 0.8], "angle": [8.0, 180.0]}
 SEED, TRIALS, EVEN = 51, 20_000, 768
-BATCH, BATCHES, CANDIDATES = 96, 8, 1200
+BATCH, BATCHES, CANDIDATES, NEIGHBOURS = 96, 8, 1200, 12
 UNSEEN, CHECKED, CHECK_TRIALS = 52, 200, 80_000
 """Seed, number and trials of the cells that are checked."""
 KEPT = ROOT / "results" / "ask.csv"
@@ -100,26 +100,70 @@ def likelihood(logarithms, process):
     return value + 0.5 * away @ away * 1.5**2, np.array([*gradient, *others])
 
 
+def maximised(process, iterations):
+    """The process with the parameters that are most likely, searched from its own."""
+    start = np.log([*process.lengths, process.variance, process.roughness])
+    bounds = [(-3.0, 6.0)] * len(process.lengths) + [(-8.0, 8.0), (math.log(1e-8), math.log(1e-2))]
+    options = {"maxiter": iterations}
+    found = minimize(likelihood, start, process, "L-BFGS-B", jac=True, bounds=bounds, options=options)
+    *lengths, variance, roughness = np.exp(found.x)
+    return replace(process, lengths=np.array(lengths), variance=variance, roughness=roughness)
+
+
+def blank(places):
+    """A process without values, from whose parameters the first search starts."""
+    return Process(np.full(places.shape[1], math.e), 1.0, 1e-5, places, *np.zeros((2, len(places))), 1.0)
+
+
+def with_cells(process, table, name):
+    """The process with the cells of a table."""
+    values, noise = np.log(table[name].to_numpy()), (table[f"{name}_error"] / table[name]).to_numpy() ** 2
+    return replace(process, places=features(table[NAMES]), values=values, noise=noise)
+
+
+def left_out(process):
+    """Deviation of each cell from what the others predict of it, and the variance of that (m,).
+
+    Source: Rasmussen & Williams 2006, eq. 5.12.
+    """
+    inverse = solve_triangular(process.root, np.eye(len(process.values)), lower=True)
+    variance = 1.0 / np.sum(inverse**2, axis=0)
+    return process.weights * variance, variance
+
+
 def fitted(table, before=None):
-    """Processes of the estimators, by maximum likelihood from parameters that were fitted before."""
-    processes, places = {}, features(table[NAMES])
+    """Processes of the estimators by maximum likelihood, from parameters that were fitted before."""
+    processes = {}
     for name in ESTIMATORS:
-        values, noise = np.log(table[name].to_numpy()), (table[f"{name}_error"] / table[name]).to_numpy() ** 2
-        old = before[name] if before else Process(np.full(places.shape[1], math.e), 1.0, 1e-5, places, values, noise)
-        process = replace(old, places=places, values=values, noise=noise)
-        start = np.log([*process.lengths, process.variance, process.roughness])
-        bounds = [(-3.0, 6.0)] * places.shape[1] + [(-8.0, 8.0), (math.log(1e-8), math.log(1e-2))]
-        options = {"maxiter": 15 if before else 60}
-        found = minimize(likelihood, start, process, "L-BFGS-B", jac=True, bounds=bounds, options=options)
-        *lengths, variance, roughness = np.exp(found.x)
-        processes[name] = replace(process, lengths=np.array(lengths), variance=variance, roughness=roughness)
+        start = before[name] if before else blank(features(table[NAMES]))
+        processes[name] = with_cells(maximised(with_cells(start, table, name), 15 if before else 60), table, name)
     return processes
+
+
+def scores(process):
+    """Deviation of each cell from what the others predict, over half of its interval of factor 1 (m,)."""
+    deviation, variance = left_out(process)
+    return np.abs(deviation) / np.sqrt(variance - process.noise)
 
 
 def with_factors(processes):
     """The processes with intervals that hold their level in the even cells, each of which is left out."""
     rank = math.ceil(LEVEL * (EVEN + 1)) - 1
-    return {name: replace(p, factor=np.sort(p.scores()[:EVEN])[rank]) for name, p in processes.items()}
+    return {name: replace(p, factor=np.sort(scores(p)[:EVEN])[rank]) for name, p in processes.items()}
+
+
+def surprise(process, near):
+    """Root mean square of what the nearest cells deviate by from the others' predictions, and four usual ones (n,).
+
+    A process takes itself to be as smooth everywhere. It is not.
+
+    Args:
+        process: the process.
+        near: correlations of places with its cells (n, m).
+    """
+    deviation, variance = left_out(process)
+    nearest = np.argpartition(-near, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]
+    return np.sqrt(((deviation**2 / variance)[nearest].sum(axis=1) + 4.0) / (NEIGHBOURS + 4.0))
 
 
 def least_sure(processes, number, rng):
@@ -132,7 +176,7 @@ def least_sure(processes, number, rng):
     for process in processes.values():
         scaled, near = places / process.lengths, correlation(places / process.lengths, process.places / process.lengths)
         known = np.linalg.solve(process.root, process.variance * near.T)
-        rough = process.local(near)
+        rough = surprise(process, near)
         covariance = process.variance * correlation(scaled, scaled) - known.T @ known
         covariances.append(rough[:, None] * covariance * rough)
     chosen = []
@@ -153,25 +197,22 @@ def make():
         print(f"batch {number + 1} of {BATCHES}", flush=True)
         more = simulated(least_sure(processes, BATCH, rng))
         table = pd.concat([table, more], ignore_index=True)
-        columns = {name: (np.log(table[name]), (table[f"{name}_error"] / table[name]) ** 2) for name in ESTIMATORS}
-        places = features(table[NAMES])
-        for name, (values, noise) in columns.items():
-            given = {"values": values.to_numpy(), "noise": noise.to_numpy()}
-            processes[name] = replace(processes[name], places=places, **given)
+        processes = {name: with_cells(process, table, name) for name, process in processes.items()}
     save(table, with_factors(fitted(table, processes)))
 
 
 def save(table, processes):
     """Store the cells, with what the processes need, in the package."""
-    kinds = {"samples": "int16"} | dict.fromkeys([c for c in table if c.startswith(tuple(ESTIMATORS))], "float32")
     origin = {"version": __version__, "seed": SEED, "trials": TRIALS, "cells": len(table), "even": EVEN}
     found = {
         name: {"lengths": [float(f"{x:.6g}") for x in p.lengths]}
         | {key: float(f"{getattr(p, key):.6g}") for key in ("variance", "roughness", "factor")}
         for name, p in processes.items()
     }
+    table = table.drop(columns=["seed", "trials"])
     stored = {"origin": origin, "ranges": RANGES, "processes": found}
-    arrow = pa.Table.from_pandas(table.drop(columns=["seed", "trials"]).astype(kinds), preserve_index=False)
+    kinds = {name: "int16" if name == "samples" else "float32" for name in table if name not in NAMES[1:]}
+    arrow = pa.Table.from_pandas(table.astype(kinds), preserve_index=False)
     pq.write_table(arrow.replace_schema_metadata({METADATA: json.dumps(stored)}), TABLE, compression="zstd")
     print(f"{TABLE}: {TABLE.stat().st_size:,} bytes")
 

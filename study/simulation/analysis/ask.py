@@ -2,13 +2,12 @@
 
 Each cell of the table is what a study of its conditions gives: the summary's ``ratio_median`` of many trials, with its
 Monte-Carlo error. For each estimator the logarithm of it is taken for a Gaussian process over the conditions, whose
-covariance is Matérn's with ν = 5/2 (Rasmussen & Williams 2006: eq. 4.17, predictions by 2.25 and 2.26, cells left out
-by 5.12). Features of the conditions are logarithms, and what has a bend where bias exceeds scatter.
+covariance is Matérn's with ν = 5/2 (Rasmussen & Williams 2006: eq. 4.17, predictions by 2.25 and 2.26). Features of the
+conditions are logarithms, and what has a bend where bias exceeds scatter.
 
-The process takes its own smoothness to be the same everywhere, and it is not. So its standard deviation is multiplied
-by how far the nearest cells lie from what the others predict of them, and by one factor for each estimator: with it
-95 % of the cells that were drawn evenly lie within their intervals when they are left out (conformal prediction,
-normalised: Papadopoulos, Vovk & Gammerman 2011). `benchmarks/ask.py` makes the table, and stores how good it is.
+An interval is the standard deviation of the process times a factor for each estimator: 95 % of the cells that were
+drawn evenly lie within it when they are left out, with their Monte-Carlo errors (conformal prediction, normalised:
+Papadopoulos, Vovk & Gammerman 2011). `benchmarks/ask.py` makes the table, and stores how good it is.
 """
 
 import json
@@ -36,10 +35,8 @@ METADATA = b"study.ask"
 ASKED = (SAMPLES, NOISE_OVER_RADIUS, ANGLE)
 """The conditions, in the order in which functions take them."""
 LEVEL = 0.95
-"""Share of the intervals that hold the median."""
+"""Share of the intervals that hold the median of a run."""
 DIMENSION = 3
-_NEIGHBOURS, _PRIOR = 12, 4
-"""Cells whose deviations say how rough the surface is there, and the number of usual ones that are added to them."""
 
 
 def features(conditions: ArrayLike) -> Floats:
@@ -84,7 +81,7 @@ class Process:
     places: Floats
     values: Floats
     noise: Floats
-    factor: float = 1.0
+    factor: float
 
     @cached_property
     def root(self) -> Floats:
@@ -98,35 +95,13 @@ class Process:
         """Inverse covariance times the values' deviations from their mean (m,)."""
         return np.asarray(scipy.linalg.cho_solve((self.root, True), self.values - self.values.mean()))
 
-    @cached_property
-    def left_out(self) -> tuple[Floats, Floats]:
-        """Deviation of each cell from what the others predict of it, and the variance of that (m,)."""
-        inverse = scipy.linalg.solve_triangular(self.root, np.eye(len(self.values)), lower=True)
-        variance = 1.0 / np.sum(inverse**2, axis=0)
-        return self.weights * variance, variance
-
-    def local(self, near: Floats) -> Floats:
-        """How far cells lie from what the others predict, in standard deviations: (n,) for correlations (n, m)."""
-        deviation, variance = self.left_out
-        nearest = np.argpartition(-near, _NEIGHBOURS, axis=1)[:, :_NEIGHBOURS]
-        squares = (deviation**2 / variance)[nearest].sum(axis=1)
-        return np.asarray(np.sqrt((squares + _PRIOR) / (_NEIGHBOURS + _PRIOR)))
-
     def predict(self, places: Floats) -> tuple[Floats, Floats]:
         """Logarithm of the median, and half of its interval (n,), at features (n, k)."""
         near = correlation(places / self.lengths, self.places / self.lengths)
         known = scipy.linalg.solve_triangular(self.root, self.variance * near.T, lower=True)
         variance = np.maximum(self.variance - np.sum(known**2, axis=0), 0.0) + self.roughness
         value = self.values.mean() + self.variance * near @ self.weights
-        return value, self.factor * self.local(near) * np.sqrt(variance)
-
-    def scores(self) -> Floats:
-        """Deviation of each cell from what the others predict, in units of half an interval of factor 1 (m,)."""
-        deviation, variance = self.left_out
-        scaled = self.places / self.lengths
-        near = correlation(scaled, scaled)
-        np.fill_diagonal(near, 0.0)
-        return np.asarray(np.abs(deviation) / (self.local(near) * np.sqrt(variance - self.noise)))
+        return value, self.factor * np.sqrt(variance)
 
 
 Conditions = tuple[float, float, float]
@@ -168,7 +143,7 @@ class Emulator:
         conditions = np.stack([table[condition.name].to_numpy() for condition in ASKED], axis=1)
         places, processes = features(conditions), {}
         for name, found in stored["processes"].items():
-            median, error = (table[column].to_numpy().astype(float) for column in (name, f"{name}_error"))
+            median, error = (table[f"{name}{ending}"].to_numpy().astype(float) for ending in ("", "_error"))
             of_cells = {"places": places, "values": np.log(median), "noise": (error / median) ** 2}
             processes[name] = Process(**found | {"lengths": np.array(found["lengths"])}, **of_cells)
         return cls(stored["origin"], stored["ranges"], conditions, processes)
@@ -219,7 +194,7 @@ def printed(conditions: Conditions, answers: list[Answer], origin: Origin) -> It
     """The answers for a terminal."""
     asked = (f"{c.symbol} = {c.written(value)}" for c, value in zip(ASKED, conditions, strict=True))
     yield f"{', '.join(asked)}: median error of the centre over the bound"
-    rows = [[name, f"{value:.3f}", f"{low:.3f}", f"{high:.3f}"] for name, value, low, high in answers]
-    rows.append(["at the bound", f"{efficient(conditions[2]):.3f}", "", ""])
+    rows = [[name, *(f"{number:#.3g}" for number in numbers)] for name, *numbers in answers]
+    rows.append(["at the bound", f"{efficient(conditions[2]):#.3g}", "", ""])
     yield from columns(rows, ["", "median", "95 % from", "to"], "<>")
     yield "from {cells:,} cells of {trials:,} trials, seed {seed}, version {version}".format(**origin)
