@@ -1,5 +1,6 @@
 """Answers without a run: the formulas beside others of them, the range, and the table beside what a study gives."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -88,7 +89,7 @@ def test_cells_left_out(small):
         ("--samples", "7", "samples 7: the table reaches from 8 to 2000"),
         ("--samples", "2001", "samples 2001: the table reaches from 8 to 2000"),
         ("--noise-over-radius", "0.0029", "noise_over_radius 0.0029: the table reaches from 0.003 to 0.8"),
-        ("--noise-over-radius", "nan", "noise_over_radius nan: the table reaches from 0.003 to 0.8"),
+        ("--noise-over-radius", "NaN", "noise_over_radius nan: the table reaches from 0.003 to 0.8"),
         ("--angle", "7.9", "angle 7.9: the table reaches from 8 to 180"),
         ("--angle", "181", "angle 181: the table reaches from 8 to 180"),
         ("--dimension", "2", "dimension 2: the table is of spheres in 3"),
@@ -96,7 +97,7 @@ def test_cells_left_out(small):
 )
 def test_beyond_the_table(emulator, option, value, words):
     """Conditions that the table does not reach are refused, with what it reaches."""
-    asked = {"--samples": 50, "--noise-over-radius": 0.1, "--angle": 40, "--dimension": 3} | {option: float(value)}
+    asked = {"--samples": 50, "--noise-over-radius": 0.1, "--angle": 40, "--dimension": 3} | {option: json.loads(value)}
     with pytest.raises(ValueError, match=words):
         emulator.ask(*asked.values())
 
