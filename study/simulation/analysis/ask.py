@@ -110,7 +110,7 @@ Origin = Mapping[str, str | int]
 """Version of the package that made the table, its seed, its cells, those drawn evenly, and the trials of each."""
 
 
-class Answer(NamedTuple):
+class Prediction(NamedTuple):
     """The median error of an estimator over the bound, and its interval."""
 
     estimator: str
@@ -158,7 +158,7 @@ class Emulator:
                 words = f"the table reaches from {low:g} to {high:g}; run a study instead"
                 raise ValueError(f"{condition.name} {value:g}: {words}")
 
-    def ask(self, samples: float, noise_over_radius: float, angle: float, dimension: int = DIMENSION) -> list[Answer]:
+    def ask(self, samples: float, noise_over_radius: float, angle: float, dimension: int = DIMENSION) -> list[Prediction]:
         """Median errors of all estimators over the bound, from the least to the largest.
 
         Args:
@@ -174,7 +174,7 @@ class Emulator:
         place, answers = features([[samples, noise_over_radius, angle]]), []
         for name, process in self.processes.items():
             (value,), (half,) = process.predict(place)
-            answers.append(Answer(name, *(math.exp(value + step) for step in (0.0, -half, half))))
+            answers.append(Prediction(name, *(math.exp(value + step) for step in (0.0, -half, half))))
         return sorted(answers, key=lambda answer: answer.ratio_median)
 
 
@@ -183,14 +183,14 @@ def efficient(angle: float) -> float:
     return median_at_bound(cap_moments(math.radians(angle), DIMENSION), DIMENSION)
 
 
-def as_data(conditions: Conditions, answers: list[Answer], origin: Origin) -> dict[str, object]:
+def as_data(conditions: Conditions, answers: list[Prediction], origin: Origin) -> dict[str, object]:
     """The answers for JSON."""
     asked = {condition.name: value for condition, value in zip(ASKED, conditions, strict=True)}
     rows = [answer._asdict() for answer in answers]
     return asked | {"level": LEVEL, "at_bound": efficient(conditions[2]), "answers": rows, "made_by": origin}
 
 
-def printed(conditions: Conditions, answers: list[Answer], origin: Origin) -> Iterator[str]:
+def printed(conditions: Conditions, answers: list[Prediction], origin: Origin) -> Iterator[str]:
     """The answers for a terminal."""
     asked = (f"{c.symbol} = {c.written(value)}" for c, value in zip(ASKED, conditions, strict=True))
     yield f"{', '.join(asked)}: median error of the centre over the bound"
