@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
-.PHONY: paper article calibration skeleton test smoke lint numbers tables bench mutants docs clean
+.PHONY: paper article calibration skeleton test smoke lint numbers tables bench benchmark mutants docs clean
 .DELETE_ON_ERROR:
 
 # Tables that the documents quote.
@@ -21,7 +21,7 @@ CONFIGS := $(STUDIES:%=configs/%.toml)
 DRAW = $(BIN)/study figures --out figures
 # Figures that the documents have from these studies.
 PICTURES := fig2_error fig3_gdke_ellipse fig4_ugdk_ellipse fig5_methods fig6_mgdk fig7_power_law fig_efficiency \
-    fig_posterior fig_calibration
+    fig_posterior
 paper: $(VENV)/.compiled results/cost.parquet
 	@set -e; \
 	echo "The paper's 1000 trials, and ten studies that its claims need:"; \
@@ -42,14 +42,15 @@ results/cost.parquet: $(VENV)/.run
 article: $(VENV)/.article
 	$(BIN)/python tools/make_article.py
 
-# Posteriors of many trials: how often they, and the estimators' own error ellipsoids, cover the truth. Takes minutes.
+# Posteriors of many trials: how often they, and the estimators' own error ellipsoids, cover the truth.
 calibration: $(VENV)/.run
 	@set -e; \
 	for name in calibration whole-sphere; do \
 	    $(BIN)/study run configs/$$name.toml; \
 	    $(BIN)/study posterior configs/$$name.toml || [ $$? -eq 3 ]; \
 	    $(BIN)/study figures configs/$$name.toml fig_calibration; \
-	done
+	done; \
+	$(DRAW) configs/calibration.toml fig_calibration
 
 QUOTED := regret regret-circles published efficiency robustness robust precision map misfit coverage
 
@@ -102,6 +103,11 @@ tables: paper
 	$(BIN)/python benchmarks/stopping.py; \
 	$(BIN)/python benchmarks/limits.py; \
 	$(BIN)/python benchmarks/ask.py
+
+# The ranking of circle and sphere fits. CIRCLES=FOLDER has published numbers, SCANS=FOLDER scans; see benchmarks/*.py.
+benchmark: $(VENV)/.bench
+	$(BIN)/python benchmarks/ranking.py $(CIRCLES)
+	$(if $(CIRCLES),$(BIN)/python benchmarks/given.py $(CIRCLES) $(SCANS))
 
 # Speed as ratios to the limits of this machine and to other packages; stored in docs/assets/tables/bench.csv.
 bench: $(VENV)/.bench

@@ -60,6 +60,10 @@ _TASK = "with dask: seconds of work in a task; give more for many workers [defau
 Task = Annotated[float | None, typer.Option("--task", metavar="SECONDS", help=_TASK)]
 Scheduler = Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler: tcp://host:8786")]
 _BUDGET = "start no new work after this many seconds; for configs with [precision]"
+_PART = "compute the K-th of N shares of the units alone; `study merge` puts shares together"
+Part = Annotated[str | None, typer.Option("--part", metavar="K/N", help=_PART)]
+_SHARES = "folders of the shares [default: results/<name>-<digest>-part-*]"
+Shares = Annotated[list[Path] | None, typer.Argument(metavar="[FOLDER]…", help=_SHARES)]
 Seconds = Annotated[float | None, typer.Option("--budget", min=0.0, help=_BUDGET)]
 _POINTS = "text such as CSV, .npy, .parquet, .ply, .pcd, .stl, .xlsx, .las and others; - for standard input"
 Points = Annotated[list[Path], typer.Argument(metavar="POINTS", help=_POINTS, allow_dash=True)]
@@ -126,13 +130,15 @@ def run(
     scheduler: Scheduler = None,
     budget: Seconds = None,
     task: Task = None,
+    part: Part = None,
 ) -> None:
     """Run studies; resume unfinished ones.
 
-    The tables are stored, and the folder of each run is printed.
+    The tables are stored, and the folder of each run is printed. With --part there are no tables yet.
     """
     from study.simulation.experiment.config import config_file, read
-    from study.simulation.library import complete, workers_of
+    from study.simulation.library import complete, complete_share, workers_of
+    from study.simulation.runs.parts import Share
 
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky or dask; --scheduler goes with dask, and only with it")
@@ -140,6 +146,10 @@ def run(
         raise typer.BadParameter(f"--task {task:g}: seconds above 0 go with --backend dask, and only with it")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is a folder for one config, but {len(configs)} are given; leave it out")
+    try:
+        share = None if part is None else Share.parse(part)
+    except ValueError as error:
+        raise typer.BadParameter(f"--part {error}") from None
     complaints, code = list[str](), ExitCode.TOO_MANY_FAILURES
     studies = [read(config_file(config)) for config in configs]  # a fault in the last one shows before the first runs
     for config, (study, _) in zip(configs, studies, strict=True):
@@ -147,12 +157,32 @@ def run(
             reason = f"{config} has no [precision] and cannot stop early; leave --budget out"
             raise typer.BadParameter(f"--budget {budget:g}: {reason}")
     for made in studies:
-        done, words = complete(made, out, workers_of(made[0], jobs, backend, scheduler, task), budget, _progress)
+        workers = workers_of(made[0], jobs, backend, scheduler, task)
+        if share is not None:
+            typer.echo(str(complete_share(made, share, out, workers, _progress).folder))
+            continue
+        done, words = complete(made, out, workers, budget, _progress)
         typer.echo(str(done.folder))
         complaints += words
         code = ExitCode.BUDGET if done.stopped() is not None else code
     if complaints:
         raise typer.Exit(_complain("\n".join(complaints), code))
+
+
+def merge(config: commands.Config, shares: Shares = None, out: Out = None, jobs: Jobs = 2) -> None:
+    """Put the shares of a run together.
+
+    These are the folders that `study run CONFIG --part K/N` made. The tables equal those of a run on one machine, and
+    the run's folder is printed. The folders of the shares stay; remove them when you want.
+    """
+    from study.simulation.experiment.config import config_file, read
+    from study.simulation.library import merge, workers_of
+
+    made = read(config_file(config))
+    done, complaints = merge(made, shares or [], out, workers_of(made[0], jobs, None), _progress)
+    typer.echo(str(done.folder))
+    if complaints:
+        raise typer.Exit(_complain("\n".join(complaints), ExitCode.TOO_MANY_FAILURES))
 
 
 def posterior(folder: Folder, jobs: Jobs = 2) -> None:
@@ -385,18 +415,19 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (
-        *(commands.configs, commands.plan, run, commands.status, posterior, commands.worker),
-        *(commands.laws, commands.measures),
+        *(commands.configs, commands.plan, run, merge, commands.status, posterior),
+        *(commands.ask, commands.laws, commands.measures),
     ),
     "Results": (
-        *(commands.summary, commands.claims, commands.readings, figures, commands.report, commands.worst, replay),
-        *(commands.regret, commands.rank, commands.ask, commands.diff, commands.verify, commands.archive, export),
+        *(commands.summary, commands.claims, figures, commands.report, commands.rank, commands.worst, replay),
+        *(commands.diff, commands.verify, commands.archive, export),
     ),
-    "Points and estimators": (
-        *(fit, plan_fit, commands.estimators, commands.check, certify),
+    "Points and estimators": (fit, plan_fit, commands.estimators, commands.check),
+    "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
+    "Maintenance": (
+        *(commands.worker, commands.readings, commands.regret, certify),
         *(commands.cost, commands.compile_loops),
     ),
-    "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
     *(commands.configs, commands.check, certify, commands.cost, plan_fit, commands.worker, commands.ask),
@@ -405,7 +436,7 @@ _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
 }
 _NAMES: dict[Callable[..., None], str] = {commands.compile_loops: "compile"}
 """Names of commands whose functions cannot have them: `compile` is Python's."""
-_RESUMED = {"run", "posterior"}
+_RESUMED = {"run", "merge", "posterior"}
 """Commands that go on where an interruption stopped them."""
 for _title, _group in _GROUPS.items():
     for _command in _group:  # those that read configs, runs or names of estimators take --plugin
@@ -420,15 +451,33 @@ def options(version: Version = False) -> None:
 
 
 @contextlib.contextmanager
-def _progress(words: str) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar if standard error is a terminal; the function it gives adds a share of the work."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+def _progress(title: str) -> Iterator[Callable[..., None]]:
+    """Show a bar if standard error is a terminal, else a line a minute; it gives `Headway.add`, or one like it."""
+    from study.simulation.library import Headway
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, disable=not sys.stderr.isatty(), console=Console(file=unchanged(sys.stderr))) as bar:
-        task = bar.add_task(words, total=1.0)
-        yield lambda share: bar.advance(task, share)
+    if not sys.stderr.isatty():
+        yield Headway(lambda words: print(f"{title}: {words}", file=sys.stderr, flush=True)).add
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+    from rich.text import Text
+
+    class Words(ProgressColumn):
+        """Units done, the time that has passed and the time that is left."""
+
+        def render(self, task: Task) -> Text:
+            return Text(headway.words())
+
+    headway = Headway()
+    columns = (TextColumn("{task.description}"), BarColumn(), Words())
+    with Progress(*columns, console=Console(file=unchanged(sys.stderr))) as bar:
+        task = bar.add_task(title, total=1.0)
+
+        def add(share: float, done: int = 0, total: int = 0) -> None:
+            headway.add(share, done, total)
+            bar.update(task, completed=headway.share)
+
+        yield add
 
 
 def main(command: Callable[..., object] = app) -> None:

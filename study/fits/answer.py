@@ -381,8 +381,12 @@ class Fit(Hinting):
         """Intervals of the flat batch, computed once for each level."""
         known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
         if level not in known:
-            known[level] = self._points.intervals(level)
+            known[level] = self._intervals_at(level)
         return known[level]
+
+    def _intervals_at(self, level: float) -> Intervals:
+        """Intervals of the flat batch, from the points alone; a fit that was given more overrides it."""
+        return self._points.intervals(level)
 
     @property
     def ok(self) -> Bools:

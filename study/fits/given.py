@@ -336,26 +336,23 @@ class GivenFit(Fit):
         named = weighted_outliers(self._points.samples)
         return np.asarray(named.reshape(*self.shape, named.shape[1]))
 
-    def _intervals(self, level: float) -> Intervals:
-        """Intervals of the flat batch, computed once for each level."""
-        known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
-        if level not in known:
-            sets, stretch = self._different, self._evidence.stretch(level, self._points.spare) * self._points.selection
-            if self._given.prior is not None:
-                known[level] = self._uncertain_intervals(level, stretch)
-                return known[level]
-            stretch[np.isfinite(self._given.radius), -1] = 1.0
+    def _intervals_at(self, level: float) -> Intervals:
+        """Intervals of the flat batch, with what was given."""
+        sets, stretch = self._different, self._evidence.stretch(level, self._points.spare) * self._points.selection
+        if self._given.prior is not None:
+            return self._uncertain_intervals(level, stretch)
+        stretch[np.isfinite(self._given.radius), -1] = 1.0
 
-            def again(some: Ints, factors: Floats) -> Intervals:
-                return given_intervals(sets.take(some), level, factors)
+        def again(some: Ints, factors: Floats) -> Intervals:
+            return given_intervals(sets.take(some), level, factors)
 
-            known[level] = widened(given_intervals(sets, level, np.ones(len(stretch))), stretch, again)
-            if self._given.stated_alone:
-                known[level] = self._points.open_on_hinges(known[level], level)
-            if (plain := self._nothing_known).any():
-                for whole, part in zip(known[level], self._points.intervals(level), strict=True):
-                    whole[plain] = part[plain]
-        return known[level]
+        intervals = widened(given_intervals(sets, level, np.ones(len(stretch))), stretch, again)
+        if self._given.stated_alone:
+            intervals = self._points.open_on_hinges(intervals, level)
+        if (plain := self._nothing_known).any():
+            for whole, part in zip(intervals, self._points.intervals(level), strict=True):
+                whole[plain] = part[plain]
+        return intervals
 
     def _uncertain_intervals(self, level: float, stretch: Floats) -> Intervals:
         """Intervals for a radius stated with an uncertainty; they hold those of the known radius that is likeliest.

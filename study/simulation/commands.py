@@ -315,7 +315,7 @@ def ask(
 
     emulator, conditions = Emulator.load(), (samples, noise_over_radius, angle)
     try:
-        answers = emulator.ask(*conditions, dimension)
+        answers = emulator.ask(conditions, dimension)
     except ValueError as fault:
         raise typer.BadParameter(str(fault)) from None
     if as_json:

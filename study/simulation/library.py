@@ -1,6 +1,8 @@
 """Studies in Python, as the commands treat them: a config is run, and its run is read, drawn and exported."""
 
 import contextlib
+import math
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -18,7 +20,7 @@ from study.simulation.experiment.config import Study, config_file, read
 from study.simulation.experiment.designs import as_list
 from study.simulation.runs import runner, schemas
 from study.simulation.runs.adaptive import TimeBudget
-from study.simulation.runs.parts import takes_long
+from study.simulation.runs.parts import Share, takes_long
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import Workers
 from study.text import did_you_mean
@@ -29,15 +31,65 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-Progress = Callable[[str], AbstractContextManager[Callable[[float], None]]]
-"""Begins to show the progress of something; what it gives is called with each share of the work that is done."""
+Progress = Callable[[str], AbstractContextManager[Callable[..., None]]]
+"""Begins to show the progress of something; what it gives is called as `Headway.add`."""
 EXTRA = "pip install 'sphere-fit-study[export]'"
 
 
 @contextlib.contextmanager
-def _silent(words: str) -> Iterator[Callable[[float], None]]:
+def _silent(words: str) -> Iterator[Callable[..., None]]:
     """Show no progress."""
-    yield lambda share: None
+    yield lambda *numbers: None
+
+
+_LINES = 60.0
+"""Seconds between two lines about progress."""
+
+
+class Headway:
+    """Progress in words.
+
+    Args:
+        say: called with the words when a minute has passed since they were said; None to say nothing.
+        clock: gives the time in seconds.
+
+    Attributes:
+        share: share of the work that is done.
+    """
+
+    def __init__(self, say: Callable[[str], None] | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        self._say, self._clock, self.share = say, clock, 0.0
+        self._began = self._said = clock()
+        self._counts, self._whole = "begun", math.nan
+
+    def add(self, share: float, done: int = 0, total: int = 0) -> None:
+        """Note what is done.
+
+        Args:
+            share: share of the work that was done since the last call.
+            done: number of units that are done.
+            total: number of all units; 0 where they are not counted.
+        """
+        self.share = min(1.0, self.share + share)
+        self._counts = f"{done:,}/{total:,} units" if total else f"{self.share:.0%}"
+        now = self._clock()
+        self._whole = (now - self._began) / self.share if self.share else math.nan
+        if self._say is not None and now - self._said >= _LINES:
+            self._said = now
+            self._say(self.words())
+
+    def words(self) -> str:
+        """Units done, the time that has passed, and the time that is left if the rest takes as long as the work did."""
+        passed = self._clock() - self._began
+        words = f"{self._counts}, {_minutes(passed)} passed"
+        return words if math.isnan(self._whole) else f"{words}, about {_minutes(max(0.0, self._whole - passed))} left"
+
+
+def _minutes(seconds: float) -> str:
+    """A time in minutes and seconds, with hours where there are any: 1:05, 12:00:00."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 def workers_of(
@@ -78,6 +130,50 @@ def complete(
         with progress("posteriors") as advance:
             compute(done, workers, advance)
     return done, [words for words in (runner.budget_message(done), runner.failure_message(done)) if words]
+
+
+def complete_share(
+    config: tuple[Study, str], share: Share, folder: Path | None, workers: Workers, progress: Progress = _silent
+) -> Run:
+    """Compute a share of a study.
+
+    Args:
+        config: the study, and its text.
+        share: the share.
+        folder: the share's folder; by the run's name and the share in `RUNS`, if None.
+        workers: who computes it.
+        progress: shows how far it is.
+
+    Returns:
+        The folder as a run without tables, which `merge` puts together with those of the other shares.
+    """
+    study, text = config
+    name = f"{study.run_name()}-part-{share.number}-of-{share.of}"
+    with progress(name) as advance:
+        return runner.run_share(study, text, folder or RUNS / name, share, workers, advance)
+
+
+def merge(
+    config: tuple[Study, str],
+    shares: Sequence[Path],
+    folder: Path | None,
+    workers: Workers,
+    progress: Progress = _silent,
+) -> tuple[Run, list[str]]:
+    """Put shares together to the run that one machine would have made; see `complete`.
+
+    Args:
+        config: the study, and its text.
+        shares: folders of the shares; all beside the run's folder, if none is given.
+        folder: the run's folder; by its name in `RUNS`, if None.
+        workers: who computes posteriors, if the config has them.
+        progress: shows how far it is.
+    """
+    study, text = config
+    folder = folder or RUNS / study.run_name()
+    found = shares or sorted(folder.parent.glob(f"{study.run_name()}-part-*-of-*"))
+    runner.gather(study, text, folder, found)
+    return complete(config, folder, workers, progress=progress)
 
 
 class StudyRun(Hinting):

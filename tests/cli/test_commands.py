@@ -110,7 +110,7 @@ def test_a_shipped_config_by_name(well, tmp_path):
     assert said.splitlines()[0] == load(shipped_config("smoke")).run_name()
 
 
-TITLES = ["Studies", "Results", "Points and estimators", "Recordings"]
+TITLES = ["Studies", "Results", "Points and estimators", "Recordings", "Maintenance"]
 
 
 @pytest.fixture

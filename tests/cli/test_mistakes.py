@@ -95,6 +95,10 @@ REFUSED = {
     "summary half": (1, "half/summary.parquet: missing ... study run half/config.toml"),
     "run other.toml --out out": (1, "out: holds a run of another config ... tiny- ... --out"),
     "run tiny.toml --out tiny.toml/out": (1, "tiny.toml/out: cannot be written: Not a directory"),
+    "merge tiny.toml": (1, "results/tiny- ... no share of it is stored; `study run CONFIG --part 1/N` computes the"),
+    "merge tiny.toml out": (1, "out: holds no share of a run; `study run CONFIG --part K/N` makes one"),
+    "run tiny.toml --part 1/2 --out out": (1, "out: holds a run, and no share of one; choose another folder with --"),
+    **dict.fromkeys(["run need.toml --part 1/2", "merge need.toml"], (1, "need- ... [precision] decides by all rows")),
     "diff out none": (1, f"none: {NO_RUN}"),
     "worst out -e mle": (1, "out: no estimator 'mle' in this run; known are lls, ugdk"),
     # configs
@@ -171,6 +175,7 @@ USAGE = {
     "run tiny.toml --backend dask": "--scheduler",
     "run tiny.toml --scheduler tcp://127.0.0.1:9": "--scheduler goes with dask, and only with it",
     "run tiny.toml --task 10": "--task",
+    **{f"run tiny.toml --part {part}": f"--part {part}: give K/N, the K-th of N" for part in ("0/40", "41/40", "x")},
     "run tiny.toml --backend dask --scheduler tcp://127.0.0.1:9 --task 0": "--task",
     "summary out --where angle=91": "--where angle=91°: no cell has it; there are 90°",
     "summary out --where angle": "'angle': not CONDITION=VALUE, such as angle=45",

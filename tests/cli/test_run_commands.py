@@ -194,6 +194,22 @@ def test_a_finished_run(refused, well, call_here, folder):
     refused(folder, 2, f"trial 400: cell {name} has trial 0 to 399", "replay", "out", name, 400)
 
 
+def test_shares(well, call_here, finished, tmp_path):
+    """Shares lie beside the run's folder, where they are found; of one that is missing the line has the command."""
+    shutil.copy(finished[0] / "tiny.toml", tmp_path)
+    name = parse((tmp_path / "tiny.toml").read_text()).run_name()
+    assert well(tmp_path, "run", "tiny.toml", "--part", "2/2") == f"results/{name}-part-2-of-2\n"
+    assert "share 2/2 of a run, complete" in well(tmp_path, "status", f"results/{name}-part-2-of-2")
+    code, said, complained = call_here(tmp_path, "merge", "tiny.toml")
+    assert (code, said, complained.count("\n")) == (1, "", 1)
+    assert complained.startswith(f"results/{name}: not complete; missing shares: 1 of 2; `study run ")
+    assert well(tmp_path, *complained.split("`")[1].split()[1:]) == f"results/{name}-part-1-of-2\n"
+    assert well(tmp_path, "merge", "tiny.toml") == f"results/{name}\n"
+    for table in ("errors", "summary"):
+        merged, whole = (folder / f"{table}.parquet" for folder in (tmp_path / "results" / name, finished[0] / "out"))
+        assert merged.read_bytes() == whole.read_bytes()
+
+
 def test_plan(well, folder):
     """The plan has the least work, up to the first checkpoint, and the most, up to the cap."""
     said = well(folder, "plan", "need.toml")

@@ -158,20 +158,18 @@ class Emulator:
                 words = f"the table reaches from {low:g} to {high:g}; run a study instead"
                 raise ValueError(f"{condition.name} {value:g}: {words}")
 
-    def ask(self, samples: float, noise_over_radius: float, angle: float, dimension: int = DIMENSION) -> list[Prediction]:
+    def ask(self, conditions: Conditions, dimension: int = DIMENSION) -> list[Prediction]:
         """Median errors of all estimators over the bound, from the least to the largest.
 
         Args:
-            samples: number of samples N.
-            noise_over_radius: σ/r.
-            angle: confinement half-angle φ in degrees.
+            conditions: N, σ/r, and φ in degrees.
             dimension: of the points.
 
         Raises:
             ValueError: if the table does not reach so far.
         """
-        self.check((samples, noise_over_radius, angle), dimension)
-        place, answers = features([[samples, noise_over_radius, angle]]), []
+        self.check(conditions, dimension)
+        place, answers = features([conditions]), []
         for name, process in self.processes.items():
             (value,), (half,) = process.predict(place)
             answers.append(Prediction(name, *(math.exp(value + step) for step in (0.0, -half, half))))

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from study import style
 from study.files import RunError
@@ -171,6 +172,8 @@ _TITLE = "Sphere fits, put to the test"
 
 _FEW = 4
 """Largest number of values of a condition at each of which the best estimators are named."""
+_MANY = 6
+"""Largest number of estimators that are named in a row."""
 
 
 def best_where(tables: Tables) -> Iterator[Headline]:
@@ -185,7 +188,10 @@ def best_where(tables: Tables) -> Iterator[Headline]:
     whole = regret.regret(cells).query("samples == 0").sort_values("median", kind="stable")
     best, others = _told_apart(whole)
     least, told = whole.iloc[0], ", which these trials do not tell apart" * (len(best) > 1)
-    rest = "".join(f"; {words.estimator(name)} {words.measured(median, error)}" for name, median, error in others)
+    named = [f"{words.estimator(name)} {words.measured(median, error)}" for name, median, error in others]
+    if len(named) > _MANY:
+        named = [*named[: _MANY - 1], f"{len(named) - _MANY + 1} more, up to {words.number(others[-1][1])} times"]
+    rest = "".join(f"; {one}" for one in named)
     yield Headline(
         f"Best over all conditions: {_names(best)}{told}.",
         one_line(f"""
@@ -238,6 +244,8 @@ def _told_apart(table: pd.DataFrame) -> tuple[list[str], list[tuple[str, float, 
 def _names(estimators: Sequence[str]) -> str:
     """Names of estimators that cannot be told apart."""
     *some, last = map(words.estimator, estimators)
+    if len(some) >= _MANY:
+        some, last = some[: _MANY - 1], f"{len(some) - _MANY + 2} more"
     return f"{', '.join(some)} or {last}" if some else last
 
 
@@ -277,7 +285,12 @@ def draw_lead(frame: Frame) -> Figure:
     line.set(linewidth=1.3, linestyle=(0, (4, 2)))
     ax.axhline(1.0, color="black", linewidth=0.9, label="Cramér-Rao bound", zorder=1)
     shown = mine["ratio"][mine["estimator"].isin(names) & np.isfinite(mine["ratio"])]
-    ax.set_ylim(min(0.7, 0.8 * shown.min()), 1.5 * shown.max())
+    low, high = min(0.7, 0.8 * shown.min()), 1.5 * shown.max()
+    ax.set_ylim(low, high)
+    if high < 50.0 * low:  # powers of ten alone would be too few
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel("noise over radius, $σ/r$")
     ax.set_ylabel("median error, Cramér-Rao bound = 1")
     ax.legend(loc="upper left", fontsize=8.0)

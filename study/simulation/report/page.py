@@ -65,7 +65,10 @@ def _columns(tables: Tables) -> dict[str, object]:
         "replay": f"study replay {shlex.quote(str(tables.run.folder))}",
         "groups": list(groups),
         "group": codes.tolist(),
-        "estimators": [{"name": n, "label": style.label(n), "color": style.color(n)} for n in tables.estimators],
+        "estimators": [
+            {"name": n, "label": style.label(n), "color": style.color(n), "marker": style.marker(n)}
+            for n in tables.estimators
+        ],
         "estimator": pd.Index(tables.estimators).get_indexer(names.get_level_values(1)).tolist(),
         "conditions": varying,
         "fixed": fixed,

@@ -9,7 +9,6 @@ from study.simulation.experiment.conditions import CONDITIONS, SAMPLES, Conditio
 from study.simulation.experiment.config import Study
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_NARROW = "\u202f"  # narrow no-break space between thousands
 JOINED = "\u00a0"  # no-break space
 _NUMBER = r"-?\d+\.?\d*(?:e[+-]\d+)?"
 
@@ -20,9 +19,8 @@ def power_of_ten(exponent: int) -> str:
 
 
 def count(value: int) -> str:
-    """Format a whole number with thousands separated."""
-    text = f"{value:,}".replace(",", _NARROW).replace("-", "−")
-    return text if abs(value) >= 10_000 else text.replace(_NARROW, "")
+    """Format a whole number with thousands separated, as the figures and commands do."""
+    return f"{value:,}".replace("-", "−")
 
 
 def number(value: float, digits: int = 3, zeros: bool = False) -> str:

@@ -17,11 +17,13 @@ number of files grows with the logarithm of time, and a kill costs no more than 
 """
 
 import hashlib
+import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import accumulate
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -147,7 +149,7 @@ class Parts:
         """
         self._forget()
         before = len(self.damaged)
-        for path in self._files():
+        for path in self.files():
             try:
                 data = path.read_bytes()
             except FileNotFoundError:  # a run that finishes removes its parts
@@ -173,7 +175,8 @@ class Parts:
         """Path of a file, which its bytes give."""
         return self.folder / f"{self.kind}-{hashlib.sha256(data).hexdigest()}.part"
 
-    def _files(self) -> list[Path]:
+    def files(self) -> list[Path]:
+        """The part files, whole or not."""
         return sorted(path for path in self.folder.glob(f"{self.kind}-*.part") if path.is_file())
 
     def _forget(self) -> None:
@@ -240,7 +243,7 @@ class Parts:
     def remove(self) -> None:
         """Remove the files, since their rows are in tables now."""
         with explained(self.folder.parent):
-            for path in self._files():
+            for path in self.files():
                 path.unlink()
             if self.folder.is_dir() and not any(self.folder.iterdir()):
                 self.folder.rmdir()
@@ -480,6 +483,55 @@ class Layout:
             if wanted != outputs and name in ("errors", "failures", "summary"):
                 table = table.filter(pc.is_in(_words(table, "estimator"), pa.array(estimators_of(wanted))))
             yield wanted, schemas.completed(table, columns)
+
+
+class Share(NamedTuple):
+    """A share of a study's units, computed by a job that knows nothing of the others.
+
+    Attributes:
+        number: its number, from 1.
+        of: number of shares.
+    """
+
+    number: int
+    of: int
+
+    @classmethod
+    def parse(cls, text: str) -> "Share":
+        """Read a share such as ``3/40``; a ValueError says what is wrong."""
+        found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
+        share = cls(*map(int, found.groups())) if found else cls(0, 0)
+        if not 1 <= share.number <= share.of:
+            raise ValueError(f"{text}: give K/N, the K-th of N shares, from 1/N to N/N, such as 3/40")
+        return share
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.of}"
+
+
+def dealt(layout: Layout) -> list[UnitTask]:
+    """The tasks of a study as they are dealt to its shares, one by one: the heaviest first, so that shares weigh alike.
+
+    The order depends on the config alone: jobs on several machines must agree about it.
+    """
+    return sorted(map(layout.task, layout.units()), key=attrgetter("weight"), reverse=True)
+
+
+class ShareLayout(Layout):
+    """The tasks of one share of a run. No rows of an earlier run are used, which other machines may not have.
+
+    Args:
+        study: the config.
+        share: the share.
+    """
+
+    def __init__(self, study: Study, share: Share) -> None:
+        super().__init__(study)
+        self.share = share
+
+    def pieces(self) -> Iterator[Batch]:
+        """The units of the share."""
+        return (task.batch for task in dealt(Layout(self.study))[self.share.number - 1 :: self.share.of])
 
 
 def order(estimators: tuple[str, ...], unit: Batch, table: pa.Table) -> Ints:

@@ -76,6 +76,12 @@ def fingerprint() -> dict[str, str | None]:
     }
 
 
+def differences(wanted: Mapping[str, str | None]) -> list[str]:
+    """Differences of this process from another one's `fingerprint`, in words; none if it computes the same bytes."""
+    mine = fingerprint()
+    return [f"{name} {mine.get(name)} instead of {value}" for name, value in wanted.items() if mine.get(name) != value]
+
+
 def machine() -> dict[str, object]:
     """The machine and its threads, which determine the seconds of a run."""
     return {

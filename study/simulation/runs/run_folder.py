@@ -4,6 +4,7 @@
         config.toml        the config, as it was given
         manifest.json      config, software, machine, seconds, digests of the tables and of itself; ends a run
         parts/             finished rows of a run that is not finished; see `study.simulation.runs.parts`
+        share.json         number of the share, and the software that computes it, if the folder is for a share alone
         errors.parquet     a row per cell, trial and estimator
         failures.parquet   fits that raised an exception or whose worker died, if there are any
         timings.parquet    seconds; a table of its own, so that error tables can be compared byte by byte
@@ -38,7 +39,7 @@ from study.fits.registry import origins
 from study.simulation.experiment import laws, measures
 from study.simulation.experiment.config import Study, load
 from study.simulation.runs import schemas
-from study.simulation.runs.parts import DAMAGED, FORMAT
+from study.simulation.runs.parts import DAMAGED, FORMAT, Share
 from study.toml import ConfigError
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 Manifest = dict[str, Any]
 """A manifest as JSON has it."""
 NAME = "manifest.json"
+SHARE = "share.json"
 DIGEST = "digest"
 DERIVED = ("posterior", "answers", "draws", "claims")
 """Tables that are not made from units, and so stay when units are computed again."""
@@ -122,6 +124,13 @@ class Finished(Begun):
         if info.data.get("own_estimators") is None and not all(isinstance(v, int) for v in versions.values()):
             raise ValueError("a shipped estimator's version is a number")
         return versions
+
+
+class ShareMade(BaseModel, strict=True):
+    """Content of a share's file: the share, and the fingerprint of the software that computes its rows."""
+
+    share: str
+    fingerprint: dict[str, str | None]
 
 
 class ManifestMissingError(RunError):
@@ -261,6 +270,27 @@ class Run:
             if not path.is_file() or path.read_bytes() != config.encode():
                 write(path, config.encode())
         return self
+
+    def share(self) -> tuple[Share, dict[str, str | None]] | None:
+        """The share that the folder is for, and the software that computes it; None if it is for a whole run.
+
+        Raises:
+            RunError: if its file cannot be read.
+        """
+        path = self.folder / SHARE
+        try:
+            made = ShareMade.model_validate_json(path.read_bytes())
+            return Share.parse(made.share), made.fingerprint
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError):
+            raise RunError(f"{path}: cannot be read; remove the folder, and run the share again") from None
+
+    def save_share(self, share: Share, fingerprint: dict[str, str | None]) -> None:
+        """Note that the folder is for a share alone."""
+        with explained(self.folder):
+            text = ShareMade(share=str(share), fingerprint=fingerprint).model_dump_json(indent=2) + "\n"
+            write(self.folder / SHARE, text.encode())
 
     def path(self, name: str) -> Path:
         """File of a table."""

@@ -5,6 +5,9 @@ smaller study, of the same name, lies next to a new one or in its folder, the ne
 the earlier run has and pieces that it has not. Rows of an estimator of another version, and of units whose worker died,
 are computed again. A run of the very same config in another folder is not used, because a study is run again to check
 it. An adaptive study neither takes rows of another run nor gives any.
+
+Jobs that know nothing of each other compute a share of a run each, into folders of their own. The parts of all shares,
+copied to one folder, are a run that has nothing left to compute.
 """
 
 import contextlib
@@ -13,7 +16,7 @@ import re
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from itertools import chain, islice
@@ -24,7 +27,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
-from study.files import RunError, TableRows, writing
+from study.files import RunError, TableRows, explained, write, writing
 from study.fits import ESTIMATORS
 from study.fits.random import Name
 from study.fits.registry import only_here, origins
@@ -37,8 +40,11 @@ from study.simulation.runs.parts import (
     Layout,
     Packet,
     Parts,
+    Share,
+    ShareLayout,
     UnitTask,
     among,
+    dealt,
     estimators_of,
     execute,
     give_up,
@@ -145,8 +151,9 @@ def neighbour(study: Study, folder: Path) -> Run | None:
     return next((run for rows, run in earlier if rows and EarlierRun.of(run)), None)
 
 
-Progress = Callable[[float], None]
-"""Callback for progress: called with the share of all work, in [0, 1], that was done since the last call."""
+Progress = Callable[[float, int, int], None]
+"""Callback for progress: called with the share of all work, in [0, 1], that was done since the last call, and with the
+numbers of units that are done, and of all that are known."""
 Warn = Callable[[str], None]
 """Callback for warnings, each a line."""
 
@@ -182,21 +189,12 @@ def run(
     """
     if study.precision is None and budget is not None:
         raise ValueError(f"{study.run_name()}: a budget is for a config with [precision]")
-    warn = warn or partial(print, file=sys.stderr)
     budget = budget or TimeBudget(study.precision.seconds if study.precision else None)
-    workers = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
-    names = only_here(study.estimators) + laws.only_here(study.own_laws()) + measures.only_here(study.measures)
-    if workers.backend != "threads" and names:
-        words = f"registered by this program alone, which {workers.backend} workers do not know"
-        raise RunError(f"{', '.join(names)}: {words}; use threads, or a file with --plugin")
-    with contextlib.ExitStack() as stack:
-        backend = stack.enter_context(workers.open())
-        stack.enter_context(threadpool_limits(limits=1))
-        store = Run.create(folder, study)
-        stack.enter_context(writing(folder))
-        computation = _Computation(store, workers, budget, progress or (lambda share: None), warn)
-        store.set_damaged_aside(warn)
-        store.begin(config)
+    with _begun(study, config, folder, jobs, progress, warn, budget) as (computation, backend):
+        store = computation.store
+        if (known := store.share()) is not None:
+            words = f"is for share {known[0]} of a run; `study merge` puts shares together"
+            raise RunError(f"{folder}: {words}; choose another folder with --out")
         if store.finished() and store.up_to_date():
             computation.parts.remove()  # of a run that was killed just before this, its last step
             return store
@@ -206,6 +204,140 @@ def run(
             computation.compute(backend)
         computation.finish()
         return store
+
+
+def run_share(
+    study: Study,
+    config: str,
+    folder: Path,
+    share: Share,
+    jobs: Workers | int = 2,
+    progress: Progress | None = None,
+    warn: Warn | None = None,
+) -> Run:
+    """Compute a share of a study's units, or what is missing of it, into a folder of its own.
+
+    Args:
+        study: the config.
+        config: its text.
+        folder: the share's folder.
+        share: the share.
+        jobs: see `run`.
+        progress: see `run`.
+        warn: see `run`.
+
+    Returns:
+        The folder as a run that has parts and no tables; see `gather`.
+
+    Raises:
+        RunError: as `run`; also if the study is adaptive, or the folder holds anything else.
+    """
+    _refuse_rounds(study)
+    with _begun(study, config, folder, jobs, progress, warn, TimeBudget()) as (computation, backend):
+        store, mine = computation.store, (share, provenance.fingerprint())
+        if (known := store.share()) is None:
+            if store.known():
+                raise RunError(f"{folder}: holds a run, and no share of one; choose another folder with --out")
+            store.save_share(*mine)
+        elif known != mine:
+            differ = ", ".join(provenance.differences(known[1])) or f"share {share} instead of {known[0]}"
+            raise RunError(f"{folder}: was begun otherwise: {differ}; remove it, or choose another with --out")
+        computation.layout = ShareLayout(study, share)
+        computation.whole()
+        computation.compute(backend)
+        while not computation.whole():
+            computation.compute(backend)
+        return store
+
+
+def gather(study: Study, config: str, folder: Path, shares: Sequence[Path], warn: Warn | None = None) -> None:
+    """Copy the parts of shares to the folder of their run, so that `run` has nothing left to compute.
+
+    Args:
+        study: the config.
+        config: its text.
+        folder: the run's folder.
+        shares: folders of shares.
+        warn: see `run`.
+
+    Raises:
+        RunError: if one holds no share, or one of another config or of other software; or if rows are missing: the
+            message says of which shares, and how to compute them.
+    """
+    _refuse_rounds(study)
+    if not shares:
+        raise RunError(f"{folder}: no share of it is stored; `study run CONFIG --part 1/N` computes the first of N")
+    places = {_share_in(place, study): place for place in shares}
+    store, parts = Run.create(folder, study), Parts(folder, "units")
+    with writing(folder):
+        store.begin(config)
+        if store.finished() and store.up_to_date():
+            return
+        with explained(folder):
+            parts.folder.mkdir(exist_ok=True)
+            for path in chain.from_iterable(Parts(place, "units").files() for place in shares):
+                if not (parts.folder / path.name).exists():
+                    write(parts.folder / path.name, path.read_bytes())
+        for name in parts.load():
+            (warn or partial(print, file=sys.stderr))(f"{parts.folder / name}: damaged; set aside in parts/damaged")
+    if parts.note:
+        words = "holds rows of a run that goes on with an earlier one, and has other units"
+        raise RunError(f"{folder}: {words}; choose another folder with --out, or finish it with {store.again()}")
+    of = max(share.of for share in places)
+    tasks = enumerate(dealt(Layout(study)))
+    if missing := sorted({i % of + 1 for i, task in tasks if set(task.outputs) - parts.outputs(task.key)}):
+        first, numbers = Share(missing[0], of), ",".join(map(str, missing))
+        command = ["study", "run", f"{folder / 'config.toml'}", "--part", str(first), *store.plugins()]
+        command += ["--out", str(places[first])] if first in places else []
+        words = f"`{' '.join(command)}` computes the first of them, {store.again()} all of them here"
+        raise RunError(f"{folder}: not complete; missing shares: {numbers} of {of}; {words}")
+
+
+def _refuse_rounds(study: Study) -> None:
+    """Raise a RunError for an adaptive study, whose units follow from the rows of all shares."""
+    if study.precision is not None:
+        words = "[precision] decides by all rows which units come next, so that no share can be computed alone"
+        raise RunError(f"{study.run_name()}: {words}; leave it out, or use --backend dask")
+
+
+def _share_in(folder: Path, study: Study) -> Share:
+    """The share of a study that a folder is for; see `gather`."""
+    run = Run.open(folder)
+    if (known := run.share()) is None:
+        raise RunError(f"{folder}: holds no share of a run; `study run CONFIG --part K/N` makes one")
+    if run.study.digest() != study.digest():
+        words = f"holds a share of another config ({run.study.run_name()}, not {study.run_name()})"
+        raise RunError(f"{folder}: {words}; leave it out")
+    if differ := provenance.differences(known[1]):
+        words = f"share {known[0]} was computed by other software: here is {', '.join(differ)}"
+        raise RunError(f"{folder}: {words}; merge with that software, or remove the folder and run the share again")
+    return known[0]
+
+
+@contextlib.contextmanager
+def _begun(
+    study: Study,
+    config: str,
+    folder: Path,
+    jobs: Workers | int,
+    progress: Progress | None,
+    warn: Warn | None,
+    budget: TimeBudget,
+) -> Iterator[tuple["_Computation", Threads]]:
+    """Start workers, and begin a run in its folder, which is locked; see `run`."""
+    warn = warn or partial(print, file=sys.stderr)
+    workers = Workers(jobs=jobs) if isinstance(jobs, int) else jobs
+    names = only_here(study.estimators) + laws.only_here(study.own_laws()) + measures.only_here(study.measures)
+    if workers.backend != "threads" and names:
+        words = f"registered by this program alone, which {workers.backend} workers do not know"
+        raise RunError(f"{', '.join(names)}: {words}; use threads, or a file with --plugin")
+    with workers.open() as backend, threadpool_limits(limits=1):
+        store = Run.create(folder, study)
+        with writing(folder):
+            computation = _Computation(store, workers, budget, progress or (lambda *numbers: None), warn)
+            store.set_damaged_aside(warn)
+            store.begin(config)
+            yield computation, backend
 
 
 class _Computation:
@@ -267,12 +399,16 @@ class _Computation:
         whole = sum(task.weight for task in missing)
         share = self.left * self.layout.ahead() if missing else 0.0
         self.left -= share
+        total = sum(1 for _ in self.layout.pieces())
+        done = total - len(missing)
         lost: list[tuple[UnitTask, str]] = []
 
         def ended(tasks: tuple[UnitTask, ...], failure: str) -> None:
+            nonlocal done
+            done += len(tasks)
             if failure:
                 lost.extend((task, failure) for task in tasks)
-            self.progress(share * sum(task.weight for task in tasks) / whole)
+            self.progress(share * sum(task.weight for task in tasks) / whole, done, total)
 
         dispatch = Dispatch(backend, execute, self.study, self.parts)
         dispatch.compute(missing, attrgetter("weight"), ended, self.budget.spent)

@@ -7,7 +7,7 @@ from pathlib import Path
 from study.files import RunError, holder
 from study.simulation.experiment.config import Study
 from study.simulation.runs.adaptive import CAP, TARGET, Rounds
-from study.simulation.runs.parts import DAMAGED, Layout, Parts
+from study.simulation.runs.parts import DAMAGED, Layout, Parts, ShareLayout
 from study.simulation.runs.provenance import described, other_version
 from study.simulation.runs.run_folder import ManifestMissingError, Run
 from study.text import columns
@@ -46,7 +46,7 @@ class RunStatus:
         parts = Parts(folder, "units")
         parts.load(set_aside=False)
         layout, broken, known, made = _layout(run, parts), run.damaged(), run.known(), run.makers()
-        self.run, self.folder, self.state = run.study.run_name(), folder, _state(run, parts, bool(broken))
+        self.run, self.folder, self.state = run.study.run_name(), folder, _state(run, parts, layout, bool(broken))
         self.finished = run.finished() and run.up_to_date() and not broken
         self.writer, self.units = holder(folder), _units(run, parts, layout)
         self.cells = None if run.study.precision is None else _cells(run, layout)
@@ -60,6 +60,8 @@ class RunStatus:
 
 def _layout(run: Run, parts: Parts) -> Layout:
     """The units of a run, cut as the stored parts are."""
+    if (known := run.share()) is not None:
+        return ShareLayout(run.study, known[0])
     if run.study.precision is None:
         return Layout(run.study, Study.model_validate_json(parts.note) if parts.note else None)
     rounds = Rounds(run.study)
@@ -72,7 +74,7 @@ def _layout(run: Run, parts: Parts) -> Layout:
     return rounds
 
 
-def _state(run: Run, parts: Parts, broken: bool) -> str:
+def _state(run: Run, parts: Parts, layout: Layout, broken: bool) -> str:
     try:
         run.manifest()
     except ManifestMissingError:
@@ -87,6 +89,10 @@ def _state(run: Run, parts: Parts, broken: bool) -> str:
         return "damaged; `study run` computes the lost rows again"
     if (seconds := run.stopped()) is not None:
         return f"stopped by its budget of {seconds:g} s; `study run` resumes it"
+    if (known := run.share()) is not None:
+        missing = next(layout.missing(parts), None) is not None
+        after = f"not complete; `study run CONFIG --part {known[0]}` resumes it" if missing else "complete"
+        return f"share {known[0]} of a run, {after}"
     return "begun, not finished" if parts.count else "not begun, or nothing of it is stored"
 
 

@@ -133,11 +133,7 @@ def enter(parent: Parent, call: bytes) -> object:
 
 def _agree(parent: Parent) -> None:
     """Set up this process as its parent is; DisagreementError if that cannot be."""
-    mine, wanted = provenance.fingerprint(), parent.fingerprint
-    differ = [
-        f"{name} {mine.get(name)} instead of {value}" for name, value in wanted.items() if mine.get(name) != value
-    ]
-    if differ:
+    if differ := provenance.differences(parent.fingerprint):
         raise DisagreementError(f"worker on {socket.gethostname()}: {', '.join(differ)}")
     threadpool_limits(limits=1)
     logging.getLogger("study").setLevel(logging.ERROR)  # the parent says once that loops are compiled

@@ -99,19 +99,19 @@ def test_beyond_the_table(emulator, option, value, words):
     """Conditions that the table does not reach are refused, with what it reaches."""
     asked = {"--samples": 50, "--noise-over-radius": 0.1, "--angle": 40, "--dimension": 3} | {option: json.loads(value)}
     with pytest.raises(ValueError, match=words):
-        emulator.ask(*asked.values())
+        emulator.ask(tuple(asked.values())[:3], asked["--dimension"])
 
 
 def test_the_ends_of_the_range(emulator):
     """At its corners the table answers, with intervals that are no points and not endless."""
     for samples, noise, angle in np.stack(np.meshgrid([8, 2000], [0.003, 0.8], [8.0, 180.0]), -1).reshape(-1, 3):
-        for answer in emulator.ask(samples, noise, angle):
+        for answer in emulator.ask((samples, noise, angle)):
             assert 0.0 < answer.low < answer.ratio_median < answer.high < 2.0 * answer.low
 
 
 def test_little_noise_on_half_a_sphere(emulator):
     """There the errors of consistent estimators are normal at the bound: theory's median, within their intervals."""
-    answers = {answer.estimator: answer for answer in emulator.ask(1500, 0.003, 90.0)}
+    answers = {answer.estimator: answer for answer in emulator.ask((1500, 0.003, 90.0))}
     for name in ("corrected", "als", "mle", "hyper"):
         assert answers[name].ratio_median == pytest.approx(efficient(90.0), rel=0.02)
 
@@ -153,7 +153,7 @@ def test_fresh_cells(emulator):
     rng = np.random.default_rng(9)
     for u in rng.random((4, 3)):
         n, noise, angle = np.exp(np.log([8, 0.003, 8]) + u * np.log([50, 0.8 / 0.003, 180 / 8]))
-        answers = {answer.estimator: answer for answer in emulator.ask(round(n), noise, angle)}
+        answers = {answer.estimator: answer for answer in emulator.ask((round(n), noise, angle))}
         for name, measure in zip(names, simulated(8, 10_000, round(n), noise, angle, names), strict=True):
             answer = answers[name]
             half = 0.5 * math.log(answer.high / answer.low)

@@ -114,7 +114,7 @@ class Document(html.parser.HTMLParser):
     @property
     def text(self):
         """All words, with plain and single spaces."""
-        return " ".join("".join(self.words).replace("\u202f", " ").split())
+        return " ".join("".join(self.words).split())
 
     def of(self, *names):
         """The attributes of all tags of these names."""

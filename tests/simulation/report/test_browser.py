@@ -124,14 +124,17 @@ def test_long_words(look, long_words, width, media):
 
 @pytest.mark.parametrize("width", [1280, PHONE])
 def test_dark(tab, look, page, until, width):
-    """For those who ask for dark pages it is dark, its text can be read, and pictures stand on white as on paper."""
+    """For those who ask for dark pages it is dark, its text can be read, and pictures stand on white as on paper.
+
+    The explorer's chart is dark, too.
+    """
     assert look(page, width, scheme="dark") == []
     until(tab, "!document.getElementById('explorer-body').hidden")
     assert tab.evaluate(FAINT) == []  # the explorer's words, too
     behind = "e => getComputedStyle(e).backgroundColor"
     assert max(map(int, re.findall(r"\d+", tab.locator("html").evaluate(behind)))) < 40
-    for picture in ("img", ".chart"):
-        assert tab.locator(picture).first.evaluate(behind) == "rgb(255, 255, 255)"
+    assert tab.locator("img").first.evaluate(behind) == "rgb(255, 255, 255)"
+    assert tab.locator(".chart").evaluate(behind) == tab.locator(".chart svg").evaluate(behind) == "rgba(0, 0, 0, 0)"
     tab.emulate_media(media="print", color_scheme="dark")
     assert tab.locator("html").evaluate(behind) == "rgb(255, 255, 255)"
 

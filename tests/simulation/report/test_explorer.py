@@ -6,11 +6,13 @@ import gzip
 import io
 import json
 import math
+import re
 import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
 
+from study import style
 from study.fits import Status
 from study.simulation.figures import Tables
 from study.simulation.report.material import Material
@@ -20,6 +22,7 @@ from study.simulation.statistics import MEASURES
 POINTS = """document.querySelector('#explorer-chart [aria-label="dot"]').querySelectorAll('path, circle').length"""
 ERRORS = """document.querySelectorAll('#explorer-chart [aria-label="link"] path').length"""
 READY = "!document.getElementById('explorer-body').hidden && !!document.querySelector('#explorer-chart svg')"
+KEY = "[...document.querySelectorAll('#explorer-chart [aria-label=legend] path')]"
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -229,6 +232,58 @@ def test_files(opened, random):
     assert [int(row["ok"]) for row in rows] == frame["ok"].tolist()
     found = [float(row["ratio_median_all"] or "nan") for row in rows]
     assert np.allclose(found, frame["ratio_median_all"], rtol=1e-4, equal_nan=True)
+
+
+def test_marks_are_those_of_the_figures(opened, many):
+    """Each estimator has its colour and a mark of its own letter, in the chart as in the key."""
+    tab = opened(f"#explorer?run={many.study.run_name()}&x=noise_over_radius&facet=")
+    drawn = tab.evaluate(
+        "[...document.querySelectorAll('#explorer-chart [aria-label=legend] path')].map(p => p.getAttribute('d'))"
+    )
+    letters = [style.marker(name) for name in Tables(many).estimators]
+    assert len(drawn) == len(letters)
+    for letter, outline in zip(letters, drawn, strict=True):
+        assert {other for other, same in zip(letters, drawn, strict=True) if same == outline} == {letter}
+    corners = {letter: outline.count("L") + 1 for letter, outline in zip(letters, drawn, strict=True) if letter != "o"}
+    assert corners.items() <= {"s": 4, "^": 3, "D": 4, "d": 4, "p": 5, "v": 3, "<": 3, ">": 3, "H": 6}.items()
+
+
+def test_an_axis_has_one_notation(opened, random, many):
+    """Ticks are decimals or powers of ten, not both, linear or logarithmic."""
+    for name, log in ((random.study.run_name(), "xy"), (many.study.run_name(), "x"), (many.study.run_name(), "")):
+        tab = opened(f"#explorer?run={name}&log={log}")
+        for axis in ("x-axis tick label", "y-axis tick label"):
+            words = tab.locator(f"#explorer-chart [aria-label='{axis}'] text").all_text_contents()
+            powers = [any(digit in word for digit in "⁻⁰¹²³⁴⁵⁶⁷⁸⁹") for word in words if word != "0"]
+            assert len(words) > 1
+            assert len(set(powers)) == 1
+
+
+def test_colours_are_seen_on_black(opened, many, until):
+    """On a dark page marks have three times the light of what is behind them; a saved chart is for white paper."""
+    tab = opened(f"#explorer?run={many.study.run_name()}")
+    fills = f"{KEY}.map(p => getComputedStyle(p).fill)"
+    on_white = tab.evaluate(f"{fills}.join()")
+    tab.emulate_media(color_scheme="dark")
+    until(tab, f"{fills}.join() !== '{on_white}'")
+    behind = tab.evaluate("getComputedStyle(document.documentElement).backgroundColor")
+    assert len(tab.evaluate(fills)) == 9
+    assert min(contrast(fill, behind) for fill in tab.evaluate(fills)) > 3.0
+    with tab.expect_download() as download:
+        tab.click("#explorer-svg")
+    saved = download.value.path().read_text(encoding="utf-8")
+    assert all(style.color(name) in saved for name in Tables(many).estimators)
+    tab.emulate_media(color_scheme="light")
+
+
+def contrast(one, other):
+    """Ratio of two colours' luminance by WCAG 2.1."""
+    light = []
+    for colour in (one, other):
+        parts = np.array([int(part) for part in re.findall(r"\d+", colour)[:3]]) / 255.0
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        light.append(linear @ [0.2126, 0.7152, 0.0722] + 0.05)
+    return max(light) / min(light)
 
 
 def test_keys_alone(opened):

@@ -272,19 +272,19 @@ def test_a_study_that_kept_its_summary_alone(make_run):
 
 def plain(text):
     """With plain spaces."""
-    return text.replace("\u00a0", " ").replace("\u202f", " ")
+    return text.replace("\u00a0", " ")
 
 
 NUMBERS = [
     ("number", (0.0, "0"), (-1.23456, "−1.23"), (1234.0, "1.23 × 10³"), (1e-9, "10⁻⁹"), (-1e-9, "−1 × 10⁻⁹")),
     ("number", (math.nan, "–"), (math.inf, "∞")),
-    ("timed", (1.7, "1.70"), (433.0, "433"), (1.5e-8, "1.50 × 10⁻⁸"), (12345.6, "12 300"), (999.7, "1000")),
+    ("timed", (1.7, "1.70"), (433.0, "433"), (1.5e-8, "1.50 × 10⁻⁸"), (12345.6, "12,300"), (999.7, "1,000")),
     ("timed", (2e6, "2.00 × 10⁶")),
-    ("exactly", (123456.0, "123 456"), (1234567.0, "1 234 567"), (1.25e8, "1.25 × 10⁸"), (0.1, "0.1")),
+    ("exactly", (123456.0, "123,456"), (1234567.0, "1,234,567"), (1.25e8, "1.25 × 10⁸"), (0.1, "0.1")),
     ("percent", (0, 9, "0 %"), (1, 9, "11.1 %"), (1, 9999, "< 0.1 %"), (9998, 9999, "> 99.9 %")),
     ("measured", (0.765232, 0.117134, "0.77 ± 0.12"), (-1.5, 0.25, "−1.50 ± 0.25"), (0.0, 0.012, "0 ± 0.012")),
     ("measured", (1.23456e7, 1.2e5, "(1.235 ± 0.012) × 10⁷"), (1.23456e-5, 3e-7, "(1.235 ± 0.030) × 10⁻⁵")),
-    ("measured", (48.2, 4692.0, "48 ± 4700"), (-0.0003419, 0.0032, "−0.00034 ± 0.0032")),
+    ("measured", (48.2, 4692.0, "48 ± 4,700"), (-0.0003419, 0.0032, "−0.00034 ± 0.0032")),
     ("measured", (1.0, 0.00035, "1.00000 ± 0.00035"), (3e8, 4e9, "3.0 × 10⁸ ± 4.0 × 10⁹")),
     ("measured", (0.123456789, 1e-12, "0.123457 ± 1.0 × 10⁻¹²"), (7.0, 0.0, "7"), (7.0, math.nan, "7")),
     ("measured", (225.4, math.inf, "225 ± ∞"), (math.inf, math.nan, "∞"), (math.nan, math.nan, "–")),
@@ -314,7 +314,7 @@ def test_numbers_for_a_reader(function, arguments, expected):
 def test_a_number_breaks_before_its_error_alone():
     """Nowhere else may a line end within it."""
     assert words.measured(1.23456e7, 1.2e5).split(" ") == ["(1.235", "±\u00a00.012)\u00a0×\u00a010⁷"]
-    assert words.count(1234567).split() == ["1", "234", "567"]
+    assert words.count(1234567) == "1,234,567"
     assert " " not in words.count(1234567)
 
 
@@ -323,7 +323,7 @@ def test_a_number_breaks_before_its_error_alone():
     [
         (
             {"samples": 100_000, "noise": 0.125, "angle": 31.7},
-            "one cell of 5 trials: N = 100 000; σ = 0.125; φ = 31.7°; r = 1; |c| = 0",
+            "one cell of 5 trials: N = 100,000; σ = 0.125; φ = 31.7°; r = 1; |c| = 0",
         ),
         (
             {"samples": [5, 20], "noise_over_radius": {"logspace": [1e-7, 1, 8]}},

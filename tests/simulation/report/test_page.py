@@ -95,8 +95,8 @@ def test_what_was_run(document):
     """Design, numbers of trials and samples, seed, estimators, machine and time, for each run."""
     assert "circles in the plane; 4 cells of 60 trials, all from the same draws: N = 20, 40, 80, 160" in document.text
     assert "spheres in space; 60 trials, each with conditions of its own: N log-uniform from 4 to 100" in document.text
-    assert "MLE, LLS, GDKE, UGDK 240 18 000 3 " in document.text  # 60 · (20 + 40 + 80 + 160) samples
-    assert re.search(r"MLE, GDKE, UGDK 60 \d+ 2009 ", document.text)
+    assert "MLE, LLS, GDKE, UGDK 240 18,000 3 " in document.text  # 60 · (20 + 40 + 80 + 160) samples
+    assert re.search(r"MLE, GDKE, UGDK 60 [\d,]+ 2009 ", document.text)
 
 
 def test_sections_in_order(document, circles, random):
@@ -193,6 +193,22 @@ def test_a_page_about_other_questions(make_run, make_claims, read):
     assert all(("LLS" in best) == ("GDKE" in best) for best in bests)
     assert "Not ok by their own status:" in opening
     assert document.text.rindex("These runs can judge none of the claims.") > document.text.rindex("Provenance")
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_long_list_of_estimators_is_cut(make_run, make_claims, read):
+    """A finding names six estimators in a row at most, and says how many more there are, and how far they are off."""
+    names = ["gdke", "lls", "lls_nr", "mle", "als", "fuller", "taubin", "pratt", "hyper", "ugdk_cov", "corrected"]
+    text = config({"name": "ball-bar", "estimators": names}, trials=300, samples=1000, angle=[20, 50], noise=0.02)
+    opening = read(render(Material([make_run(text)], make_claims()))).text.split("Explore every number")[0]
+    rows = re.findall(r"(?:Best over all conditions|φ = \d+°): ([^;.]*)[;.]", opening)
+    rows += re.findall(r"of all estimators, [\d.]+ times at worst; (.*?)\. [A-Z]", opening)
+    assert len(rows) == 4
+    for row in rows:
+        named = len(re.split(r", (?!up|which)|; | or ", row))
+        more = re.search(r"(\d+) more", row)
+        assert named == 6 if more else named <= 6
+    assert any("more" in row for row in rows)
 
 
 @pytest.mark.usefixtures("no_figures")

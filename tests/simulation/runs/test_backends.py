@@ -110,7 +110,7 @@ def test_dask_with_a_worker_killed_midway(start, expected, tables, cluster, gate
     address, crew = cluster
     shares, killed = [], []
 
-    def progress(share):
+    def progress(share, done, total):
         shares.append(share)
         if len(shares) == held.FREE:
             path, *_ = wait_for(lambda: list(gate.glob("held-*")))
@@ -239,12 +239,13 @@ def test_units_are_computed_outside_the_main_thread(start, make_text, monkeypatc
 
 @pytest.mark.usefixtures("small_parts")
 def test_progress_is_told_to_the_end(start, make_text):
-    """The callback is called once per task, with shares that add up to 1."""
-    shares = []
-    start(progress=shares.append)
-    assert len(shares) == len(list(parse(make_text()).units()))
+    """The callback is called once per task, with shares that add up to 1, and the units that are done, of all."""
+    calls, units = [], len(list(parse(make_text()).units()))
+    start(progress=lambda *numbers: calls.append(numbers))
+    shares, done, total = zip(*calls, strict=True)
     assert sum(shares) == pytest.approx(1.0)
     assert min(shares) > 0.0
+    assert (done, total) == (tuple(range(1, units + 1)), (units,) * units)
 
 
 @pytest.fixture

@@ -195,7 +195,7 @@ def test_a_grown_run_that_stops_goes_on(named, start, computed, make_text, tmp_p
     computed.clear()
 
     with pytest.raises(ZeroDivisionError):
-        start(TWO, folder=folder, progress=lambda share: 1 / 0, warn=str, **design)
+        start(TWO, folder=folder, progress=lambda *numbers: 1 / 0, warn=str, **design)
     first = list(computed)
     for path in earlier.folder.iterdir():
         path.unlink()
@@ -229,7 +229,7 @@ def test_rows_that_are_taken_have_their_software(named, start, make_text, tmp_pa
     if stopped:
         folder = tmp_path / "results" / parse(make_text(TWO, **design)).run_name()
         with pytest.raises(ZeroDivisionError):
-            start(TWO, folder=folder, progress=lambda share: 1 / 0, warn=str, **design)
+            start(TWO, folder=folder, progress=lambda *numbers: 1 / 0, warn=str, **design)
         assert old in RunStatus(folder).made_by
     grown = named(TWO, **design)
     assert grown.manifest()["also_computed_by"] == [old, older]

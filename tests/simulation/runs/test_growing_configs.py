@@ -144,7 +144,7 @@ def test_any_sequence_of_edits(make_text, tmp_path_factory, design):
             config = changed
             if stopped:  # as soon as the first fits are done
                 with contextlib.suppress(ZeroDivisionError):
-                    tables_of(made, text, folder, progress=lambda share: 1 / 0)
+                    tables_of(made, text, folder, progress=lambda *numbers: 1 / 0)
             grown = tables_of(made, text, folder)
             if made.digest() not in known:
                 known[made.digest()] = tables_of(made, text, tmp_path_factory.mktemp("runs"))

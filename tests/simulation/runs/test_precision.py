@@ -68,8 +68,9 @@ def told(run):
 
 def stopped_after(go, units):
     """A run that its budget stops after so many tasks, by a clock that advances by a second with each."""
-    shares = []
-    return go(budget=TimeBudget(units, lambda: len(shares)), progress=shares.append, jobs=1)
+    calls = []
+    clock = TimeBudget(units, lambda: len(calls))
+    return go(budget=clock, progress=lambda *numbers: calls.append(numbers), jobs=1)
 
 
 def rule(rows, estimators, target):
@@ -183,8 +184,8 @@ class TestResume:
         """Interrupted in any round, it computes no stored row again, and its tables are those of an unbroken run."""
         calls = []
 
-        def stop(share):
-            calls.append(share)
+        def stop(*numbers):
+            calls.append(numbers)
             return 1 / (after - len(calls))
 
         with pytest.raises(ZeroDivisionError):
@@ -204,8 +205,8 @@ class TestResume:
         """A part that changes after its cells were measured is found at the end, and all decisions are taken again."""
         calls = []
 
-        def harm(share):
-            calls.append(share)
+        def harm(*numbers):
+            calls.append(numbers)
             if len(calls) == 50:
                 path = min((tmp_path / "run" / "parts").iterdir())
                 path.write_bytes(path.read_bytes()[:-50])
@@ -268,10 +269,10 @@ class TestBudget:
 def test_progress_stays_within_one(go):
     """The shares add up to no more than 1, and to 1 if every cell goes to its cap."""
     shares = []
-    go(progress=shares.append)
+    go(progress=lambda share, *units: shares.append(share))
     assert 0.0 < sum(shares) <= 1.0
     shares.clear()
-    go(CONFIG.replace("0.05\nfirst", "1e-9\nfirst"), "cap", progress=shares.append)
+    go(CONFIG.replace("0.05\nfirst", "1e-9\nfirst"), "cap", progress=lambda share, *units: shares.append(share))
     assert sum(shares) == pytest.approx(1.0)
 
 

@@ -235,7 +235,7 @@ def test_a_small_disk(start, small_disk, tables):
         pytest.skip("a disk cannot be mounted here")
     empty()
     with pytest.raises(RunError, match=r"cannot be written: No space .*; what was finished is kept"):
-        start(folder=folder, progress=lambda share: fill(), **ENTRIES)
+        start(folder=folder, progress=lambda *numbers: fill(), **ENTRIES)
     empty()
     assert tables(start(folder=folder, **ENTRIES)) == tables(start(**ENTRIES))
 

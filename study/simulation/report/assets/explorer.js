@@ -116,12 +116,12 @@ function save(kind, name, text) {
 }
 
 function picture() {
-    const copy = drawn.svg.cloneNode(true), height = +copy.getAttribute("height");
+    const copy = chart(run, view, run.rows(view.only), width, tooltip, false).svg, height = +copy.getAttribute("height");
     copy.querySelectorAll('[aria-label="tip"]').forEach(part => part.remove());
     copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
     copy.setAttribute("height", height + 20);
     copy.setAttribute("viewBox", `0 0 ${copy.getAttribute("width")} ${height + 20}`);
-    copy.style.fontFamily = "sans-serif";
+    Object.assign(copy.style, { fontFamily: "sans-serif", background: "white", color: "#1c1c1c" });
     copy.insertAdjacentHTML("beforeend", `<text x="8" y="${height + 12}" text-anchor="start" fill="#595959" font-size="10"></text>`);
     copy.lastElementChild.textContent = `run ${run.run}; ${run.measure[view.y].meaning}`;
     save("image/svg+xml", `${run.run}-${view.y}.svg`, new XMLSerializer().serializeToString(copy));
@@ -175,6 +175,7 @@ function listen() {
     get("reset").addEventListener("click", async () => { await show(new URLSearchParams({ run: run.run })); change(); });
     get("chart").addEventListener("keydown", step);
     addEventListener("hashchange", () => { if (location.hash.startsWith(MARK)) show(asked()); });
+    DARK.addEventListener("change", redraw);
     new ResizeObserver(() => { if (view && get("chart").clientWidth !== width) redraw(); }).observe(get("chart"));
 }
 

@@ -86,16 +86,19 @@ class Run {
 }
 
 const raised = n => String(n).replace(/[-\d]/g, c => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]);
-const many = n => n < 10000 ? String(n) : String(n).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+const many = n => String(n).replace(/\B(?=(\d{3})+$)/g, ",");
 
 function short(v, digits = 3) {
     if (v === null || Number.isNaN(v)) return "–";
     if (!Number.isFinite(v)) return v < 0 ? "−∞" : "∞";
     if (v === 0) return "0";
-    const [mantissa, power] = v.toExponential(digits - 1).split("e");
-    if (power >= -3 && power < 5) return String(+v.toPrecision(Math.max(digits, +power + 1))).replace("-", "−");
-    const front = String(+mantissa).replace("-", "−");
-    return front === "1" ? `10${raised(+power)}` : `${front} × 10${raised(+power)}`;
+    const decade = +v.toExponential(digits - 1).split("e")[1];
+    return decade >= -3 && decade < 5 ? String(+v.toPrecision(Math.max(digits, decade + 1))).replace("-", "−") : power(v, digits);
+}
+
+function power(v, digits = 3) {
+    const [mantissa, decade] = v.toExponential(digits - 1).split("e"), front = String(+mantissa).replace("-", "−");
+    return front === "1" ? `10${raised(+decade)}` : `${front} × 10${raised(+decade)}`;
 }
 
 function value(v, error) {
