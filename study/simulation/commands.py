@@ -302,7 +302,7 @@ def ask(
     dimension: AskedDimension = 3,
     as_json: Json = False,
 ) -> None:
-    """Predict each estimator's error in one condition, without a run.
+    """Predict each estimator's error without a run.
 
     The median error of the centre over the bound, of all trials, is predicted from a table that comes along, with an
     interval that holds it in 95 % of conditions. The noise is normal, and the directions are uniform by area. Beyond

@@ -24,8 +24,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from study.arrays import Floats
-from study.fits.cap import cap_moments
-from study.simulation.analysis.theory import median_at_bound
+from study.simulation.analysis.theory import median_attainable
 from study.simulation.experiment.conditions import ANGLE, NOISE_OVER_RADIUS, SAMPLES
 from study.text import columns
 
@@ -177,8 +176,8 @@ class Emulator:
 
 
 def efficient(angle: float) -> float:
-    """Median error over the bound of an estimator that is at the bound."""
-    return median_at_bound(cap_moments(math.radians(angle), DIMENSION), DIMENSION)
+    """Median error over the bound of an estimator that is at the bound, which is attainable without noise."""
+    return median_attainable(angle, 0.0, DIMENSION)
 
 
 def as_data(conditions: Conditions, answers: list[Prediction], origin: Origin) -> dict[str, object]:
