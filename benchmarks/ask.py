@@ -5,7 +5,8 @@
 
 The first cells fill the conditions evenly (Sobol's sequence, scrambled), in the logarithms of N, σ/r and the angle. The
 others are chosen where the processes are least sure, batch by batch. Each cell is computed as a study of it is, from
-the same streams. Cells are kept in results/ask.csv and not computed again. Each estimator's factor is the quantile of
+the same streams. Cells are kept in results/ask.csv and not computed again:
+remove it after a change of the fits. Each estimator's factor is the quantile of
 the scores of the even cells, left out one at a time.
 
 - ask: cells that were drawn at random and never seen: errors, intervals, and fits spent.
