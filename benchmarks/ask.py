@@ -5,9 +5,8 @@
 
 The first cells fill the conditions evenly (Sobol's sequence, scrambled), in the logarithms of N, σ/r and the angle. The
 others are chosen where the processes are least sure, batch by batch. Each cell is computed as a study of it is, from
-the same streams. Cells are kept in results/ask.csv and not computed again:
-remove it after a change of the fits. Each estimator's factor is the quantile of
-the scores of the even cells, left out one at a time.
+the same streams. Cells are kept in results/ask.csv and not computed again: remove it after a change of the fits. Each
+estimator's factor is the quantile of the scores of the even cells, left out one at a time.
 
 - ask: cells that were drawn at random and never seen: errors, intervals, and fits spent.
 - ask-worst: conditions in which the default errs most beside another estimator, as the processes find them, and what
@@ -243,8 +242,8 @@ def worst():
     for name, process in emulator.processes.items():
         if process is default:
             continue
-        uniform = rng.random((8000, 3))
-        for width in (0.05, 0.02, 0.01, 0.0):
+        uniform = rng.random((4000, 3))
+        for width in (0.2, 0.1, 0.05, 0.02, 0.01, 0.0):
             places = features(cells(uniform))
             beside = default.predict(places)[0] - process.predict(places)[0]
             top = uniform[np.argsort(-beside)[:20]]
