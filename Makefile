@@ -103,7 +103,8 @@ tables: paper
 	$(BIN)/python tools/reference_tables.py; \
 	$(BIN)/python benchmarks/em_vmf.py; \
 	$(BIN)/python benchmarks/stopping.py; \
-	$(BIN)/python benchmarks/limits.py
+	$(BIN)/python benchmarks/limits.py; \
+	$(BIN)/python benchmarks/ask.py
 
 # The ranking of circle and sphere fits. CIRCLES=FOLDER has published numbers, SCANS=FOLDER scans; see benchmarks/*.py.
 benchmark: $(VENV)/.bench

@@ -416,7 +416,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Studies": (
         *(commands.configs, commands.plan, run, merge, commands.status, posterior),
-        *(commands.laws, commands.measures),
+        *(commands.ask, commands.laws, commands.measures),
     ),
     "Results": (
         *(commands.summary, commands.claims, figures, commands.report, commands.rank, commands.worst, replay),
@@ -430,7 +430,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     ),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
-    *(commands.configs, commands.check, certify, commands.cost, plan_fit, commands.worker),
+    *(commands.configs, commands.check, certify, commands.cost, plan_fit, commands.worker, commands.ask),
     commands.compile_loops,
     *_GROUPS["Recordings"],
 }

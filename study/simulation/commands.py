@@ -288,6 +288,42 @@ def rank(folders: Ranked, by: RankBy = "center", level: RankLevel = 0.95, table:
     echo(printed(result, by, level))
 
 
+_CAP = "half-angle of the cap that the directions are confined to, in degrees"
+AskedSamples = Annotated[int, typer.Option("--samples", help="number of samples")]
+AskedNoise = Annotated[float, typer.Option("--noise-over-radius", help="standard deviation of a coordinate over r")]
+AskedAngle = Annotated[float, typer.Option("--angle", help=_CAP)]
+AskedDimension = Annotated[int, typer.Option("--dimension", help="number of coordinates; 3 alone is known")]
+
+
+def ask(
+    samples: AskedSamples,
+    noise_over_radius: AskedNoise,
+    angle: AskedAngle,
+    dimension: AskedDimension = 3,
+    as_json: Json = False,
+) -> None:
+    """Predict each estimator's error without a run.
+
+    The median error of the centre over the bound, of all trials, is predicted from a table that comes along, with an
+    interval that holds it in 95 % of conditions. The noise is normal, and the directions are uniform by area. Beyond
+    the table's range the command refuses.
+
+    With --json: samples, noise_over_radius, angle, level, at_bound (the median of an estimator at the bound), answers,
+    each with estimator, ratio_median, low and high, and made_by (version, seed, trials, cells and even).
+    """
+    from study.simulation.analysis.ask import Emulator, as_data, printed
+
+    emulator, conditions = Emulator.load(), (samples, noise_over_radius, angle)
+    try:
+        answers = emulator.ask(conditions, dimension)
+    except ValueError as fault:
+        raise typer.BadParameter(str(fault)) from None
+    if as_json:
+        echo([json_text(as_data(conditions, answers, emulator.origin))])
+    else:
+        echo(printed(conditions, answers, emulator.origin))
+
+
 def estimators() -> None:
     """List the estimators, their cost and their sources."""
     from study.fits import ESTIMATORS
