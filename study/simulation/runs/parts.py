@@ -390,20 +390,21 @@ def shorter(study: Study, batch: Batch) -> Iterator[Batch]:
 
     The tables stay as they are, because the rows of a unit are put in order when they are joined.
     """
-    if study.route == "moments" or not any(_cost(study.estimators)):
+    group, (fit, point) = batch.group, _cost(study.estimators)
+    levels = group.levels
+    most = group.samples or max(map(float, study.design.possible("samples")))  # a random design draws them when it runs
+    if len(levels) * batch.trials * (fit + point * most) <= _PIECE:
         yield batch
         return
-    outputs = tuple(f"{name}@" for name in study.estimators)
-    count = math.ceil(UnitTask(batch, "", outputs).weight / _PIECE)
+    count = math.ceil(UnitTask(batch, "", tuple(f"{name}@" for name in study.estimators)).weight / _PIECE)
     if study.keep == "summary":
-        levels, group = batch.group.levels, batch.group
         for part in np.array_split(np.arange(len(levels)), min(count, len(levels))):
             cells = {group.cells[place] for level in part for place in levels[level]}
             yield replace(batch, group=group.only(cells)) if len(cells) < len(group.cells) else batch
         return
     count = min(count, batch.trials)
     ends = [batch.first + batch.trials * i // count for i in range(count + 1)]
-    yield from (Batch(batch.group, first, last) for first, last in pairwise(ends))
+    yield from (Batch(group, first, last) for first, last in pairwise(ends))
 
 
 class Layout:
