@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 from study.simulation.experiment.config import Precision, Study
 from study.simulation.experiment.designs import Batch, Cell, Group
 from study.simulation.runs import schemas
-from study.simulation.runs.parts import Layout, Parts
+from study.simulation.runs.parts import Layout, Parts, shorter
 from study.simulation.statistics import Measure, measured
 
 CellBatch = list[tuple[list[Batch], list[Cell]]]
@@ -193,7 +193,7 @@ class Rounds(Layout):
     def cut(self, unit: Batch) -> Iterator[Batch]:
         """Cut a unit into the pieces that the stages have of it."""
         for stage in self.progress[unit.group.stream].stages:
-            yield from _within(unit, stage)
+            yield from self._within(unit, stage)
 
     def pending(self) -> Iterator[Batch]:
         """Pieces of the stages that are not measured yet."""
@@ -221,8 +221,14 @@ class Rounds(Layout):
         pieces: tuple[list[Batch], list[Batch]] = [], []
         for stage in progress.stages:
             for unit in self.study.units_of(progress.group, stage.last):
-                pieces[stage is progress.stages[-1]].extend(_within(unit, stage))
+                pieces[stage is progress.stages[-1]].extend(self._within(unit, stage))
         return pieces
+
+    def _within(self, unit: Batch, stage: Batch) -> Iterator[Batch]:
+        """Cut a unit to the trials that a stage has of it."""
+        first, last = max(unit.first, stage.first), min(unit.last, stage.last)
+        if first < last:
+            yield from shorter(self.study, Batch(stage.group, first, last))
 
     def restart(self) -> None:
         """Forget all measures, because some of the rows are lost, and begin at the first checkpoints."""
@@ -260,13 +266,6 @@ class Rounds(Layout):
                 rows.append({"cell": cell.name} | cell.values | precision | why)
         columns = schemas.precision(self.study.conditions())
         return schemas.table(columns, {c.name: [row[c.name] for row in rows] for c in columns})
-
-
-def _within(unit: Batch, stage: Batch) -> Iterator[Batch]:
-    """Cut a unit to the trials that a stage has of it."""
-    first, last = max(unit.first, stage.first), min(unit.last, stage.last)
-    if first < last:
-        yield Batch(stage.group, first, last)
 
 
 class TimeBudget:

@@ -16,7 +16,7 @@ from study.files import RunError
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell, Group
-from study.simulation.runs.parts import tables, takes_long
+from study.simulation.runs.parts import shorter, tables, takes_long
 from study.text import DAY, duration, size
 
 _SIZES = 7
@@ -203,12 +203,14 @@ def plan(study: Study, jobs: int) -> Plan:
     seconds = longest = 0.0
     for group in study.groups():
         for unit, count in study.sizes_of(group):
-            sizes = list(group.sizes(unit.first, unit.last))
-            of_unit = sum(number * of_trial(n, len(group.levels)) for n, number in sizes)
-            drawn = count * sum(number * n for n, number in sizes)
-            seconds, longest = seconds + count * of_unit, max(longest, of_unit)
-            units, draws, samples = units + count, draws + drawn, samples + group.width * drawn
-            trials += count * group.width * sum(number for _, number in sizes)
+            for piece in shorter(study, unit):
+                sizes = list(piece.group.sizes(piece.first, piece.last))
+                width, levels = piece.group.width, len(piece.group.levels)
+                of_piece = sum(number * of_trial(n, levels) for n, number in sizes)
+                drawn = count * sum(number * n for n, number in sizes)
+                seconds, longest = seconds + count * of_piece, max(longest, of_piece)
+                units, draws, samples = units + count, draws + drawn, samples + width * drawn
+                trials += count * width * piece.trials
     fits = trials * len(study.estimators)
     rows = study.cells() * len(study.estimators) if study.keep == "summary" else fits
     stored = min(study.keep_points, study.design.trials) * samples / study.design.trials

@@ -74,6 +74,17 @@ def small_parts(monkeypatch):
 
 
 @pytest.fixture
+def dear(monkeypatch):
+    """Make `lls` dear: a unit is cut into pieces of three trials, where it has one level, or of less."""
+
+    def cut():
+        monkeypatch.setitem(parts._DEAR, "lls", (1e9, 0.0))
+        monkeypatch.setattr(parts, "_PIECE", 3.5e9)
+
+    return cut
+
+
+@pytest.fixture
 def computed(monkeypatch):
     """A list of the computed fits: the cell's name, the trial and the estimator of each."""
     done, real = [], parts.compute

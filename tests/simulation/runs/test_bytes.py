@@ -16,7 +16,8 @@ import pytest
 import study
 from study.files import TableRows
 from study.simulation.experiment.config import parse
-from study.simulation.runs.parts import UnitTask
+from study.simulation.runs import parts
+from study.simulation.runs.parts import Layout, UnitTask
 from study.simulation.runs.status import RunStatus
 from tests.configs import log_uniform, uniform
 
@@ -64,6 +65,53 @@ def test_bytes_do_not_depend_on_the_order_of_work(start, entries, monkeypatch, s
     shuffled = random.Random(seed)
     monkeypatch.setattr(UnitTask, "weight", property(lambda task: shuffled.random()))
     assert_same_bytes(start(**entries), expected)
+
+
+def pieces_of(made):
+    """The pieces in which a study is computed."""
+    return list(Layout(made).pieces())
+
+
+@pytest.mark.usefixtures("raises")
+def test_bytes_do_not_depend_on_what_fits_cost(start, entries, dear):
+    """Units of dear fits are cut, also within a block; their tables, failures too, stay as they are."""
+    failing = ["raises"] if "dimension" not in entries["top"] else []
+    entries["top"] |= {"estimators": ["mle", "lls", *failing], "measures": ["jaccard"]}
+    whole = start(**entries)
+    units = pieces_of(whole.study)
+    assert units == list(whole.study.units())
+    dear()
+    assert len(pieces_of(whole.study)) > 1.4 * len(units)
+    cut = start(**entries)
+    assert_same_bytes(cut, whole)
+    assert cut.has("failures") == whole.has("failures")
+    assert not whole.has("failures") or cut.path("failures").read_bytes() == whole.path("failures").read_bytes()
+
+
+def test_a_summary_does_not_depend_on_what_fits_cost(start, dear):
+    """Its units are cut by levels: cells whose fits are the same stay together, and all trials of a cell."""
+    entries = {"top": {"keep": "summary"}, "trials": 14, "radius": [1.0, 10.0], "noise": None}
+    entries |= {"noise_over_radius": [0.01, 0.1, 0.3]}
+    whole = start(**entries)
+    dear()
+    pieces = pieces_of(whole.study)
+    assert [len(unit.cells) for unit in whole.study.units()] == [6] * 4
+    assert [len(piece.cells) for piece in pieces] == [2] * 12
+    assert all(len(piece.group.levels) == 1 and piece.trials == 14 for piece in pieces)
+    assert start(**entries).path("summary").read_bytes() == whole.path("summary").read_bytes()
+
+
+def test_an_estimator_of_ones_own_weighs_more(make_text, monkeypatch):
+    """It is called for one set of points after the other; a closed form weighs as much as a row."""
+    monkeypatch.setitem(study.ESTIMATORS, "own", replace(study.ESTIMATORS["gdke"], version="1a2b"))
+    one, two, three = (
+        Layout(made).task(next(made.units())).weight
+        for names in (["gdke"], ["gdke", "als"], ["gdke", "own"])
+        for made in [parse(make_text({"estimators": names}, trials=3, samples=40, noise=0.1, angle=60))]
+    )
+    row = parts._ROW * 3
+    assert two - one == pytest.approx(row)
+    assert three - one == pytest.approx(row + 3 * (2e4 + 10.0 * 40))
 
 
 GRID = {"trials": 10, "samples": [6, 40], "noise": [0.05, 0.5], "angle": [60]}
@@ -135,6 +183,20 @@ def test_only_the_new_is_computed(named, start, computed, name, kind):
     for table in ["errors"] + ["points"] * ("keep_points" in top):
         assert grown.path(table).read_bytes() == fresh.path(table).read_bytes()
     assert any("are taken from" in line for line in named.told)
+
+
+def test_dear_fits_grow(named, start, computed, dear):
+    """Units are cut along the earlier run, and its rows used, where they are cut for what their fits cost as well."""
+    top, design = GROWTH["all"]
+    fresh = start(top, **design)
+    before, _ = set(computed), computed.clear()
+    named(TWO, **GRID)
+    had, _ = set(computed), computed.clear()
+    dear()
+    grown = named(top, **design)
+    assert len(set(computed)) == len(computed)
+    assert set(computed) == before - had
+    assert grown.path("errors").read_bytes() == fresh.path("errors").read_bytes()
 
 
 def test_a_random_design_grows(named, start, computed):

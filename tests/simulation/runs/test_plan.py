@@ -9,7 +9,9 @@ import pytest
 from study.files import RunError
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import parse
+from study.simulation.runs import parts
 from study.simulation.runs import plan as module
+from study.simulation.runs.parts import Layout
 from study.simulation.runs.plan import Pace, measure, plan
 from tests.configs import log_uniform, uniform
 
@@ -66,6 +68,45 @@ def test_units_of_equal_size_are_counted_at_once(make_text):
     assert made.units == len(list(study.units())) > 2
     assert made.draws == sum(batch.trials * batch.group.samples for batch in every)
     assert made.samples == sum(batch.trials * batch.group.samples * len(batch.cells) for batch in every)
+
+
+def test_no_piece_takes_long(make_text):
+    """Robust fits are cut to half a second by their weight; workers differ by that, and a stop comes after it."""
+    design = {"trials": 1000, "samples": [20, 300], "noise": [0.01, 0.1], "angle": 90}
+    made = parse(make_text({"estimators": ["robust"]}, **design))
+    layout = Layout(made)
+    weights = [layout.task(piece).weight for piece in layout.pieces()]
+    least = 1000 * 2 * ((1e5 + 20 * 1e3) + (1e5 + 300 * 1e3))  # two levels of each number of samples
+    assert least < sum(weights) < 1.01 * least
+    assert 0.8 * parts._PIECE < min(weights) <= max(weights) < 1.01 * parts._PIECE
+    cheap = parse(make_text({"estimators": ["mle"]}, **design))
+    assert list(Layout(cheap).pieces()) == list(cheap.units())
+
+
+def test_pieces_are_counted(make_text, dear, monkeypatch):
+    """Counts are those of the units, their number is that of the pieces, and many workers share the time of one."""
+    pace = SimpleNamespace(of=lambda samples, levels: 1.0, summary=0.0)
+    monkeypatch.setattr("study.simulation.runs.plan.measure", lambda *_: pace)
+    made = parse(make_text({"estimators": ["lls"]}, samples=6, trials=300, noise=0.1, angle=90))
+    whole = plan(made, 100)
+    dear()
+    cut = plan(made, 100)
+    assert (whole.units, cut.units) == (1, math.ceil(300 / 3.5))  # so many trials are heavy enough for a piece
+    assert (cut.draws, cut.samples, cut.trials, cut.fits) == (whole.draws, whole.samples, whole.trials, whole.fits)
+    assert whole.seconds == pytest.approx(300.0, abs=0.1)
+    assert cut.seconds == pytest.approx(4.0 + module._START_SECONDS, abs=0.1)
+
+
+@pytest.mark.parametrize("most", [4, 70 * 4])
+def test_a_summary_that_is_cut(make_text, monkeypatch, most):
+    """Units of some cells of a group make its draws again; each of them fits its own cells alone."""
+    made = parse(make_text({"keep": "summary"}, samples=[6, 40], trials=70, noise=[0.1, 0.2, 0.3], angle=90))
+    whole = plan(made, 1)
+    monkeypatch.setattr("study.simulation.experiment.config._FITS_IN_MEMORY", most)
+    cut = plan(made, 1)
+    assert (whole.units, cut.units, cut.draws) == (2, 6, 3 * whole.draws)
+    assert (cut.samples, cut.trials, cut.fits) == (whole.samples, whole.trials, whole.fits)
+    assert whole.samples == 3 * 70 * (6 + 40)
 
 
 def test_a_study_of_millions_of_units(make_text, monkeypatch):

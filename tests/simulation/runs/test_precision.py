@@ -266,6 +266,14 @@ class TestBudget:
             go(FIXED, "fixed", budget=TimeBudget(1.0))
 
 
+@pytest.mark.usefixtures("small")
+def test_dear_fits(go, whole, dear, computed):
+    """Where units are cut for what their fits cost, each fit is computed once, and the tables keep their bytes."""
+    dear()
+    assert told(go()) == told(whole)
+    assert len(set(computed)) == len(computed)
+
+
 def test_progress_stays_within_one(go):
     """The shares add up to no more than 1, and to 1 if every cell goes to its cap."""
     shares = []
