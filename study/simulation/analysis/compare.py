@@ -17,17 +17,20 @@ a thousand times, whatever the dependence between the comparisons.
 
 import math
 from collections.abc import Iterator
-from functools import partial
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import scipy
+from numpy.typing import NDArray
 
 from study.arrays import Floats
 from study.files import RunError
 from study.fits import Status
 from study.simulation.analysis.summary import Grouped, Key
-from study.simulation.experiment.conditions import label
+from study.simulation.experiment.compute import Columns
+from study.simulation.experiment.conditions import RowValues, label
 from study.simulation.experiment.measures import MeasureColumn
 from study.simulation.runs.provenance import described
 from study.simulation.runs.run_folder import Run
@@ -101,10 +104,11 @@ def _by_errors(one: Run, other: Run) -> tuple[list[Row], tuple[int, int], str]:
     for keys in a.batches(shared):
         mine, theirs = a.read(keys, columns + further), b.read(keys, _COLUMNS + further)
         for key in keys:
-            frames = pd.DataFrame(mine[key]), pd.DataFrame(theirs[key])
+            words = _words({name: values[0] for name, values in mine[key].items()}, key)
+            both = _matched(mine[key], theirs[key]) if paired else None
             for column in (None, *measured):
-                named = dict(zip(_NAMES, (*key, _words(frames[0].iloc[0], key), _title(column)), strict=True))
-                rows.append(named | _compared(*frames, paired, column))
+                named = dict(zip(_NAMES, (*key, words, _title(column)), strict=True))
+                rows.append(named | _compared(mine[key], theirs[key], both, column))
     only = len(a.counts) - len(shared), len(b.counts) - len(shared)
     return rows, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
 
@@ -116,48 +120,71 @@ def _title(column: MeasureColumn | None) -> str:
     return f"{'share' if column.kind is bool else 'median'} of {column.name}"
 
 
-def _compared(one: pd.DataFrame, other: pd.DataFrame, paired: bool, column: MeasureColumn | None = None) -> Row:
+def _matched(one: Columns, other: Columns) -> tuple[Columns, Columns] | None:
+    """The fits of two runs to the same data sets, in one order; None if there are none."""
+    if all(np.array_equal(one[name], other[name]) for name in ("cell", "trial")):
+        return one, other
+    keys = [pd.MultiIndex.from_arrays([fits["cell"], fits["trial"]]) for fits in (one, other)]
+    there = keys[1].get_indexer(keys[0])
+    places = np.flatnonzero(there >= 0), there[there >= 0]
+    if not len(places[0]):
+        return None
+    first, second = ({n: v[at] for n, v in fits.items()} for fits, at in zip((one, other), places, strict=True))
+    return first, second
+
+
+def _compared(
+    one: Columns, other: Columns, both: tuple[Columns, Columns] | None, column: MeasureColumn | None = None
+) -> Row:
     """Compare a group by fits of the same data sets, or by its distributions if there are none.
 
     Args:
         one: the first run's fits.
         other: the second's.
-        paired: the runs may have the same data sets.
+        both: those of the same data sets; None if there are none.
         column: the measure that is compared; None for the error over the bound.
     """
-    both = one.merge(other, on=["cell", "trial"], suffixes=("_a", "_b")) if paired else one.iloc[:0]
     values_of = _over_bound if column is None else partial(_measured, column.name)
-    if len(both):
-        a, b = values_of(both, "_a"), values_of(both, "_b")
+    a, b = map(values_of, both or (one, other))
+    counts = len(one["trial"]), len(other["trial"])
+    if both is not None:
         with np.errstate(invalid="ignore"):
             differ = ~((np.abs(a - b) <= _ROUNDING) | (a == b))
         worse, better = int(np.sum(differ & (b > a))), int(np.sum(differ & (b < a)))
-        chance = scipy.stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
+        chance = _sign_test(worse, worse + better)
         columns = ("error", "radius_error", "status") if column is None else (column.name,)
-        equal = all(both[f"{name}_a"].equals(both[f"{name}_b"].rename(f"{name}_a")) for name in columns)
-        trials, same = len(both), len(both) == len(one) == len(other)
+        equal = all(_alike(both[0][name], both[1][name]) for name in columns)
+        trials, same = len(a), counts == (len(a), len(a))
     else:
-        a, b = values_of(one, ""), values_of(other, "")
         several = len(np.unique(np.concatenate([a, b]))) > 1
-        chance = scipy.stats.mannwhitneyu(a, b).pvalue if several else 1.0
-        trials, equal, same = min(len(one), len(other)), False, False
+        chance = float(scipy.stats.mannwhitneyu(a, b).pvalue) if several else 1.0
+        trials, equal, same = min(counts), False, False
     middle = np.mean if column is not None and column.kind is bool else np.median
     first, second = (float(middle(values)) if len(values) else math.nan for values in (a, b))
-    values = first, second, float(chance), trials, equal, same
-    return dict(zip(_VALUES, values, strict=True))
+    return dict(zip(_VALUES, (first, second, chance, trials, equal, same), strict=True))
 
 
-def _over_bound(frame: pd.DataFrame, suffix: str) -> Floats:
+@cache
+def _sign_test(worse: int, total: int) -> float:
+    """Chance that so many of all that differ are worse or better; groups of many cells have the same few numbers."""
+    return float(scipy.stats.binomtest(worse, total).pvalue) if total else 1.0
+
+
+def _alike(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    """True if two columns are of one type and have the same values, where all that are not a number are the same."""
+    return one.dtype == other.dtype and bool(np.all((one == other) | ((one != one) & (other != other))))
+
+
+def _over_bound(fits: Columns) -> Floats:
     """Errors over the bound; infinite for fits that are not ok, and where the bound is infinite."""
-    error, bound = frame[f"error{suffix}"].to_numpy(), frame[f"bound{suffix}"].to_numpy()
-    ok = (frame[f"status{suffix}"] == Status.OK).to_numpy() & np.isfinite(bound)
+    ok = (fits["status"] == Status.OK) & np.isfinite(fits["bound"])
     with np.errstate(all="ignore"):
-        return np.where(ok, error / bound, np.inf)
+        return np.where(ok, fits["error"] / fits["bound"], np.inf)
 
 
-def _measured(name: str, frame: pd.DataFrame, suffix: str) -> Floats:
+def _measured(name: str, fits: Columns) -> Floats:
     """Values of a measure; one that is not a number counts as infinite."""
-    values = frame[f"{name}{suffix}"].to_numpy(dtype=float)
+    values = fits[name].astype(float)
     return np.where(np.isnan(values), np.inf, values)
 
 
@@ -194,7 +221,7 @@ def _medians(one: "pd.Series[float]", other: "pd.Series[float]") -> tuple[float,
     return values[0], values[1], 2.0 * float(scipy.stats.t.sf(away / error, freedom)) if error > 0.0 else 0.0
 
 
-def _words(row: "pd.Series[float]", key: Key) -> str:
+def _words(row: RowValues, key: Key) -> str:
     """A group in words: a decade of σ/r, or a cell's conditions and its name."""
     if key[0].startswith(("1e+", "1e-")):  # a cell's name has no sign
         return f"σ/r = {key[0]} …"
