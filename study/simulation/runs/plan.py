@@ -29,6 +29,10 @@ _PROBED = 2**17
 """Samples of a batch that is timed: a quarter of those that a run draws at once, since a plan is to take a second."""
 _LONG_PROBE = 0.05
 """A measurement that takes longer than so many seconds is not repeated, unless it is the first."""
+_PROBE = 0.2
+"""Seconds that a measurement may take."""
+_FEW = 10
+"""Trials that show what a trial takes beside the call."""
 _MOST_SUMMARISED = 20_000
 """Largest number of trials whose summary is measured; beyond it, time is proportional to the number."""
 
@@ -99,7 +103,7 @@ def _timed(study: Study, batches: list[Batch]) -> Floats:
     """Seconds per trial, and per trial and level, averaged over batches (2,)."""
     shared = ("draw", "bound", "moments") if study.route == "moments" else ("draw", "bound")
     per_trial = []
-    for batch in batches:
+    for batch in (_short(study, batch) for batch in batches):
         times = []
         for repeat in range(_REPEATS):
             began = perf_counter()
@@ -113,6 +117,21 @@ def _timed(study: Study, batches: list[Batch]) -> Floats:
         per_trial.append((drawing / batch.trials, fits / (batch.trials * len(batch.group.levels))))
     seconds: Floats = np.mean(per_trial, axis=0)
     return seconds
+
+
+def _short(study: Study, batch: Batch) -> Batch:
+    """A batch of as many trials as take a fifth of a second, by its first ones: a fit may take seconds."""
+
+    def seconds(trials: int) -> float:
+        began = perf_counter()
+        _steps(study, replace(batch, last=batch.first + trials))
+        return perf_counter() - began
+
+    seconds(1)  # it may load compiled code
+    a_trial = seconds(1)
+    if a_trial < 0.1 * _PROBE and batch.trials > _FEW:  # most of that is the call
+        a_trial = max(seconds(_FEW) - a_trial, 1e-9) / (_FEW - 1)
+    return replace(batch, last=min(batch.last, batch.first + max(1, int(_PROBE / a_trial))))
 
 
 def _steps(study: Study, batch: Batch) -> dict[str, float]:
