@@ -201,7 +201,7 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
 
 
 def figures(words: Drawn, out: Pictures = None) -> None:
-    """Draw figures of runs from their tables, as PNG and SVG.
+    """Draw figures of runs from their tables, as PNG, SVG and PDF.
 
     Each figure comes from the first run that has the tables for it. A figure that fails does not cost the others; its
     place in the code is printed, and the exit code is 1.

@@ -37,8 +37,8 @@ USUAL = 150
 """Lines of code that half of the chapters have at least."""
 SHORT = 40
 MOST_SHORT = 15
-MOST_FILES = 127
-MOST_ARROWS = 722
+MOST_FILES = 132
+MOST_ARROWS = 790
 """Files and imports between them, without those that `GROWING` counts; a tenth to spare for what is added."""
 GROWING = {f"simulation/{name}" for name in ("figures", "claims")}
 GROWING |= {f"recordings/{name}" for name in ("formats", "export", "markersets")}

@@ -205,7 +205,7 @@ def test_a_figure_that_fails(finished, call_here, tmp_path, monkeypatch, step, b
     monkeypatch.setattr(figures, "FIGURES", {"broken": faulty, "whole": whole})
     code, said, complained = call_here(finished[0], "figures", "out", "--out", tmp_path / "drawn")
     assert code == 1
-    assert [line.rpartition("/")[2] for line in said.splitlines()] == ["whole.png", "whole.svg"]
+    assert [line.rpartition("/")[2] for line in said.splitlines()] == ["whole.png", "whole.svg", "whole.pdf"]
     assert re.fullmatch(f"broken: failed: .*{place}\n", complained)
 
 

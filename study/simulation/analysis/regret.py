@@ -68,7 +68,7 @@ def regret(cells: pd.DataFrame) -> pd.DataFrame:
     """Mean regret of each estimator, over all cells and over those of each number of samples.
 
     Args:
-        cells: the table of `by_cell`.
+        cells: the table of `by_cell` or of `of_summary`.
 
     Returns:
         A row per number of samples and estimator: ``samples`` (0 for all), ``estimator``, ``cells``, and of the
@@ -84,9 +84,11 @@ def regret(cells: pd.DataFrame) -> pd.DataFrame:
             for name in QUANTILES:
                 used = part[part[name].notna()]
                 named = [name, *(f"{name}_{group}" for group in range(_GROUPS))]
-                means = np.exp(np.log(used[named]).mean().to_numpy())
+                means = np.exp(np.log(used[named if named[1] in used else [name]]).mean().to_numpy())
                 error = math.inf
-                if np.isfinite(means).all():
+                if np.isfinite(means).all() and len(means) == 1:
+                    error = means[0] * float(np.linalg.norm(used[f"{name}_error"] / used[name])) / len(used)
+                elif np.isfinite(means).all():
                     error = math.sqrt(np.sum((means[1:] - means[1:].mean()) ** 2) * (_GROUPS - 1.0) / _GROUPS)
                 row |= {name: means[0], f"{name}_error": error, f"{name}_worst": used[name].max()}
             rows.append(row)
@@ -112,6 +114,28 @@ def of_run(run: Run) -> pd.DataFrame:
     check_comparable(run, "regret")
     used = ["cell", "samples", "trial", "estimator", "error"]
     return by_cell(run.table("errors", used), list(run.study.estimators))
+
+
+def of_summary(summary: pd.DataFrame) -> pd.DataFrame:
+    """Regret in each cell by the medians and quantiles of a summary, for a run that keeps no errors.
+
+    Their Monte-Carlo errors (``median_error``, ``q95_error``) are taken as independent: they are too large where
+    estimators had the same trials, and too small where cells share their draws.
+
+    Args:
+        summary: the summary table of a grid.
+
+    Returns:
+        A row per cell and estimator, as `by_cell`, with these errors in place of the groups.
+    """
+    columns = {"cell": summary["group"].astype(str), "samples": summary["samples"].astype(int)}
+    table = pd.DataFrame(columns | {"estimator": summary["estimator"].astype(str)})
+    for name in QUANTILES:
+        value, error = summary[f"ratio_{name}"].fillna(np.inf), summary[f"ratio_{name}_error"]
+        with np.errstate(invalid="ignore"):
+            table[name] = value / value.groupby(table["cell"]).transform("min")
+            table[f"{name}_error"] = table[name] * error / value
+    return table
 
 
 def printed(run: Run, table: pd.DataFrame) -> Iterator[str]:

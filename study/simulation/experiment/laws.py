@@ -111,7 +111,7 @@ OF_YOUR_OWN = "one of your own needs its file: --plugin FILE, in Python plugins=
 
 
 def raised(error: BaseException, function: Callable[..., object]) -> str:
-    """What a user's own function raised, with the line of its file, where that is known."""
+    """The exception that a user's own function raised, with the line of its file, where that is known."""
     file = getattr(getattr(function, "__code__", None), "co_filename", None)
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     return (f"{Path(file).name}, line {lines[-1]}: " if file and lines else "") + registry.one_line(error)

@@ -59,7 +59,7 @@ def draw_all(
 
     Args:
         runs: finished runs.
-        folder: where the pictures go, as PNG and SVG; made if it is not there. The run's own, if None.
+        folder: where the pictures go, as PNG, SVG and PDF; made if it is not there. The run's own, if None.
         names: figures to draw; see `gallery`.
 
     Returns:
@@ -71,7 +71,7 @@ def draw_all(
     of_runs = [Tables(run) for run in runs]
     for place in {folder or own_folder(run) for run in runs}:
         make_folder(place)
-    drawn = gallery(names)
+    drawn = gallery(names, (*style.KINDS, "pdf"))
     for tables in of_runs:
         drawn.add(tables)
     reasons = {name: gathered(reasons, len(runs)) for name, reasons in drawn.undrawn.items()}

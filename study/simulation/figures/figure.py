@@ -361,7 +361,7 @@ def log_axes(ax: Axes) -> None:
     ax.set_yscale("log")
 
 
-class Loop(NamedTuple):
+class NestedCondition(NamedTuple):
     """A condition that varies in a grid.
 
     Attributes:
@@ -375,7 +375,7 @@ class Loop(NamedTuple):
     place: Ints
 
 
-def loops(tables: Tables, most: int = MOST_CELLS) -> tuple[list[Loop], dict[str, int]]:
+def loops(tables: Tables, most: int = MOST_CELLS) -> tuple[list[NestedCondition], dict[str, int]]:
     """The conditions that vary in a grid, those of few values outermost, and the place of each group in their order.
 
     Args:
@@ -395,13 +395,13 @@ def loops(tables: Tables, most: int = MOST_CELLS) -> tuple[list[Loop], dict[str,
     codes = [np.array([varying[c].index(label) for label in words[c]]) for c in nested]
     order = np.lexsort(codes[::-1])
     result = [
-        Loop(c.symbol, [value.removeprefix(f"{c.symbol} = ") for value in varying[c]], code[order])
+        NestedCondition(c.symbol, [value.removeprefix(f"{c.symbol} = ") for value in varying[c]], code[order])
         for c, code in zip(nested, codes, strict=True)
     ]
     return result, {str(cells.index[cell]): place for place, cell in enumerate(order)}
 
 
-def draw_loops(ax: Axes, nested: Sequence[Loop]) -> None:
+def draw_loops(ax: Axes, nested: Sequence[NestedCondition]) -> None:
     """Draw a line for each condition, which steps up with its value, and name its values."""
     for number, loop in enumerate(nested):
         base, count = -float(number), len(loop.place)

@@ -179,11 +179,14 @@ _MANY = 6
 def best_where(tables: Tables) -> Iterator[Headline]:
     """The estimators that are best over the cells of a run, over all and by condition, and the fits that are not ok.
 
-    Nothing is said of a run in which errors over those of the best estimator in each cell are not known.
+    Nothing is said of a random design, or of one estimator.
     """
+    study = tables.run.study
+    if study.design.kind != "grid" or len(study.estimators) < 2:
+        return
     try:
-        cells = regret.of_run(tables.run)
-    except RunError:  # a random design, one estimator, or a summary alone
+        cells = regret.of_summary(tables.summary) if study.keep == "summary" else regret.of_run(tables.run)
+    except RunError:  # too few trials
         return
     whole = regret.regret(cells).query("samples == 0").sort_values("median", kind="stable")
     best, others = _told_apart(whole)

@@ -97,3 +97,24 @@ def test_runs_that_have_none(make_run, change, message):
     """A run of one estimator, or without its error table, is refused in one line."""
     with pytest.raises(RunError, match=message):
         regret.of_run(make_run(DESIGN.replace(*change)))
+
+
+def test_regret_by_a_summary_alone(make_run):
+    """Ratios of the summary's medians; their errors are as by hand."""
+    run = make_run(DESIGN.replace("trials = 20", "trials = 400"))
+    cells = regret.of_summary(run.table("summary"))
+    exact = (
+        regret.of_run(run).set_index(["cell", "estimator"]).loc[[*zip(cells["cell"], cells["estimator"], strict=True)]]
+    )
+    np.testing.assert_allclose(cells["median"], exact["median"], rtol=0.05)  # errors over bound, and errors
+    one = run.table("summary").iloc[0]
+    by_hand = cells["median"][0] * one["ratio_median_error"] / one["ratio_median"]
+    assert cells["median_error"][0] == pytest.approx(by_hand)
+    rough, paired = (
+        regret.regret(part).query("samples == 0").set_index("estimator") for part in (cells, regret.of_run(run))
+    )
+    np.testing.assert_allclose(rough["median"], paired["median"], rtol=0.05)
+    part = cells[cells["estimator"] == "gdke"]
+    mean = float(np.exp(np.log(part["median"]).mean()))
+    spread = math.sqrt(((part["median_error"] / part["median"]) ** 2).sum()) / len(part)
+    assert rough.loc["gdke", "median_error"] == pytest.approx(mean * spread)
