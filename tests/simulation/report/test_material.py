@@ -46,7 +46,7 @@ def test_the_page_has_the_pictures_that_are_written(random, claims, tmp_path):
     text = render(Material([random], claims, gallery=gallery))
     written = {path.name: path.read_bytes() for path in gallery.save(tmp_path / "page")}
     alone, _ = figures.draw_all([random], tmp_path / "alone")
-    assert written == {path.name: path.read_bytes() for path in alone}
+    assert written == {path.name: path.read_bytes() for path in alone if path.suffix != ".pdf"}  # which a page has not
     shown = re.findall(r'<figure id="(\w+)".*?base64,([^"]*)"', text, re.DOTALL)
     assert {name: base64.b64decode(code) for name, code in shown} == {"fig2_error": written["fig2_error.png"]}
 
