@@ -8,9 +8,8 @@ unknown. Eliminating the directions leaves the information along the normals (th
 which bounds unbiased estimators. J is inverted through the centred directions, because Σ w wᵀ of a small cap is
 singular to rounding while the scatter about the mean direction is not.
 
-Noisy samples of a spherical cap as a mixture over their directions: densities, and means of a(u) given a sample.
-
-A sample is y = u + σz, its direction u uniform by area on the cap. Everything is a function of its distance R = |y| and
+A sample of a cap is a mixture over its directions, which gives its density and the mean of a(u) given the sample. A
+sample is y = u + σz, its direction u uniform by area on the cap. Everything is a function of its distance R = |y| and
 its angle α to the axis, times a harmonic of the azimuth, of order 0 (axial) or 1 (lateral). With θ the angle of u,
 integrals over the azimuth are Bessel functions of κ = R sin α sin θ/σ².
 
@@ -22,8 +21,9 @@ radius, with y = (x - c)/r, the scores given u are
 
     centre: (y - u)/σ²,   radius: (u·y - 1)/σ²,   σ²: |y - u|²/2σ⁴ - d/2σ²,
 
-and given y alone they are E[·|y]. A change of the law by a factor 1 + a(u) adds E[a(u)|y] to the score. The scores are
-efficient when they are projected on the complement of all E[a(u)|y]; the inverse of their covariance is the bound.
+and given y alone they are E[·|y]. If G is perturbed by the factor 1 + a(u), the score of the perturbation is
+E[a(u)|y]. The efficient scores are the scores projected onto the orthogonal complement of all E[a(u)|y]. The inverse of
+their covariance is the bound.
 
 Source: Bickel, Klaassen, Ritov & Wellner 1993, §4.5, for mixtures with an unknown law.
 """
@@ -152,8 +152,8 @@ def kernels(cap: Cap, y: Positions, theta: Floats) -> Orders:
 def polynomials(cap: Cap, y: Positions, theta: Floats, weighted: Orders, degree: int) -> Orders:
     """E[a(u)|y] times the density of y, for Legendre polynomials a in cos θ and for the rim (n, m, degree + 2).
 
-    ``weighted`` are the kernels at θ times the probabilities, the lateral ones also times sin θ. The rim stands for a
-    law that lies on it alone: polynomials approach it slowly, and a cap that moves gains and loses at its rim.
+    ``weighted`` are the kernels at θ times the probabilities, the lateral ones also times sin θ. The last
+    function is a point mass on the rim: the score of a moving cap has such a part, and polynomials approach it slowly.
     """
     x = 1.0 - 2.0 * (np.sin(0.5 * theta) / math.sin(0.5 * cap.half_angle)) ** 2
     table = np.polynomial.legendre.legvander(x, degree)
@@ -164,9 +164,10 @@ def polynomials(cap: Cap, y: Positions, theta: Floats, weighted: Orders, degree:
 
 
 def derivatives(cap: Cap, y: Positions, terms: int) -> Orders:
-    """E[a(u)|y] times the density of y, for derivatives a of a unit mass at the pole by its height (n, m, terms).
+    """E[a(u)|y] times the density of y, a the k-th derivative by height of a point mass at the pole (n, m, terms).
 
-    Where noise hides the cap, E[a(u)|y] of polynomials lose their digits; these keep them, however small they are.
+    If the noise is large beside the cap, the family of polynomials is numerically dependent. This one is not, however
+    small its values are.
     """
     unit, noise = 2.0 * math.sin(0.5 * cap.half_angle) ** 2, cap.noise
     distance, angle, c = 1.0 + y.excess, y.angle, 0.5 * (cap.dimension - 1)
@@ -192,8 +193,8 @@ def _series(first: Floats, second: Floats, c: float, unit: float, terms: int) ->
 _NODES = 48
 """Nodes of a rule of Gauss and Legendre; with 64 the bounds agree to 1e-6."""
 _CLEAR = 1e-4
-"""Noise below this share of the half-angle gives the Cramér-Rao bound: ALS, which knows as little, is as near as
-3e-8 d²."""
+"""Noise below this share of the half-angle gives the Cramér-Rao bound: the variance of `als`, which does not know the
+directions either, exceeds it by a share of 3e-8 d² at most."""
 _HIDDEN = 0.8
 """Noise above this multiple of the half-angle needs the family of derivatives."""
 _GONE = 1e3
@@ -303,7 +304,8 @@ def by_quadrature(cap: Cap, nodes: int = _NODES) -> Floats:
 def _scores(cap: Cap, y: Positions, theta: Floats, weighted: Orders) -> tuple[list[Floats], list[Floats]]:
     """Scores given y times the density: of c - r along the axis, r and σ²; and of c across the axis.
 
-    In units of 1/σ and 1/σ². The difference c - r is formed without the subtraction, which a small cap would not bear.
+    In units of 1/σ and 1/σ². The score of c - r has a formula of its own: on a small cap the
+    difference of the two scores would cancel.
     """
     noise, angle, distance, (axial, lateral) = cap.noise, y.angle, 1.0 + y.excess, weighted
     density = axial.sum(axis=-1)
@@ -370,7 +372,7 @@ def _sums(view: View, weights: Floats, middle: Sums, square: Sums) -> tuple[Sums
 def _scatter(
     directions: Floats, weights: Floats, sums: Floats, mean: Floats, scatter: Floats, zero: Sums, square: Sums
 ) -> None:
-    """`weighted_scatter`, in one pass: about the mean of the first samples that count, which is near that of all."""
+    """Sums of `weighted_scatter` in one pass, about the mean of the first samples with weight: sums about 0 cancel."""
     b, d, n = directions.shape
     rows = np.empty((1, d, CHUNK))
     for t in range(b):
@@ -524,7 +526,7 @@ def _unit_covariances(noise: ArrayLike, shape: tuple[int, ...], d: int) -> tuple
 
 
 def unit_covariance(noise: ArrayLike, dimension: int) -> tuple[Floats, float]:
-    """Covariance (d, d) of size 1 of a noise σ or Σ, and the power of two by which it is smaller or larger."""
+    """Covariance (d, d) of size 1 of a noise σ or Σ, and the power of two that times it gives the noise again."""
     covariance = noise_covariance(noise, dimension)
     unit = float(np.ldexp(1.0, np.frexp(np.trace(covariance))[1]))
     return covariance / unit, unit

@@ -5,9 +5,10 @@ degree l,
 
     E[(R - λ) Y(e) | u] = 0 for every u,      λ = E[R P_l(e·u)] / E[P_l(e·u)],
 
-so that no law of the directions enters; and so it is with waves, which see more where the noise is large. Four blocks
-see what fits do not show: *shape*, *unequal noise*, *tails* and *memory* of the rows. The errors of centre, radius and
-noise are taken out of each, and each gives a p value, or the reason why there is none.
+whatever the law of the directions is; P_l is the Gegenbauer polynomial. Moments of plane waves obey such conditions as
+well, and have more power where the noise is large (13.2). Four blocks of tests are made: *shape*, *unequal noise*
+(heteroscedasticity), *tails* (other than normal) and *memory* of the rows (serial correlation). The errors of centre,
+radius and noise are taken out of each, and each gives a p value, or the reason why there is none.
 
 Points may have weights: residuals are divided by each point's own noise, and the regressions are weighted.
 
@@ -48,9 +49,9 @@ _LEAST = 1e-13
 SMALL = 0.05
 """Noise in radii up to which residuals are taken to be normal and of one size given the directions."""
 _LITTLE, _MODERATE = 0.35, 2.0
-"""Noise up to which the shape is tested as if noise were small, in the least spread of the directions, by all degrees
-and by degree 2 alone. Clean caps of 30° to 180° in two to four dimensions, N = 10 to 85, speak at 1 % in at most 2 %
-up to there, 800 sets a cell."""
+"""Largest noise of the tests for small noise, as multiples of the least standard deviation of the directions: by all
+degrees, and by degree 2 alone. Simulated clean caps (30° to 180°, d = 2 to 4, N = 10 to 85, 800 sets a cell): at a
+level of 1 %, at most 2 % are rejected."""
 _LARGEST_NOISE = 0.45
 """Noise in radii beyond which no shape is tested: waves see a point."""
 _NO_NOISE = 1e-22
@@ -58,7 +59,7 @@ _NO_NOISE = 1e-22
 _MANY = 300
 """Number of points from which the scores' own law is enough, and forms can be seen that are small beside the noise."""
 _WAVES, _LAST_WAVE = ((0.01, 0), (1.0, 0), (1.0, 1)), 3.0
-"""τ in inverse radii and degree of the waves whose moments are tested; the last goes with all degrees but 1."""
+"""(τ r, degree) of the waves that are always tested, and the τ r that is tested with degrees 0, 2, 3 and 4."""
 _LEAST_TERMS = 4
 """Points for each moment of waves beyond those that centre, radius and noise take, at least."""
 _DEPENDENT = 1e-8
@@ -269,7 +270,7 @@ def normal_scores(R: Floats, s: Floats, d: int) -> Floats:
 
 @cache
 def _size_by_degree(d: int) -> tuple[Floats, Floats]:
-    """Noises ln s, and λ_l - λ_0 of φ = |z|^⅔ for degrees 1 and 2 (2, k), z the normal score of R, by a sum over R."""
+    """Ln of the variances s, and λ_l - λ_0 of φ = |z|^⅔ for degrees 1, 2 (2, k), z the normal score of R, by a sum."""
     s = np.geomspace(SMALL**2, 1.0, 60)[:, None]
     R = 1.0 + np.sqrt(s) * np.linspace(-_LARGEST_SCORE, _LARGEST_SCORE + d, 1501)
     R, order = np.maximum(R, 1e-9), 0.5 * d - 1.0
@@ -283,7 +284,7 @@ def _size_by_degree(d: int) -> tuple[Floats, Floats]:
 
 
 def f_tail(F: Floats, a: Floats | Ints, b: Floats | Ints | float) -> Floats:
-    """P(F_{a,b} > F); 1 where there is nothing to test."""
+    """Upper tail probability of Fisher's F; NaN without degrees of freedom."""
     with np.errstate(all="ignore"):
         return np.where((a > 0) & (b > 0), betainc(0.5 * b, 0.5 * a, b / (b + a * np.maximum(F, 0.0))), np.nan)
 
@@ -319,7 +320,7 @@ class Residuals(NamedTuple):
         return Residuals(self.R[places], self.Y[places], self.s[places], weights, self.basis)
 
     def shrunk(self) -> "Residuals":
-        """The same for noise along the radius, whose law is that of small noise whatever its size."""
+        """For noise along the radius alone: residuals scaled to a small noise, as R is then normal at every size."""
         share = np.where(self.s > 0.0, _SHRUNK / np.sqrt(np.maximum(self.s, _NO_NOISE)), 1.0)
         return self._replace(R=1.0 + (self.R - 1.0) * share[:, None], s=self.s * share**2)
 
@@ -423,7 +424,7 @@ def number_of(d: int, degree: int) -> int:
 def _shape(residuals: Residuals) -> Floats:
     """The p values (b,) of shape; NaN where the noise hides it.
 
-    How large the noise is, is told by what a form of degree 2 leaves: the noise of the sphere swells with a misfit.
+    The noise is estimated after degree 2 is removed, because a misfit inflates the noise of the sphere.
     """
     R, Y, s, *_ = residuals
     n, d = R.shape[1], residuals.dimension
@@ -450,9 +451,9 @@ class _Forms(NamedTuple):
     """Forms that residuals show, by degrees from 2.
 
     Attributes:
-        squares: sums of squares of (R - λ) Y, each term over its variance (b,) for each degree.
+        squares: sums of squares of (R - λ) Y over N, each term over its variance (b,) for each degree.
         counts: their numbers of terms (b,) for each degree.
-        left: the sum of squares that 1 and e leave (b,).
+        left: the sum of squares over N that 1 and e leave (b,).
         smooth: weighted mean square of the terms of degree 2, with their variances as weights (b,).
         freedom: its degrees of freedom (b,).
     """
@@ -468,7 +469,8 @@ def _forms_of_degrees(residuals: Residuals) -> _Forms:
     """Sums of squares of (R - λ) Y for each degree from 2.
 
     By least squares on 1 and e, which takes the errors of centre and radius out where the noise is small. Each degree
-    is freed from those below it. With noise in proportion to 1/p, the weights p take λ_l - λ_0 out of them.
+    is freed from those below it. If the variance of the noise is s/p, λ_l - λ_0 is
+    proportional to 1/p, and the weights p cancel it (13.8).
     """
     R, Y, s, weights, basis = residuals
     n, d = R.shape[1], residuals.dimension
@@ -500,10 +502,11 @@ def _forms_of_degrees(residuals: Residuals) -> _Forms:
 
 
 def _by_degrees(forms: _Forms, n: int, spare: int) -> Floats:
-    """The p values (b,) of two or three tests, the least of which counts so many times.
+    """The smallest p value (b,) of two or three tests, corrected by Šidák's formula.
 
-    They are by weights of the degrees, of degrees 3 and more, and, in few points, of degree 2 with the weights that a
-    smooth form has, of which each term is as large: then noise hides terms of which the directions say little.
+    They are: all degrees, by `weights_of_degrees`; degrees 3 and above; and, below 300 points, degree 2 with equal
+    weight on each coefficient. The last favours smooth shapes: coefficients that the directions determine poorly do not
+    dominate it (13.2).
     """
     squares, counts, left = forms.squares, forms.counts, forms.left
     free = spare - sum(counts)
@@ -517,7 +520,7 @@ def _by_degrees(forms: _Forms, n: int, spare: int) -> Floats:
 
 
 def weights_of_degrees(n: int) -> tuple[tuple[int, float], tuple[int, float]]:
-    """The first degree, less 2, of both tests of a form in n points, and the weight of each degree over that before."""
+    """For both tests in n points: the lowest degree less 2, and the ratio of the weights of successive degrees."""
     return (0, _SMOOTH if n >= _MANY else 0.0), (1, 1.0)
 
 
@@ -533,7 +536,7 @@ def mean_square(sums: Floats, counts: Ints, weight: float) -> tuple[Floats, Floa
 
 
 def _shape_of_much_noise(residuals: Residuals) -> Floats:
-    """The p values (b,) of moments of waves, of even degrees and of all; the lesser counts twice."""
+    """The smaller p value (b,) of moments of waves, without degree 3 and with it, corrected by Šidák's formula."""
     d, most = residuals.dimension, int(residuals.basis.degree.max())
     waves = (*_WAVES, *((_LAST_WAVE, degree) for degree in (0, 2, 4, 3) if degree <= most))
     parts = [wave_moments(residuals, tau, degree) for tau, degree in waves]
@@ -547,10 +550,11 @@ def _shape_of_much_noise(residuals: Residuals) -> Floats:
 
 
 def _overidentified(terms: Floats, slopes: Floats) -> Floats:
-    """The p values (b,) that the means of k terms (b, k, n) are 0 for some c, r and s, by minus their slopes.
+    """P values (b,) of Hansen's test that k moments (b, k, n) have mean zero for some c, r and s.
 
-    In the metric of the terms' own covariance, by one step (Hansen 1982). With N less the freedoms in place of N the
-    rest is nearly χ² from four terms a freedom on, where Hotelling's law is too cautious.
+    ``slopes`` are minus their derivatives. The metric is the moments' own covariance, by one step (Hansen 1982). With N
+    less the degrees of freedom in place of N, the statistic is nearly χ² from four points a degree of freedom on, where
+    Hotelling's law is conservative.
     """
     n, parameters = terms.shape[2], slopes.shape[2]
     mean = terms.mean(axis=2)
@@ -635,7 +639,7 @@ def _residual_blocks(residuals: Residuals) -> tuple[Floats, Floats, Floats]:
     z, rho, t, Q = scores_of_residuals(residuals)
     sizes = _unequal(t, Y, np.zeros(len(s)), d)
     noisy = np.flatnonzero(s > SMALL**2)
-    if len(noisy):  # scores have their law for every direction; what e explains of them is not all error
+    if len(noisy):  # scores are normal in every direction; regression on e may remove more than the error
         scores = z[noisy] - z[noisy].mean(axis=1, keepdims=True)
         scores /= np.sqrt((scores**2).mean(axis=1, keepdims=True))
         sizes[noisy] = np.fmax(sizes[noisy], _unequal(scores, Y[noisy], s[noisy], d))

@@ -1,17 +1,17 @@
 """The robust fit: maximum likelihood from the points that are not outliers, by a rule with a stated rate of alarms.
 
 A forward search grows a clean set of points until the next one is an outlier. It begins with the points nearest to the
-sphere of least trimmed squares, to which the sphere is fitted geometrically: the set S of m points. Each point has
-a deleted residual, t = (R - r) / (s √(1 ± l)), with s² = Σ_S (R - r)²/(m - d - 1 - f), f the parameters that curvature
-adds, and the leverage l of the fit linearised at its answer, + outside S and - inside. The set becomes the m + 1 points
-of which |t| is least beside its limit, until the (m+1)-th is beyond: it and all beyond it are outliers. The limit is
-the quantile of Student's t at level α/(2(m + 1)) with m - d - 1 degrees of freedom, changed as the law of R differs
-from the normal one where the noise is not small beside the radius. Clean Gaussian points then have an outlier in a
-share α of the data sets (Hadi & Simonoff 1993).
+sphere of least trimmed squares, to which the sphere is fitted geometrically: the set S of m points. Each point has a
+deleted residual, t = (R - r) / (s √(1 ± l)), with s² = Σ_S (R - r)²/(m - d - 1 - f), f the parameters that curvature
+adds, and the leverage l of the fit linearised at its answer, + outside S and - inside. The next set is the m + 1 points
+with the smallest ratio of |t| to its limit. The search stops when the largest of these ratios exceeds 1: that point and
+all beyond it are outliers. The limit is the quantile of Student's t at level α/(2(m + 1)) with m - d - 1 degrees of
+freedom, changed as the law of R differs from the normal one where the noise is not small beside the radius. Clean
+Gaussian points then have an outlier in a share α of the data sets (Hadi & Simonoff 1993).
 
-Before it ends, the next point is fitted along: it is an outlier only if that raises Σ(R - r)² by more than the square
-of the limit times s² too, which does not linearise. While many points are outside, all that are clearly inside the
-limit enter at once: one by one each would, too.
+Before the search ends, the sphere is fitted once more, with the next point included. The point is an outlier only if
+this also raises Σ(R - r)² by more than the squared limit times s². This second test needs no linearisation. While many
+points are outside, all points clearly within the limit enter together; one at a time, each would enter as well.
 
 Least trimmed squares: the sphere whose h smallest distances |R - r| have the least sum of squares.
 
@@ -45,7 +45,7 @@ FALSE_ALARMS = 0.01
 _WITHOUT_RADIUS = 0.534
 """d Var R/(E R)² of points that scatter about one place: (Var R)/(E R)² is at most this over d."""
 _POWER = 0.31
-"""There R to the power 1 less this is nearly normal in its upper tail."""
+"""Without a radius, R to the power 1 less this is nearly normal in its upper tail."""
 _LITTLE = 1e-4
 """Var R/(E R)² below which R is normal."""
 _CONCENTRATIONS = 10
@@ -64,7 +64,7 @@ _EXACT = 2000
 _FEW = 40
 """Degrees of freedom beyond which the choice of the clean points does not matter."""
 _CHOICE = 0.01
-"""Share of α for each number of outliers but one."""
+"""Share of α that the union bound spends on each number of outliers from two on."""
 _BATCH = 1 << 16
 """Elemental spheres that are formed together."""
 _ENOUGH = 20
@@ -81,10 +81,10 @@ cell."""
 def robust(samples: Samples) -> Estimates:
     """Maximum likelihood where some points may be clutter: `mle` unless `find` finds some.
 
-    Up to just under half of the points may be anywhere. Without outliers it is `mle`, but in the one data set in a
-    hundred in which a clean point is taken for one. It fails where one sphere comes near to more than half of the
-    points, outliers among them, within the noise: far points beside a small cap that leaves the radius open, or a
-    cluster a few standard deviations from the sphere.
+    Up to just under half of the points may be anywhere. Without outliers it equals `mle`, except in one data set in a
+    hundred, in which a clean point is taken for an outlier. It fails if some sphere fits more than half of the points
+    within the noise, outliers included. Two examples: far points beside a small cap that does not determine the radius,
+    and a cluster a few standard deviations from the sphere.
 
     Source: Torr & Zisserman 2000; Rousseeuw & Van Driessen 2006; Hadi & Simonoff 1993; theory §11.
     """
@@ -141,8 +141,9 @@ def find(samples: Samples, from_all: bool = False, known: Floats | None = None) 
 
     More than half of the points are taken to lie on one sphere with Gaussian noise of unknown size. Least trimmed
     squares and a forward search tell whether there are outliers: in data without any, they find one in about 1 % of the
-    data sets, whatever their number of points. Where they do, or where the likelihood of a sphere among clutter leaves
-    no doubt, and there are 20 points or more, the outliers are those that are more likely clutter than not.
+    data sets, whatever their number of points. With 20 points or more, a mixture of a sphere and
+    uniform clutter is fitted if the search finds outliers, or if its likelihood leaves no doubt. The outliers are then
+    the points that are more probably clutter. Otherwise they are those of the search.
 
     Copies of a point count once, and are outliers together.
 
@@ -150,7 +151,8 @@ def find(samples: Samples, from_all: bool = False, known: Floats | None = None) 
         samples: the batch. Missing samples (NaN) are no outliers. A noise level given with them is not used.
         from_all: begin the search with the geometric fit of all points alone. That takes a tenth of the time, and
             serves where a few outliers hide no others.
-        known: radii (b,), if they are known: the sphere among clutter has them, whose ratio is 1 for the radius.
+        known: radii (b,), if they are known. The sphere among clutter is fitted with them fixed, and the factor of the
+                radius is 1.
 
     Returns:
         The outliers. A set with fewer than d + 3 different points, in a plane, or with a coordinate that is not finite,
@@ -251,8 +253,8 @@ def _search(x: Floats, from_all: bool) -> tuple[Bools, Floats]:
     together, the first search may find a small sphere among those, and take all others for outliers. With
     ``from_all`` there is the second search alone.
 
-    False alarms are promised for points that are all clean, so how far the sphere is from linear is taken from the fit
-    of all points: a few that were chosen for being near one sphere show less noise than there is.
+    The rate of false alarms is stated for sets without outliers. So the corrections for curvature come from the fit of
+    all points: points selected for being near one sphere underestimate the noise.
     """
     _, d, n = x.shape
     y, middle, size, floor = in_own_units(x)
@@ -302,11 +304,11 @@ def extra_parameters(y: Floats, centers: Floats, radii: Floats) -> Floats:
 
 @lru_cache(maxsize=32)
 def limits_of(n: int, d: int) -> Floats:
-    """Largest deleted residual of the nearest of n - m points outside, beside m clean ones (n,).
+    """Critical values (n,): with m clean points, the largest |t| that the nearest of the other n - m points may have.
 
-    It is the quantile of Student's t at level α/(2(m + 1)) on either side with m - d - 1 degrees of freedom. Where
-    these are few, the m points can have been chosen for the small distances that they have by chance; then the limit is
-    raised to where the union over all choices of the n - m others has a probability below .01 α.
+    It is the quantile of Student's t at level α/(2(m + 1)) on either side with m - d - 1 degrees of freedom. With few
+    degrees of freedom, the m points may have been selected because their residuals are small by chance. The limit is
+    then raised by a union bound over all choices of the n - m others, to a probability of 0.01 α.
 
     Returns:
         The limit beside m points at place m; NaN where m < d + 2.
@@ -544,7 +546,7 @@ class Limits(NamedTuple):
         quantiles: Student's quantile for the next point, beside m points (n,).
         floor: residuals due to rounding (b,), per unit of the radius.
         extra: parameters that curvature adds, in the fit of all points (b,).
-        share: (s/r)² of all points (b,), which clean points of the set have at most.
+        share: (s/r)² from the fit of all points (b,), the most that clean points of the set have.
     """
 
     quantiles: Floats
@@ -700,11 +702,11 @@ def _delete(y: Floats, sphere: Floats, selection: Selection, e: Floats, limits: 
 
 @compiled
 def as_rare(z: float, share: float, d: int) -> float:
-    """Value of (R - E R)/√(Var R) that is as rare as z is for a normal number.
+    """Quantile of (R - E R)/√(Var R) at the tail probability of the normal quantile z.
 
     With ``share`` = Var R/(E R)², R to a power below 1 is nearly normal in its upper tail: the value is right to 4 %
-    for z of 3 to 5 and every radius and noise. In the lower tail, which ends at R = 0, the value is further away than
-    it should be.
+    for z of 3 to 5 and every radius and noise. In the lower tail, which ends at R = 0, the quantile is too far out,
+    so the test is conservative.
 
     Source: theory 11.3.
     """

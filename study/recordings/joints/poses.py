@@ -12,16 +12,17 @@ Poses. Three markers fix a pose. A segment with two gets its third point from a 
 does from its hip: the joint is fixed in both of its segments. The distances of markers from the rigid template show the
 markers' noise, soft-tissue artefact included. A displacement that all markers of a segment share does not show.
 
-A pose fitted to noisy markers is displaced by ε̄ and rotated by a small angle δ. A point at v from the centroid of the
-pose's markers, whose own noise is ε, then has in the segment's axes the error ε - ε̄ + v × δ, of covariance
+A pose fitted to noisy markers is displaced by ε̄ and rotated by a small angle δ. Let a point be at v from the centroid
+of the pose's markers, with noise ε of its own, of variance s² per axis; [v] w = v × w. Its error in the segment's axes
+is ε - ε̄ + v × δ, of covariance
 
     F(v) = s² I + Cov ε̄ + [v] Cov δ [v]ᵀ - [v] Cov(δ, ε̄) - (…)ᵀ,                                               (*)
 
-and to second order it appears at (I - B) v, nearer to the centroid, with B = ½ (Tr Cov δ - Cov δ). Both follow from
-the shape of the template alone, up to the size of the noise. The noise is neither isotropic nor the same for all
-samples. Four markers on a pelvis rotate a marker of the thigh by a tenth of a degree per tenth of a millimetre, and
-three in a thin triangle rotate it far more about the long side. A sphere fit that takes this noise for isotropic is
-biased by centimetres at the knee. The moments of a marker are corrected for it sample by sample.
+and to second order its mean place is (I - B) v, nearer to the centroid, with B = ½ (Tr Cov δ - Cov δ). F and B depend
+on the shape of the template alone, and scale with the variance of the noise. The noise is neither isotropic nor the
+same for all samples. Four markers on a pelvis rotate a marker of the thigh by a tenth of a degree per tenth of a
+millimetre, and three in a thin triangle rotate it far more about the long side. A sphere fit that takes this noise for
+isotropic is biased by centimetres at the knee. The moments of a marker are corrected for it sample by sample.
 
 Frames of a recording follow each other within milliseconds, and soft tissue that is displaced in one still is in the
 next. So the covariance of a fit must count effectively independent frames. The score of a frame, which is its part of
@@ -109,15 +110,16 @@ _OFTEN = 0.05
 def exchanged_labels(x: Floats) -> tuple[int, int, Bools] | None:
     """Find the two markers of a rigid segment whose labels are exchanged in a part of the frames.
 
-    Distances to the other markers tell the two apart. In the frames of the smaller part they are those of the other.
-    An exchange is clear in most frames, so it is not mistaken for a segment that bends.
+    The two markers have different distances to the other markers. In a minority of frames each shows the distances of
+    the other: their labels are exchanged. These frames must outnumber the unclear ones, so that a segment that bends is
+    not taken for an exchange.
 
     Args:
         x: markers of one segment (m, 3, frames), metres; NaN where missing.
 
     Returns:
-        The two markers' numbers, and the frames in which their labels are exchanged (frames,); None if no two are in
-        a twentieth of the frames that show all markers.
+        The two markers' numbers, and the frames in which their labels are exchanged (frames,); None if no two are
+        exchanged in more than a twentieth of the frames that show all markers.
     """
     seen = ~np.isnan(x).any(axis=(0, 1))
     best, least = None, _OFTEN * max(seen.sum(), 1)
@@ -250,7 +252,7 @@ def long_run_covariance(scores: Floats) -> tuple[Floats, Floats]:
         scores: contribution of each frame to the sums (k, frames), of mean 0.
 
     Returns:
-        Covariance of the sums (k, k), in no direction less than for independent frames; and the covariance for
+        Covariance of the sums (k, k), in no direction below that of independent frames; and the covariance for
         independent frames (k, k).
     """
     n = scores.shape[1]
@@ -276,8 +278,7 @@ def long_run_covariance(scores: Floats) -> tuple[Floats, Floats]:
 class PoseNoise:
     """Noise of points fixed in the world, or in another segment, when they are expressed in a segment's axes.
 
-    It differs between the frames of a recording only by the set of points that the pose was fitted to: by the
-    frame's pattern.
+    It is equal in all frames whose poses were fitted to the same set of points. Such a set is a *pattern*.
 
     Attributes:
         pattern: number of each frame's pattern (frames,); -1 where the pose is unknown.
@@ -344,7 +345,7 @@ class PoseNoise:
         Args:
             y: its places in the segment's axes (3, n), metres.
             frames: its frames (frames,), n of them, in which the pose is known.
-            size: variance of the noise, in units of what this says.
+            size: variance of the noise over the variance that is assumed here.
         """
         expansion, centroid, shift = self.mean_effects(frames, size)
         return centroid - shift + times(expansion, y - centroid)
@@ -581,6 +582,6 @@ def _marker_sigma(points: Floats, square: Floats, counted: Bools, joint: Floats 
         of_markers[:3, :3], of_joint[:3, :3] = 0.0, joint
     expected, known = np.trace(left @ of_markers), np.trace(left @ of_joint)
     mean_square = float(square[:, whole].sum(axis=0).mean())
-    # where the joint's noise alone explains all residuals, it is the best guess at the markers' noise
+    # if the joint's noise alone explains the residuals: a tenth of the variance that they give without a joint
     least = 0.1 * mean_square / np.trace(left)
     return max(float(np.sqrt(max((mean_square - known) / expected, least))), _LEAST_SIGMA)

@@ -1,7 +1,8 @@
 """Rows of a run that is not finished: tasks that compute them, part files that hold them, their order in tables.
 
-A study's units may be cut into pieces that are computed by themselves. The stored rows of each unit are joined in the
-order of the tables, however the unit was cut. A part file has a header, and is named by its own digest.
+A *unit* is the range of trials that is computed at once. A *piece* is a part of a unit. A *task* is a piece with the
+outputs that are still to be computed. However a unit was cut, its rows are joined in the order of the tables. A part
+file has a header, and is named by its own digest.
 
     parts/units-<SHA-256 of the file's bytes>.part
         one line of JSON: the format, the software, seconds since the part before, and the packets with their keys;
@@ -11,9 +12,9 @@ order of the tables, however the unit was cut. A part file has a header, and is 
 A *key* is a digest of all that determines some rows, except their place in the grid, so that a part means the same to
 every config that needs its rows. The *outputs* of a key are what was computed under it, such as an estimator with its
 version. So a new estimator, or a new version of one, is computed beside the others. A *packet* holds the tables of a
-few keys, encoded by a worker; the parent writes it as it is. Many packets share a file. One is written when enough
-bytes have come together, or when time has passed: a second, or a hundredth of the time that the run has taken. So the
-number of files grows with the logarithm of time, and a kill costs no more than that time.
+few keys, encoded by a worker; the parent writes it as it is. A file holds many packets. Those that wait are written at
+32 MiB, or after a second or a hundredth of the run's time so far, whichever is longer. The number of files then grows
+with the logarithm of time, and a killed run loses no more than this interval of work.
 """
 
 import hashlib
@@ -194,7 +195,7 @@ class Parts:
         """Read a table's rows of a key, in the order in which they were written.
 
         Yields:
-            The outputs of a packet, those of them that no packet before had, and its rows.
+            All outputs of a packet, those that no earlier packet has, and its rows.
         """
         before: set[str] = set()
         for stored, place, outputs in self._where.get(key, ()):
@@ -278,7 +279,7 @@ _OVERHEAD = 10_000.0
 _ROW = 40.0
 """Cost of a row, in samples; high, because packets of many rows are read whole."""
 _LONG = 1e9
-"""Weight, some ten seconds of one worker, from which processes are worth the two seconds in which they start."""
+"""Weight above which processes are faster than threads: some ten seconds of one worker; they start in two."""
 _PIECE = 5e7
 """Weight, some half a second, above which a unit of dear fits is cut: workers get equal work, a stop comes soon."""
 _DEAR: dict[str, tuple[float, float]] = {
@@ -408,7 +409,7 @@ def shorter(study: Study, batch: Batch) -> Iterator[Batch]:
 
 
 class Layout:
-    """The tasks of a run whose units are all known, and cut along those of an earlier study.
+    """The tasks of a run with a fixed list of units. A unit is cut where it overlaps that of an earlier study.
 
     Args:
         study: the config.
@@ -486,7 +487,7 @@ class Layout:
         """Forget what was concluded from the parts, because some of them are lost."""
 
     def ahead(self) -> float:
-        """Share of the pending pieces in all that may still have to be computed."""
+        """The pending pieces as a share of all work that may remain."""
         return 1.0
 
     def rows(self, parts: Parts, name: str) -> Iterator[pa.Table]:
