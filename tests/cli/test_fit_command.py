@@ -284,7 +284,7 @@ def test_the_page(call, folder):
     origin = {"from": "my.py", "sha256": hashlib.sha256(PLUGIN.encode()).hexdigest(), "estimators": ["coope"]}
     assert json.loads((run / "manifest.json").read_text())["own_estimators"] == [origin]
     code, said, complained = call(folder, "figures", "own.toml", "fig_efficiency", "--plugin", "my.py")
-    assert (code, complained, len(said.splitlines())) == (0, "", 2)
+    assert (code, complained, len(said.splitlines())) == (0, "", 3)
 
 
 def test_in_this_process(well, call_here, folder):
