@@ -15,13 +15,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from study.fits import Status
-from study.simulation.analysis.summary import (
-    as_data,
-    chosen_rows,
-    decade,
-    printed,
-    summarise,
-)
+from study.simulation.analysis.error_table import decade
+from study.simulation.analysis.summary import as_data, chosen_rows, printed, summarise
 from study.simulation.claims import CLAIMS
 from study.simulation.claims.claim import Evidence, evaluate
 from study.simulation.figures import FIGURES, Tables

@@ -58,10 +58,13 @@ def quantile(values: Floats, p: float) -> Measure:
     Returns:
         Quantile and error; the error is infinite where the enclosing order statistics do not exist or are.
     """
-    n = len(values)
+    return _quantile_of_ordered(np.sort(values), p)
+
+
+def _quantile_of_ordered(ordered: Floats, p: float) -> Measure:
+    n = len(ordered)
     if n == 0:
         return UNKNOWN
-    ordered = np.sort(values)
     spread = math.sqrt(n * p * (1.0 - p))
     low, high = n * p - spread - 0.5, n * p + spread - 0.5  # the i-th of n, from 0, has rank i + ½
     value = _order_statistic(ordered, n * p - 0.5)
@@ -129,21 +132,21 @@ def root_mean_square(values: Floats) -> Measure:
     return Measure(root, 0.5 * square.error / root)
 
 
-def tail_index(values: Floats, part: float = 0.05) -> Measure:
+def tail_index(ordered: Floats, part: float = 0.05) -> Measure:
     """Hill's estimate of α in P(X > x) ~ x^-α, from the largest values of the sample (Hill 1975).
 
     Args:
-        values: the sample.
+        ordered: the sample, in ascending order.
         part: the share of the sample that is taken for its tail.
 
     Returns:
         Index and standard error α/√k; unknown if fewer than ten values are in the tail.
     """
-    count = int(part * len(values))
+    count = int(part * len(ordered))
     if count < 10:
         return UNKNOWN
-    ordered = np.sort(values)[-count - 1 :]
-    excess = float(np.mean(np.log(ordered[1:] / ordered[0]))) if ordered[0] > 0.0 else 0.0
+    last = ordered[-count - 1 :]
+    excess = float(np.mean(np.log(last[1:] / last[0]))) if last[0] > 0.0 else 0.0
     return Measure(1.0 / excess, 1.0 / excess / math.sqrt(count)) if 0.0 < excess < math.inf else UNKNOWN
 
 
@@ -154,7 +157,11 @@ def moments_exist(values: Floats) -> bool:
     two: the geometric fit has Gaussian errors up to where a set in a thousand has its centre run away, and a tail
     of index 1 from there on (theory 0.4).
     """
-    index, further = tail_index(values), tail_index(values, _FURTHER)
+    return _moments_exist(np.sort(values))
+
+
+def _moments_exist(ordered: Floats) -> bool:
+    index, further = tail_index(ordered), tail_index(ordered, _FURTHER)
     return index.value - 2.0 * index.error > 2.0 and not further.value + 2.0 * further.error < 2.0
 
 
@@ -216,27 +223,42 @@ class Fits:
         with np.errstate(all="ignore"):
             return np.where(np.isfinite(bound), self.columns["error_1"] / bound, np.inf)
 
+    def ordered(self, name: str, which: str) -> Floats:
+        """Ordered values of relative, ratio or axis, each sorted once.
+
+        They are of all fits as computed, of the ok ones (``_ok``), or with those that are not as infinite (``_all``).
+        """
+        if (name, which) not in self._ordered:
+            values: Floats = getattr(self, name)
+            if which == "_ok":
+                chosen = values[self.ok]
+            else:
+                chosen = np.where(self.ok if which == "_all" else ~np.isnan(values), values, np.inf)
+            self._ordered[name, which] = np.sort(chosen)
+        return self._ordered[name, which]
+
+    @cached_property
+    def _ordered(self) -> dict[tuple[str, str], Floats]:
+        return {}
+
     @cached_property
     def tail(self) -> Measure:
         """Tail index of error over bound, of the fits that are ok."""
-        return tail_index(self.ratio[self.ok])
+        return tail_index(self.ordered("ratio", "_ok"))
 
     @cached_property
     def moments_exist(self) -> bool:
         """True if the mean square of error over bound exists, as far as the fits that are ok can tell."""
-        return moments_exist(self.ratio[self.ok])
+        return _moments_exist(self.ordered("ratio", "_ok"))
 
 
 def _quantile(name: str, p: float, which: str, fits: Fits) -> Measure:
-    """Quantile of all fits as computed, of the ok ones (``_ok``), or with those that are not as infinite (``_all``)."""
-    values: Floats = getattr(fits, name)
-    if which == "_ok":
-        return quantile(values[fits.ok], p)
-    return quantile(np.where(fits.ok if which == "_all" else ~np.isnan(values), values, np.inf), p)
+    """Quantile of fits, of which as in `Fits.ordered`."""
+    return _quantile_of_ordered(fits.ordered(name, which), p)
 
 
 def _far(which: str, fits: Fits) -> Measure:
-    """Share of the fits beyond `FAR` bounds, of which fits as in `_quantile`."""
+    """Share of the fits beyond `FAR` bounds, of which fits as in `Fits.ordered`."""
     far = fits.ratio > FAR
     if which == "_ok":
         return share(int(np.sum(far & fits.ok)), int(np.sum(fits.ok)))
@@ -291,28 +313,30 @@ MEASURES |= {
 """Every performance measure of the summary, in the order of its columns."""
 
 
-def measured(name: str, columns: Columns) -> Measure:
-    """Compute one performance measure.
-
-    Args:
-        name: the measure's.
-        columns: rows of one estimator, as `Fits` takes them.
-    """
-    return MEASURES[name].of(Fits(columns))
-
-
 def of_column(column: MeasureColumn) -> dict[str, tuple[str, Callable[[Any], Measure]]]:
     """Summaries of a column of a measure over all fits, by name: each with its meaning and its function.
 
     Of a column of truth values that is the share; of numbers they are the mean and the median, in which one that is not
     a number counts as infinite.
     """
-    if column.kind is bool:
-        return {column.name: (f"share of all fits; {column.meaning}", _share_of)}
-    return {
-        f"{column.name}_mean": (f"mean of all fits; {column.meaning}", mean),
-        f"{column.name}_median": (f"median of all fits; {column.meaning}", _median),
-    }
+    words: list[tuple[str, Callable[[Any], Measure]]]
+    words = [("share", _share_of)] if column.kind is bool else [("mean", mean), ("median", _median)]
+    named = zip(column.summaries, words, strict=True)
+    return {name: (f"{what} of all fits; {column.meaning}", of) for name, (what, of) in named}
+
+
+def measured(name: str, columns: Columns, further: Sequence[MeasureColumn] = ()) -> Measure:
+    """Compute one measure of the summary.
+
+    Args:
+        name: the measure's.
+        columns: rows of one estimator, as `Fits` takes them, with those of the study's measures.
+        further: the columns of the study's measures, of which one may have the name among its summaries.
+    """
+    for column in further:
+        if name in column.summaries:
+            return of_column(column)[name][1](columns[column.name])
+    return MEASURES[name].of(Fits(columns))
 
 
 def _share_of(values: Bools) -> Measure:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from study.arrays import Floats
 from study.files import RunError
 from study.fits import Status
-from study.simulation.analysis.summary import Grouped, Key
+from study.simulation.analysis.error_table import Grouped, Key
 from study.simulation.experiment.compute import Columns
 from study.simulation.experiment.conditions import RowValues, label
 from study.simulation.experiment.measures import MeasureColumn
@@ -97,17 +97,20 @@ def _by_errors(one: Run, other: Run) -> tuple[list[Row], tuple[int, int], str]:
     stems = [run.study.model_copy(update={"measures": ()}).stem() for run in (one, other)]
     paired = stems[0] == stems[1] and draws[0] == draws[1]
     shared = [key for key in a.counts if key in b.counts]
-    columns = [*_COLUMNS, *(condition.name for condition in one.study.conditions())]
+    compared = [name for name in _COLUMNS if name != "cell" or a.by_decade]  # in a grid the cell is the group
+    columns = [*compared, *(condition.name for condition in one.study.conditions())]
     measured = [column for column in one.study.measured() if column in other.study.measured()]
     further = [column.name for column in measured]
     rows: list[Row] = []
-    for keys in a.batches(shared):
-        mine, theirs = a.read(keys, columns + further), b.read(keys, _COLUMNS + further)
+    words: dict[str, str] = {}
+    for keys in a.batches([*columns, *further] * 2, shared):
+        mine, theirs = a.read(keys, columns + further), b.read(keys, compared + further)
         for key in keys:
-            words = _words({name: values[0] for name, values in mine[key].items()}, key)
+            if key[0] not in words:
+                words[key[0]] = _words({name: values[0] for name, values in mine[key].items()}, key)
             both = _matched(mine[key], theirs[key]) if paired else None
             for column in (None, *measured):
-                named = dict(zip(_NAMES, (*key, words, _title(column)), strict=True))
+                named = dict(zip(_NAMES, (*key, words[key[0]], _title(column)), strict=True))
                 rows.append(named | _compared(mine[key], theirs[key], both, column))
     only = len(a.counts) - len(shared), len(b.counts) - len(shared)
     return rows, only, "errors, trial by trial" if paired else "errors over bound; the draws are not shared"
@@ -122,9 +125,10 @@ def _title(column: MeasureColumn | None) -> str:
 
 def _matched(one: Columns, other: Columns) -> tuple[Columns, Columns] | None:
     """The fits of two runs to the same data sets, in one order; None if there are none."""
-    if all(np.array_equal(one[name], other[name]) for name in ("cell", "trial")):
+    names = [name for name in ("cell", "trial") if name in one]
+    if all(np.array_equal(one[name], other[name]) for name in names):
         return one, other
-    keys = [pd.MultiIndex.from_arrays([fits["cell"], fits["trial"]]) for fits in (one, other)]
+    keys = [pd.MultiIndex.from_arrays([fits[name] for name in names]) for fits in (one, other)]
     there = keys[1].get_indexer(keys[0])
     places = np.flatnonzero(there >= 0), there[there >= 0]
     if not len(places[0]):
@@ -145,23 +149,28 @@ def _compared(
         column: the measure that is compared; None for the error over the bound.
     """
     values_of = _over_bound if column is None else partial(_measured, column.name)
-    a, b = map(values_of, both or (one, other))
+    columns = ("error", "radius_error", "status") if column is None else (column.name,)
+    equal = both is not None and all(_alike(both[0][name], both[1][name]) for name in columns)
+    first, second = both or (one, other)
+    a = values_of(first)
+    b = a if equal and _alike(first["bound"], second["bound"]) else values_of(second)
     counts = len(one["trial"]), len(other["trial"])
-    if both is not None:
+    if b is a:
+        chance, trials, same = 1.0, len(a), counts == (len(a), len(a))
+    elif both is not None:
         with np.errstate(invalid="ignore"):
             differ = ~((np.abs(a - b) <= _ROUNDING) | (a == b))
         worse, better = int(np.sum(differ & (b > a))), int(np.sum(differ & (b < a)))
         chance = _sign_test(worse, worse + better)
-        columns = ("error", "radius_error", "status") if column is None else (column.name,)
-        equal = all(_alike(both[0][name], both[1][name]) for name in columns)
         trials, same = len(a), counts == (len(a), len(a))
     else:
         several = len(np.unique(np.concatenate([a, b]))) > 1
         chance = float(scipy.stats.mannwhitneyu(a, b).pvalue) if several else 1.0
-        trials, equal, same = min(counts), False, False
+        trials, same = min(counts), False
     middle = np.mean if column is not None and column.kind is bool else np.median
-    first, second = (float(middle(values)) if len(values) else math.nan for values in (a, b))
-    return dict(zip(_VALUES, (first, second, chance, trials, equal, same), strict=True))
+    of_first = float(middle(a)) if len(a) else math.nan
+    of_second = of_first if b is a else float(middle(b)) if len(b) else math.nan
+    return dict(zip(_VALUES, (of_first, of_second, chance, trials, equal, same), strict=True))
 
 
 @cache

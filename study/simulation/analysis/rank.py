@@ -13,7 +13,7 @@ of about 1 - level at most; each comparison in one cell, in one run and over all
 in all cells together, because cells may share draws; runs are independent if their seeds differ.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -23,7 +23,8 @@ import pandas as pd
 from study.arrays import Bools, Floats, Ints
 from study.files import RunError
 from study.fits.random import stream
-from study.simulation.analysis.regret import by_trial, check_comparable
+from study.simulation.analysis.error_table import Grouped
+from study.simulation.analysis.regret import by_trial, check_comparable, each_cell
 from study.simulation.experiment.measures import jaccard_index
 from study.simulation.runs.run_folder import Run
 from study.text import columns, listed
@@ -199,11 +200,13 @@ class Mechanism:
     seconds: Floats
 
 
-def compared(errors: pd.DataFrame, estimators: Sequence[str], name: str = "", level: float = 0.95) -> Mechanism:
+def compared(
+    errors: Iterable[pd.DataFrame], estimators: Sequence[str], name: str = "", level: float = 0.95
+) -> Mechanism:
     """Compare the estimators of an error table with the best, in each cell and over the cells.
 
     Args:
-        errors: cell, trial, estimator and error, which is the loss of a fit.
+        errors: cell, trial, estimator and error, which is the loss of a fit; in parts of whole cells.
         estimators: names of the estimators that are compared.
         name: of the run.
         level: of each comparison with the best.
@@ -214,7 +217,7 @@ def compared(errors: pd.DataFrame, estimators: Sequence[str], name: str = "", le
     names, flips = list(estimators), signs(name)
     means, marked = {loss: MeanLog() for loss in LOSSES}, {loss: list[Bools]() for loss in LOSSES}
     lost, counts = np.zeros(len(names)), list[int]()
-    for cell, part in errors.groupby("cell", observed=True, sort=False):
+    for cell, part in each_cell(errors):
         distances, trials = by_trial(part, names)
         if len(trials) < _FEWEST:
             raise RunError(f"cell {cell}: {len(trials)} trials; a ranking needs at least {_FEWEST}")
@@ -251,8 +254,9 @@ def of_run(run: Run, by: By = "center", level: float = 0.95) -> Mechanism:
         raise RunError(
             f"{run.folder}: dimension = {run.study.dimension}: discs are of circles; rank by center or radius"
         )
-    errors = run.table("errors", ["cell", "trial", "estimator", "error", "radius_error", "radius"])
-    result = compared(errors.assign(error=_losses(errors, by)), run.study.estimators, run.study.run_name(), level)
+    parts = Grouped(run).cells(["cell", "trial", "estimator", "error", "radius_error", "radius"])
+    losses = (part.assign(error=_losses(part, by)) for part in parts)
+    result = compared(losses, run.study.estimators, run.study.run_name(), level)
     timings = run.table("timings", ["step", "fits", "seconds"]).astype({"step": str})
     seconds = (timings["seconds"] / timings["fits"]).groupby(timings["step"]).median()  # the first compiles
     result.seconds[:] = seconds.reindex(result.estimators).to_numpy(dtype=float)

@@ -7,26 +7,37 @@ trials that share draws are left out together, in all cells.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pandas as pd
 
 from study.arrays import Floats, Ints
 from study.files import RunError
+from study.simulation.analysis.error_table import Grouped
 from study.simulation.experiment.conditions import named_in
 from study.simulation.runs.run_folder import Run
 from study.text import columns
 
+NEEDED = ("cell", "samples", "trial", "estimator", "error")
+"""Columns of the error table that regret is made of."""
 QUANTILES = {"median": 0.5, "q95": 0.95}
 _GROUPS = 10
 """Groups of trials, one of which is left out at a time."""
 
 
+def each_cell(errors: Iterable[pd.DataFrame]) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Names and rows of the cells of an error table in parts of whole cells."""
+    for part in errors:
+        for cell, rows in part.groupby("cell", observed=True, sort=False):
+            yield str(cell), rows
+
+
 def by_trial(part: pd.DataFrame, estimators: list[str]) -> tuple[Floats, Ints]:
     """A cell's errors (estimators, trials), infinite where there is none, and the numbers of its trials (trials,)."""
     trials, column = np.unique(part["trial"].to_numpy(), return_inverse=True)
-    row = pd.Index(estimators).get_indexer(pd.Index(part["estimator"].astype(str)))
+    named = pd.Categorical(part["estimator"])
+    row = pd.Index(estimators).get_indexer(named.categories)[named.codes]
     distances, use = np.full((len(estimators), len(trials)), np.inf), row >= 0
     distances[row[use], column[use]] = np.nan_to_num(
         part["error"].to_numpy(dtype=float)[use], nan=np.inf, posinf=np.inf
@@ -34,11 +45,11 @@ def by_trial(part: pd.DataFrame, estimators: list[str]) -> tuple[Floats, Ints]:
     return distances, trials
 
 
-def by_cell(errors: pd.DataFrame, estimators: list[str]) -> pd.DataFrame:
+def by_cell(errors: Iterable[pd.DataFrame], estimators: list[str]) -> pd.DataFrame:
     """Regret in each cell.
 
     Args:
-        errors: the error table: cell, samples, trial, estimator and error.
+        errors: the error table in parts of whole cells: the columns `NEEDED`.
         estimators: names of the estimators that are compared.
 
     Returns:
@@ -46,22 +57,33 @@ def by_cell(errors: pd.DataFrame, estimators: list[str]) -> pd.DataFrame:
         error over the least among the estimators (``median``, ``q95``), also without each group of trials
         (``median_0`` …). Cells in which no estimator has an answer at the quantile are not a number.
     """
-    rows: list[pd.DataFrame] = []
-    for cell, part in errors.groupby("cell", observed=True, sort=False):
+    cells, levels = list[tuple[str, int]](), list[Floats]()
+    for cell, part in each_cell(errors):
         distances, trials = by_trial(part, estimators)
-        groups = trials % _GROUPS
-        chosen = [groups >= 0, *(groups != group for group in range(_GROUPS))]
-        if min(map(np.sum, chosen)) == 0:
-            raise RunError(f"cell {cell}: {len(groups)} trials; regret needs at least 2")
-        numbers: dict[str, Floats] = {}
-        for ending, use in zip(["", *(f"_{group}" for group in range(_GROUPS))], chosen, strict=True):
-            levels = np.quantile(distances[:, use], list(QUANTILES.values()), axis=1, method="lower")
-            with np.errstate(invalid="ignore"):
-                ratios = levels / levels.min(axis=1, keepdims=True)
-            numbers |= {f"{name}{ending}": values for name, values in zip(QUANTILES, ratios, strict=True)}
-        row = {"cell": str(cell), "samples": int(part["samples"].iloc[0]), "estimator": estimators}
-        rows.append(pd.DataFrame({**row, **numbers}))
-    return pd.concat(rows, ignore_index=True)
+        if len(np.unique(trials % _GROUPS)) < 2:
+            raise RunError(f"cell {cell}: {len(trials)} trials; regret needs at least 2")
+        cells.append((cell, int(part["samples"].iloc[0])))
+        levels.append(_levels(distances, trials % _GROUPS))
+    with np.errstate(invalid="ignore"):
+        ratios = np.array([level / level.min(axis=2, keepdims=True) for level in levels])
+    names = np.repeat([cell for cell, _ in cells], len(estimators))
+    result = {"cell": names, "samples": np.repeat([samples for _, samples in cells], len(estimators))}
+    result["estimator"] = np.tile(estimators, len(cells))
+    for number, ending in enumerate(["", *(f"_{group}" for group in range(_GROUPS))]):
+        result |= {f"{name}{ending}": ratios[:, number, place].ravel() for place, name in enumerate(QUANTILES)}
+    return pd.DataFrame(result)
+
+
+def _levels(distances: Floats, groups: Ints) -> Floats:
+    """Quantiles of the errors in a cell, of all trials and without each group (1 + groups, quantiles, estimators)."""
+    order = np.argsort(distances, axis=1)
+    ordered, group_of = np.take_along_axis(distances, order, axis=1), groups[order]
+    result = []
+    for left_out in (-1, *range(_GROUPS)):
+        kept = ordered[group_of != left_out].reshape(len(ordered), -1)
+        ranks = [int(p * (kept.shape[1] - 1)) for p in QUANTILES.values()]
+        result.append(kept[:, ranks].T)
+    return np.array(result)
 
 
 def regret(cells: pd.DataFrame) -> pd.DataFrame:
@@ -112,8 +134,7 @@ def of_run(run: Run) -> pd.DataFrame:
         RunError: if the run is not finished, has no error table, is not a grid, or has one estimator only.
     """
     check_comparable(run, "regret")
-    used = ["cell", "samples", "trial", "estimator", "error"]
-    return by_cell(run.table("errors", used), list(run.study.estimators))
+    return by_cell(Grouped(run).cells(NEEDED), list(run.study.estimators))
 
 
 def of_summary(summary: pd.DataFrame) -> pd.DataFrame:

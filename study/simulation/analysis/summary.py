@@ -2,7 +2,7 @@
 
 The headline is ``ratio_median``, of all trials, so that columns of one row are of the same trials. For quantiles of the
 fits whose status is ok (``_ok``), and with failures last (``_all``), see `study.simulation.statistics`. The error table
-is read by group and estimator, a part at a time, so that any length fits in memory.
+is read a part at a time, see `study.simulation.analysis.error_table`.
 
 In print the medians are in units of the bound. With them go the medians that an efficient estimator would have, at the
 Cramér-Rao and at the attainable bound. A user chooses rows; of these as many are printed as fit a screen.
@@ -11,21 +11,20 @@ Cramér-Rao and at the attainable bound. A user chooses rows; of these as many a
 import math
 import re
 from collections.abc import Collection, Container, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import ArrayLike
 
 from study.arrays import Bools, Floats
 from study.files import RunError, writing
 from study.fits import Status
 from study.fits.cap import cap_moments
 from study.simulation import statistics
+from study.simulation.analysis.error_table import Grouped, Key, decade, label
 from study.simulation.analysis.theory import median_at_bound, median_attainable
-from study.simulation.experiment.compute import Columns
 from study.simulation.experiment.conditions import (
     ANGLE,
     CENTER,
@@ -46,107 +45,6 @@ from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.text import columns, did_you_mean
 from study.words import estimator_remedy
-
-if TYPE_CHECKING:
-    from pandas.core.groupby import DataFrameGroupBy
-
-Key = tuple[str, str]
-"""Names of a group and an estimator."""
-_TOGETHER = 1 << 20
-"""Rows in memory at a time, or those of one group if it has more."""
-
-
-def label(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
-    """An error table with columns ``group``, whose words are coded, and ``decade``.
-
-    Args:
-        errors: the table, or some of its rows.
-        by_decade: group by decade of σ/r (a random design) instead of by cell (a grid).
-    """
-    if not by_decade:
-        return errors.assign(group=errors["cell"].astype("category"), decade=np.nan)
-    lower = decade(errors["noise"] / errors["radius"]).astype(int)
-    powers, codes = np.unique(lower, return_inverse=True)
-    names = pd.Index([f"1e{power:+03d}" for power in powers])
-    return errors.assign(group=pd.Categorical.from_codes(codes, categories=names), decade=lower)
-
-
-def decade(values: ArrayLike) -> Floats:
-    """Exponent of ten at the lower end of each value's decade; a value just below it by rounding counts as in it."""
-    return np.asarray(np.floor(np.log10(values) + 1e-9))
-
-
-class Grouped:
-    """A stored error table, by group and estimator.
-
-    Args:
-        run: the finished run.
-
-    Attributes:
-        by_decade: true if a group is a decade of σ/r, false if it is a cell.
-        counts: rows of each group and estimator, in the order of a summary.
-
-    Raises:
-        RunError: if the table is missing or cannot be read.
-    """
-
-    def __init__(self, run: Run) -> None:
-        self._file: pq.ParquetFile = run.read("errors", pq.ParquetFile)
-        self.by_decade = run.study.design.one_trial_a_cell
-        self.counts: dict[Key, int] = {}
-        self._where: dict[Key, tuple[int, int]] = {}
-        for index in range(self._file.num_row_groups):
-            sizes: dict[Key, int] = dict(self._groups(self._rows([index], [])).size())
-            for key, rows in sizes.items():
-                self.counts[key] = self.counts.get(key, 0) + rows
-                self._where[key] = self._where.get(key, (index, index))[0], index
-        if self.by_decade:
-            self.counts = dict(sorted(self.counts.items(), key=lambda item: int(item[0][0][2:])))
-
-    def batches(self, keys: Collection[Key] | None = None) -> Iterator[list[Key]]:
-        """Keys in batches that can be read together.
-
-        Args:
-            keys: the keys to go through; all if None.
-        """
-        batch: list[Key] = []
-        rows = 0
-        for key in self.counts if keys is None else keys:
-            if batch and rows + self.counts[key] > _TOGETHER:
-                yield batch
-                batch, rows = [], 0
-            batch.append(key)
-            rows += self.counts[key]
-        if batch:
-            yield batch
-
-    def read(self, keys: Collection[Key], columns: list[str]) -> dict[Key, Columns]:
-        """Rows of some groups and estimators, in the order of the table.
-
-        Args:
-            keys: names of groups and estimators; one that is not in the table has no entry in the result.
-            columns: columns of the error table; ``decade`` is added.
-
-        Returns:
-            The columns of each group and estimator, words as objects.
-        """
-        wanted = [key for key in keys if key in self.counts]
-        if not wanted:
-            return {}
-        first, last = min(self._where[key][0] for key in wanted), max(self._where[key][1] for key in wanted)
-        rows = self._rows(range(first, last + 1), columns)
-        values, groups = {name: rows[name].to_numpy() for name in (*columns, "decade")}, self._groups(rows).indices
-        return {key: {name: column[groups[key]] for name, column in values.items()} for key in wanted}
-
-    def _rows(self, row_groups: Iterable[int], columns: list[str]) -> pd.DataFrame:
-        """Rows of the table with their group and decade."""
-        named = dict.fromkeys([*columns, *(["noise", "radius"] if self.by_decade else ["cell"]), "estimator"])
-        table = self._file.read_row_groups(list(row_groups), columns=list(named))
-        return label(table.to_pandas(split_blocks=True, self_destruct=True), self.by_decade)
-
-    @staticmethod
-    def _groups(rows: pd.DataFrame) -> "DataFrameGroupBy[Any, Any]":
-        return rows.groupby(["group", "estimator"], sort=False, observed=True)
 
 
 def stored_summary(run: Run) -> pd.DataFrame:
@@ -198,7 +96,7 @@ def rows_of_groups(run: Run, grouped: Grouped, keys: Collection[Key] | None = No
     _, conditions, measured = run.study.columns()
     columns = schemas.summary(conditions, measured)
     needed = [*(c.name for c in conditions), *statistics.NEEDED, *(c.name for c in measured)]
-    for batch in grouped.batches(keys):
+    for batch in grouped.batches(needed, keys):
         fits = grouped.read(batch, needed)
         rows = [statistics.row(*key, fits[key], measured) for key in batch]
         yield schemas.table(columns, statistics.as_columns(rows))

@@ -19,7 +19,8 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from study.files import RunError, TableRows
-from study.simulation.analysis.summary import Grouped, rows_of_groups
+from study.simulation.analysis.error_table import Grouped
+from study.simulation.analysis.summary import rows_of_groups
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch

@@ -11,7 +11,7 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.fits.cap import cap_moments
-from study.simulation.analysis.summary import decade
+from study.simulation.analysis.error_table import decade
 from study.simulation.analysis.theory import gdke_leaves
 from study.simulation.claims import claim as shared
 from study.simulation.claims.claim import Claim, Evidence, Number, Verdict

@@ -13,7 +13,7 @@ from study.arrays import Bools, Floats
 from study.fits import Status
 from study.fits.markers import MarkersMoments
 from study.fits.moments import Moments
-from study.simulation.analysis.summary import decade
+from study.simulation.analysis.error_table import decade
 from study.simulation.claims import claim as shared
 from study.simulation.claims.claim import Claim, Evidence, JointMarkers, Number, Verdict, only_known, ratio
 from study.simulation.statistics import (

@@ -8,7 +8,8 @@ bound: a dot above the line of the bound's median need not be far from its own b
 trial's own √tr CRLB, with its median in each decade.
 
 Slopes, medians and counts are of all trials, whatever the fit's status, so panels compare the same trials. A fit
-without a number is infinitely far. A trial in which an estimator has none is left out of every panel's slope.
+without a number is infinitely far. A trial in which an estimator has none is left out of every panel's slope. Of a run
+of more than 20,000 trials the figure is of the first 20,000, as it says; trials of a random design are exchangeable.
 
 Look at: above, the straight line over most decades, and UGDK's crosses to the right of σ ≈ r, where the noise exceeds
 the extent of the sphere. Below, the shoulder of LLS and GDKE for σ from 10⁻⁴ r to r (their bias, of order σ²); UGDK
@@ -27,11 +28,12 @@ from matplotlib.lines import Line2D
 from study import style
 from study.arrays import Floats
 from study.fits import Status
-from study.simulation.analysis.summary import decade
+from study.simulation.analysis.error_table import decade
 from study.simulation.figures.figure import Frame, NotApplicable, Tables, log_axes
 from study.simulation.statistics import FAR, theil_sen
 
 _MOST_COLUMNS = 4
+_MOST_TRIALS = 20_000
 _MOST_FOR_SLOPE = 2000  # Theil and Sen's slope takes memory of their square
 _LEAST_PER_DECADE = 10
 _LEFT_OUT = 0.02
@@ -57,7 +59,8 @@ def prepare(tables: Tables) -> Frame:
     """
     if tables.design != "random":
         raise NotApplicable('needs a random design (kind = "random"), in which every trial draws its own noise')
-    errors = tables.errors
+    tables.require_errors()
+    errors = tables.first_trials(_MOST_TRIALS)
     ok = errors["status"] == Status.OK
     kind = np.where(ok, np.where(errors["error"] > FAR * errors["bound"], "far", "ok"), "not ok")
     over_radius = errors[["noise", "error", "bound"]].div(errors["radius"], axis=0)
@@ -72,7 +75,10 @@ def prepare(tables: Tables) -> Frame:
     groups = dots.groupby("estimator", sort=False)
     panels = pd.DataFrame([_panel(str(n), part, sloped[sloped["estimator"] == n], limits) for n, part in groups])
     bound = _running_bound(dots[dots["estimator"] == panels["estimator"].iloc[0]])
-    stamp = f"{tables.name} · {panels['planned'].min():,} trials"
+    shown = int(panels["planned"].min())
+    stamp = f"{tables.name} · {shown:,} trials"
+    if shown < tables.trials:
+        stamp = f"{tables.name} · the first {shown:,} of {tables.trials:,} trials"
     if len(bound):
         stamp += f", at least {bound['trials'].min()} in each decade of the CRLB's median"
     ends = {"noise_limits": (low, high), "error_limits": limits}

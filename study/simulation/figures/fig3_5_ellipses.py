@@ -77,13 +77,17 @@ def choose(tables: Tables, estimators: list[str]) -> Frame:
         raise NotApplicable(f"needs the estimator {' and '.join(dict.fromkeys(missing))}")
     if tables.points is None:
         raise NotApplicable("needs kept points: set keep_points in the config")
-    errors, points = tables.errors, tables.points
-    with_points = errors.merge(points[["cell", "trial"]].astype({"cell": str}).drop_duplicates(), on=["cell", "trial"])
-    with_points = with_points[(with_points["estimator"] == "ugdk") & (with_points["status"] == Status.OK)]
+    tables.require_errors()
+    points, columns = tables.points, ["cell", "trial", "estimator", "status", "condition"]
+    kept = points[["cell", "trial"]].astype({"cell": str}).drop_duplicates()
+    fits = tables.run.table("errors", columns, ["ugdk"], kept["cell"].unique()).astype({"cell": str})
+    with_points = fits.merge(kept, on=["cell", "trial"])
+    with_points = with_points[with_points["status"] == Status.OK]
     if with_points.empty:
         raise NotApplicable("UGDK has no ok fit among the trials whose points were kept")
-    row = with_points.iloc[int((with_points["condition"] - PAPER_CONDITION).abs().to_numpy().argmin())]
-    cell = errors[errors["cell"] == row["cell"]]
+    chosen = with_points.iloc[int((with_points["condition"] - PAPER_CONDITION).abs().to_numpy().argmin())]
+    cell = tables.run.table("errors", cells=[chosen["cell"]])
+    row = cell[(cell["trial"] == chosen["trial"]) & (cell["estimator"] == "ugdk")].iloc[0]
     trials = cell["trial"].nunique()
     if trials < _LEAST_TRIALS:
         raise NotApplicable(f"needs at least {_LEAST_TRIALS} trials of a cell to show a spread, not {trials}")

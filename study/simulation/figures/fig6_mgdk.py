@@ -52,7 +52,8 @@ def prepare(tables: Tables) -> Frame:
     points = tables.points
     if points is None:
         raise NotApplicable("needs kept points: set keep_points in the config")
-    cells = tables.errors.drop_duplicates("cell")
+    tables.require_errors()
+    cells = tables.summary.drop_duplicates("group").assign(cell=lambda rows: rows["group"])
     if cells["radius"].nunique() < 2:
         raise NotApplicable("needs two markers: two radii in the grid")
     cells = at_first(cells, besides=("radius",))

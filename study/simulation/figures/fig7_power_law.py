@@ -81,9 +81,11 @@ def prepare(tables: Tables) -> Frame:
 
 def _bounds(tables: Tables, curves: pd.DataFrame) -> pd.DataFrame:
     """Median of the bound in each cell shown; every estimator sees the same trials, so one of them serves."""
-    one = tables.errors[tables.errors["estimator"] == tables.estimators[0]]
-    medians = (one["bound"] / one["radius"]).groupby(one["cell"].astype(str)).median()
+    tables.require_errors()
     cells = curves.drop_duplicates("group")
+    columns = ["cell", "estimator", "bound", "radius"]
+    one = tables.run.table("errors", columns, tables.estimators[:1], cells["group"])
+    medians = (one["bound"] / one["radius"]).groupby(one["cell"].astype(str)).median()
     return cells[["level", "samples"]].assign(bound=medians.loc[cells["group"]].to_numpy())
 
 

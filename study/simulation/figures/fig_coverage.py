@@ -20,7 +20,7 @@ from study import style
 from study.arrays import Bools
 from study.fits import Status
 from study.simulation import statistics
-from study.simulation.analysis.summary import Grouped
+from study.simulation.analysis.error_table import Grouped
 from study.simulation.experiment.compute import Columns
 from study.simulation.experiment.conditions import KAPPA
 from study.simulation.experiment.measures import LEVEL
@@ -58,7 +58,7 @@ def prepare(tables: Tables) -> Frame:
     kappa = [KAPPA.name] if KAPPA in study.conditions() else []
     known = ["samples", "angle", *kappa, "noise", "radius", "status", *(column.name for column in study.measured())]
     grouped, rows = Grouped(tables.run), []
-    for keys in grouped.batches():
+    for keys in grouped.batches(known):
         for (_, estimator), fits in grouped.read(keys, known).items():
             cell = {name: fits[name][0] for name in ("samples", "angle", *kappa)}
             cell |= {"sigma": fits["noise"][0] / fits["radius"][0], "trials": len(fits["status"])}

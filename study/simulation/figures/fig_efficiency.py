@@ -26,10 +26,8 @@ from matplotlib.lines import Line2D
 from study import style
 from study.fits.cap import cap_moments
 from study.simulation.analysis.theory import gdke_leaves, median_attainable, noise_at_kappa, ugdk_leaves
-from study.simulation.claims.claim import error_over
 from study.simulation.figures import figure as shared
 from study.simulation.figures.figure import Frame, NotApplicable, Tables
-from study.simulation.statistics import quantile
 
 _LEAST_LEVELS = 4
 _MOST_PANELS = 6
@@ -55,25 +53,20 @@ def prepare(tables: Tables) -> Frame:
     """
     tables.require_grid(isotropic=True)
     tables.require_directions_by_area()
-    tables.require_errors()
-    cells = tables.summary.drop_duplicates("group")  # the conditions of each cell, where the error table repeats them
-    cells = shared.at_first(cells[cells["samples"] == cells["samples"].max()], besides=("noise", "angle"))
+    tables.require_all_trials("ratio_median")
+    cells = tables.summary[tables.summary["samples"] == tables.summary["samples"].max()]
+    cells = shared.at_first(cells, besides=("noise", "angle"))
     level = cells["noise"] / cells["radius"]
     if level.nunique() < _LEAST_LEVELS:
         raise NotApplicable(f"needs at least {_LEAST_LEVELS} levels of noise in the grid, not {level.nunique()}")
     samples = int(cells["samples"].iloc[0])
-    place = dict(zip(cells["group"], zip(cells["angle"], level, strict=True), strict=True))
     caps = {angle: cap_moments(math.radians(angle), tables.dimension) for angle in cells["angle"].unique()}
     order = sorted(tables.estimators, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
     shown = order[:_MOST_CURVES]
-    errors = tables.run.table("errors", ["cell", "estimator", "error", "bound"], shown)  # it may have millions of rows
-    ratios = errors.assign(ratio=error_over(errors, "bound")).groupby(["cell", "estimator"], observed=True, sort=False)
-    rows = []
-    for (cell, estimator), part in ratios["ratio"]:
-        if cell in place:
-            median = quantile(np.asarray(part, dtype=float), 0.5)
-            rows.append((*place[cell], str(estimator), median.value, median.error, len(part)))
-    curves = pd.DataFrame(rows, columns=["angle", "level", "estimator", "ratio", "error", "trials"])
+    columns = {"angle": "angle", "level": "level", "estimator": "estimator", "planned": "trials"}
+    columns |= {"ratio_median": "ratio", "ratio_median_error": "error"}
+    curves = cells.assign(level=level, estimator=cells["estimator"].astype(str)).rename(columns=columns)
+    curves = curves.loc[curves["estimator"].isin(shown), list(columns.values())].reset_index(drop=True)
     curves[["ratio", "error"]] = curves[["ratio", "error"]].div(tables.efficient(curves["angle"]), axis=0)
     levels = curves[["angle", "level"]].drop_duplicates()
     reached = [median_attainable(row.angle, row.level, tables.dimension) for row in levels.itertuples()]

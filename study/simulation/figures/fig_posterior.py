@@ -51,10 +51,12 @@ def prepare(tables: Tables) -> Frame:
     if not use.any():
         raise NotApplicable("needs a geometric chain with σ known that converged and whose draws were kept")
     row = result[use].sort_values(["flatness", "samples"], ascending=[False, True], kind="stable").iloc[0]
-    draws, errors = tables.draws, tables.errors
+    draws = tables.draws
     mine = (draws["cell"] == row["cell"]) & (draws["trial"] == row["trial"]) & (draws["likelihood"] == "geometric")
     draws = draws[mine & (draws["noise_is"] == "known")]
-    errors = errors[(errors["cell"] == row["cell"]) & (errors["trial"] == row["trial"])]
+    tables.require_errors()
+    errors = tables.run.table("errors", cells=[row["cell"]])
+    errors = errors[errors["trial"] == row["trial"]]
     errors = errors[np.isfinite(errors["error"]) & (errors["status"] == Status.OK)]
     radius = row["radius"]
     planes = [("across the axis", "error_2", "2"), ("radius", "radius_error", "radius")]

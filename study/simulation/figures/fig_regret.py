@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.simulation.analysis.regret import QUANTILES, by_cell, regret
+from study.simulation.analysis.regret import NEEDED, QUANTILES, by_cell, regret
 from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
 _FEWEST_CELLS = 6
@@ -35,16 +35,16 @@ def prepare(tables: Tables) -> Frame:
         NotApplicable: unless the design is a grid of at least six cells, with two estimators or more.
     """
     tables.require_grid()
-    errors, names = tables.errors, tables.estimators
-    if errors["cell"].nunique() < _FEWEST_CELLS or len(names) < 2:
+    tables.require_errors()
+    names, planned = tables.estimators, tables.summary.groupby("group", observed=True)["planned"].first()
+    if len(planned) < _FEWEST_CELLS or len(names) < 2:
         raise NotApplicable(f"needs two estimators or more, and at least {_FEWEST_CELLS} cells in the grid")
-    if errors["trial"].max() < 1:
+    if planned.min() < 2:
         raise NotApplicable("needs two trials of each cell or more")
-    cells = by_cell(errors, names)
+    cells = by_cell(tables.cells(NEEDED), names)
     means = regret(cells)
     means = means[means["samples"] == 0].sort_values("median", kind="stable")
-    trials = 1 + errors.groupby("cell", observed=True)["trial"].max().min()
-    words = f"{cells['cell'].nunique()} cells in {tables.dimension} dimensions, of at least {trials:,} trials each"
+    words = f"{len(planned)} cells in {tables.dimension} dimensions, of at least {planned.min():,} trials each"
     return Frame(cells=cells, means=means, stamp=f"{tables.name} · {words}")
 
 

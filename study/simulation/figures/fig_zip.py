@@ -28,6 +28,8 @@ _CELLS, _ESTIMATORS = 4, 4
 """Largest numbers of rows, and of columns besides the last."""
 _FEWEST = 20
 _LOWEST = 0.5
+_LINES = 5000
+"""Intervals that a panel shows; of more, each second, third, …"""
 """Rank of the lowest interval that is drawn."""
 _WIDE = 2.5
 """Half-widths of the median interval that a panel shows on either side."""
@@ -56,10 +58,10 @@ def prepare(tables: Tables) -> Frame:
     if fewest < _FEWEST:
         raise NotApplicable(f"a cell has {fewest} trials; ranks need {_FEWEST}")
     columns = [f"{_MEASURE}_{column}" for column in ("low", "high", "own_low", "own_high")]
-    errors = tables.run.table("errors", ["cell", "estimator", "radius", "radius_error", *columns])
     panels, words = [], []
     for _, cell in cells.iterrows():
-        here = errors[errors["cell"].astype(str) == cell["group"]]
+        needed = ["cell", "estimator", "radius", "radius_error", *columns]
+        here = tables.run.table("errors", needed, names, [cell["group"]])
         row = []
         for estimator in names:
             fits = here[here["estimator"].astype(str) == estimator]
@@ -114,11 +116,12 @@ def _intervals(ax: Axes, ends: Floats, ranks: Floats, limits: tuple[float, float
     error = 1.96 * statistics.share(round(LEVEL * len(ranks)), len(ranks)).error
     ax.axhspan(LEVEL - error, min(LEVEL + error, 1.0), color=_GREY, linewidth=0.0, zorder=0)
     ax.axhline(LEVEL, color="black", linewidth=0.6, linestyle=(0, (4, 2)), zorder=1)
-    shown = (ranks >= _LOWEST) & ~np.isnan(ends).any(axis=1)
+    shown = np.flatnonzero((ranks >= _LOWEST) & ~np.isnan(ends).any(axis=1))
+    shown = shown[:: 1 + len(shown) // _LINES]
     low, high = np.clip(ends[shown], *limits).T
     held = (ends[shown, 0] <= 1.0) & (ends[shown, 1] >= 1.0)
     lines = np.stack([np.column_stack([low, ranks[shown]]), np.column_stack([high, ranks[shown]])], axis=1)
-    thickness = min(2.0, 100.0 * (1.0 - _LOWEST) / max(shown.sum(), 1))
+    thickness = min(2.0, 100.0 * (1.0 - _LOWEST) / max(len(shown), 1))
     colors = np.where(held, _HELD, _MISSED).tolist()
     ax.add_collection(LineCollection(list(lines), colors=colors, linewidths=thickness, rasterized=True))
     ax.axvline(1.0, color="black", linewidth=0.8)

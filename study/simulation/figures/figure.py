@@ -5,7 +5,7 @@ All computing is in ``prepare``; ``draw`` reads no files. `NotApplicable` says w
 
 import math
 import traceback
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,8 +19,9 @@ from matplotlib.lines import Line2D
 
 from study import style
 from study.arrays import Floats, Ints
-from study.files import RunError
+from study.files import RunError, TableRows
 from study.fits.cap import cap_moments
+from study.simulation.analysis.error_table import Grouped
 from study.simulation.analysis.summary import stored_summary, worst_of_run
 from study.simulation.analysis.theory import median_at_bound
 from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law, distinguishing
@@ -108,15 +109,16 @@ class Tables:
             words = "its budget ended before any cell had a trial; run `study run` again to resume"
             raise RunError(f"{run.folder}: {words}")
 
-    @cached_property
-    def errors(self) -> pd.DataFrame:
-        """The error table; see `study.simulation.runs.schemas.errors`.
-
-        Raises:
-            NotApplicable: if the study kept its summary alone.
-        """
+    def cells(self, columns: Collection[str]) -> Iterator[pd.DataFrame]:
+        """Columns of the error table of a grid, some whole cells at a time: it may be larger than the memory."""
         self.require_errors()
-        return self.run.table("errors")
+        return Grouped(self.run).cells(columns)
+
+    def first_trials(self, most: int) -> pd.DataFrame:
+        """The first trials of the error table of a random design, at most so many."""
+        path = self.run.require("errors")
+        rows: pd.DataFrame = TableRows(path).rows(0, most * len(self.estimators)).to_pandas()
+        return rows
 
     def require_grid(self, isotropic: bool = False) -> None:
         """Raise `NotApplicable` unless the design is a grid, and the noise isotropic where a figure's bound is."""
@@ -199,7 +201,7 @@ class Tables:
 
     def release(self) -> None:
         """Forget all tables but the summary, which may be large."""
-        for name in ("errors", "points", "posterior", "answers", "draws"):
+        for name in ("points", "posterior", "answers", "draws"):
             vars(self).pop(name, None)
 
     @property

@@ -302,7 +302,11 @@ class Run:
         return self.path(name).is_file()
 
     def table(
-        self, name: str, columns: Collection[str] | None = None, estimators: Collection[str] | None = None
+        self,
+        name: str,
+        columns: Collection[str] | None = None,
+        estimators: Collection[str] | None = None,
+        cells: Collection[str] | None = None,
     ) -> "pd.DataFrame":
         """Read a stored table into a data frame.
 
@@ -310,11 +314,13 @@ class Run:
             name: the table's.
             columns: names of columns, of which those that the table has are read; all if None.
             estimators: names of estimators, whose rows are read; all if None.
+            cells: names of cells, likewise.
 
         Raises:
             RunError: if it is not there, because the run did not finish.
         """
-        part = None if estimators is None else [("estimator", "in", list(estimators))]
+        wanted_rows = {"estimator": estimators, "cell": cells}
+        part = [(column, "in", list(names)) for column, names in wanted_rows.items() if names is not None] or None
 
         def read(path: Path) -> "pd.DataFrame":
             wanted = None if columns is None else [each for each in pq.read_schema(path).names if each in columns]

@@ -64,7 +64,7 @@ def test_marks_are_those_of_a_loop(loss, seed):
     cells = np.abs(shared + 0.7 * rng.standard_normal((3, 4, 150))) * np.array([1.0, 1.02, 1.2, 1.6])[:, None]
     expected, spreads = marks_by_a_loop(loss, cells, 600, rng)
     names = list("abcd")
-    found = rank.compared(table(*(dict(zip(names, cell, strict=True)) for cell in cells)), names)
+    found = rank.compared([table(*(dict(zip(names, cell, strict=True)) for cell in cells))], names)
     assert list(rank.may_be_best(found.logs[loss])) == expected
     assert expected[2:] == [False, False]
     mine = np.sqrt(np.mean(found.logs[loss].swapped ** 2, axis=0))
@@ -108,7 +108,7 @@ def test_a_copy_is_never_ranked_apart():
             errors[rng.random((5, 40)) < 0.02 * (seed % 3)] = np.nan
             cell = dict(zip(["a", "b", "copy", "d", "e"], errors, strict=True))
             cells.append(cell | {"copy": cell["b"]})
-        ranking = rank.ranked([rank.compared(table(*cells), names, "run")]).set_index("estimator")
+        ranking = rank.ranked([rank.compared([table(*cells)], names, "run")]).set_index("estimator")
         pd.testing.assert_series_equal(ranking.loc["b"], ranking.loc["copy"], check_names=False, check_exact=True)
         places = sorted(ranking.index.get_indexer(["b", "copy"]))
         assert (places[1] - places[0] == 1) or not np.isfinite(ranking.loc["b", "median"])
@@ -152,14 +152,14 @@ def test_a_worse_estimator_is_told_from_the_best():
 def test_ratios_and_their_errors():
     """Ratios are geometric means over the cells; the error is the scatter over repetitions, within 30 %."""
     ones = {"x": [1.0] * 20, "y": [2.0] * 20}
-    ranking = rank.ranked([rank.compared(table(ones, {"x": [8.0] * 20, "y": [1.0] * 20}), ["x", "y"], "run")])
+    ranking = rank.ranked([rank.compared([table(ones, {"x": [8.0] * 20, "y": [1.0] * 20})], ["x", "y"], "run")])
     assert list(ranking["estimator"]) == ["y", "x"]
     np.testing.assert_allclose(ranking[["median", "rms"]], [[1.0, 1.0], [2.0, 2.0]])
     assert list(ranking["median_alone"]) == [1, 1]
     rng, found = np.random.default_rng(6), []
     for _ in range(60):
         cells = [dict(zip("xy", np.abs(rng.standard_normal((2, 200)) * [[1.0], [3.0]]), strict=True)) for _ in range(3)]
-        row = rank.ranked([rank.compared(table(*cells), ["x", "y"], "run")]).iloc[1]
+        row = rank.ranked([rank.compared([table(*cells)], ["x", "y"], "run")]).iloc[1]
         found.append([row["median"], row["median_error"], row["rms"], row["rms_error"]])
     for value, error in np.transpose(found).reshape(2, 2, 60):
         assert np.median(error) == pytest.approx(value.std(ddof=1), rel=0.3)
@@ -170,17 +170,17 @@ def test_fits_without_a_number():
     rng = np.random.default_rng(7)
     x, y = np.abs(rng.standard_normal((2, 50)))
     lost = {"x": [np.nan] * 50, "y": [np.inf] * 50}
-    ranking = rank.ranked([rank.compared(table({"x": [np.nan, *x[1:]], "y": y}, lost), ["x", "y"], "run")])
+    ranking = rank.ranked([rank.compared([table({"x": [np.nan, *x[1:]], "y": y}, lost)], ["x", "y"], "run")])
     ranking = ranking.set_index("estimator")
     assert np.isfinite(ranking["median"]).all()
     assert ranking.loc["x", "rms"] == np.inf
     assert not ranking.loc["x", "rms_best"]
     assert ranking.loc["y", "rms_best"]
     assert ranking["failures"].to_dict() == {"x": 0.51, "y": 0.5}
-    nothing = rank.ranked([rank.compared(table(lost), ["x", "y"], "run")])
+    nothing = rank.ranked([rank.compared([table(lost)], ["x", "y"], "run")])
     assert nothing[["median_best", "rms_best"]].all(axis=None)
     with pytest.raises(RunError, match="cell c0: 9 trials; a ranking needs at least 10"):
-        rank.compared(table({"x": [1.0] * 9, "y": [2.0] * 9}), ["x", "y"])
+        rank.compared([table({"x": [1.0] * 9, "y": [2.0] * 9})], ["x", "y"])
 
 
 def test_all_runs_together():
@@ -188,14 +188,14 @@ def test_all_runs_together():
     rng = np.random.default_rng(8)
     one = {"a": np.full(40, 1.0), "b": np.full(40, 2.0), "c": rng.random(40)}
     two = {"b": np.full(40, 1.0), "a": np.full(40, 8.0)}
-    runs = [rank.compared(table(one, one, one), list("abc"), "one"), rank.compared(table(two), list("ba"), "two")]
+    runs = [rank.compared([table(one, one, one)], list("abc"), "one"), rank.compared([table(two)], list("ba"), "two")]
     ranking = rank.ranked(runs)
     whole = ranking[ranking["run"] == rank.ALL].set_index("estimator")
     assert whole["median"].to_dict() == pytest.approx({"b": 1.0, "a": 2.0})  # √(2 · 1) and √(1 · 8)
     assert set(whole["cells"]) == {4}
     with pytest.raises(RunError, match="one: given twice"):
         rank.ranked([runs[0], runs[0]])
-    other = rank.compared(table({"z": np.full(10, 1.0), "b": np.full(10, 2.0)}), ["z", "b"])
+    other = rank.compared([table({"z": np.full(10, 1.0), "b": np.full(10, 2.0)})], ["z", "b"])
     assert rank.ALL not in set(rank.ranked([runs[0], other])["run"])
 
 

@@ -25,7 +25,7 @@ def table(**cells):
 def test_ratios_and_geometric_means():
     """Two cells with constant errors have these ratios and these means, whatever is left out."""
     errors = table(a=(10, {"x": [1.0] * 20, "y": [2.0] * 20}), b=(99, {"x": [8.0] * 20, "y": [1.0] * 20}))
-    cells = regret.by_cell(errors, ["x", "y"])
+    cells = regret.by_cell([errors], ["x", "y"])
     assert list(cells["median"]) == [1.0, 2.0, 8.0, 1.0]
     assert list(cells["q95"]) == [1.0, 2.0, 8.0, 1.0]
     means = regret.regret(cells).set_index(["samples", "estimator"])
@@ -40,12 +40,12 @@ def test_ratios_and_geometric_means():
 def test_fits_without_a_number_count_as_worse_than_any():
     """Lost fits beyond the median do not change it, and those at the 95 % quantile make it infinite."""
     errors = table(a=(10, {"x": [1.0] * 17 + [np.nan] * 3, "y": [3.0] * 20}))
-    cells = regret.by_cell(errors, ["x", "y"]).set_index("estimator")
+    cells = regret.by_cell([errors], ["x", "y"]).set_index("estimator")
     assert cells.loc["y", "median"] == 3.0
     assert cells.loc["y", "q95"] == 1.0
     assert cells.loc["x", "q95"] == np.inf
     whole = table(a=(10, {"x": [1.0] * 20, "y": [2.0] * 20}), b=(10, {"x": [np.nan] * 20, "y": [1.0] * 20}))
-    means = regret.regret(regret.by_cell(whole, ["x", "y"])).set_index(["samples", "estimator"])
+    means = regret.regret(regret.by_cell([whole], ["x", "y"])).set_index(["samples", "estimator"])
     assert list(means.loc[(0, "x"), ["median", "median_error", "median_worst"]]) == [np.inf] * 3
     assert means.loc[(0, "y"), "median"] == pytest.approx(math.sqrt(2.0))
 
@@ -59,7 +59,7 @@ def test_standard_error_is_that_of_repetitions():
     for _ in range(50):
         noisy = rng.exponential(size=(4, 2, 200))
         cells = {f"c{i}": (10, {"x": one, "y": 2.0 * two}) for i, (one, two) in enumerate(noisy)}
-        means = regret.regret(regret.by_cell(table(**cells), ["x", "y"])).set_index(["samples", "estimator"])
+        means = regret.regret(regret.by_cell([table(**cells)], ["x", "y"])).set_index(["samples", "estimator"])
         found.append((means.loc[(0, "y"), "median"], means.loc[(0, "y"), "median_error"]))
     values, errors = np.transpose(found)
     assert np.median(errors) == pytest.approx(values.std(ddof=1), rel=0.4)
@@ -68,7 +68,7 @@ def test_standard_error_is_that_of_repetitions():
 def test_one_trial_is_too_few():
     """A cell of one trial has no Monte-Carlo error, and the message says where."""
     with pytest.raises(RunError, match="cell a: 1 trials; regret needs at least 2"):
-        regret.by_cell(table(a=(10, {"x": [1.0], "y": [1.0]})), ["x", "y"])
+        regret.by_cell([table(a=(10, {"x": [1.0], "y": [1.0]}))], ["x", "y"])
 
 
 def test_regret_of_a_run(make_run):

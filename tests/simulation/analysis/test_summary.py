@@ -16,16 +16,8 @@ import pytest
 
 from study.fits import Status
 from study.simulation.analysis import summary as module
-from study.simulation.analysis.summary import (
-    ROWS,
-    chosen_rows,
-    decade,
-    evenly_spread,
-    once_by_scaling,
-    printed,
-    summary,
-    worst,
-)
+from study.simulation.analysis.error_table import decade
+from study.simulation.analysis.summary import ROWS, chosen_rows, evenly_spread, once_by_scaling, printed, summary, worst
 from study.simulation.runs import schemas
 from tests.configs import config
 

@@ -42,11 +42,27 @@ class MadeTables(Tables):
         object.__setattr__(self, "run", self)
         object.__setattr__(self, "stored", frozenset({"summary"} | ({"errors"} if self.rows is not None else set())))
 
-    def table(self, name, columns=None, estimators=None):
-        """The error table's rows of some estimators; all other tables are there already."""
+    @property
+    def errors(self):
+        """The error table, which a test may change before a figure reads it."""
+        return self.rows
+
+    def table(self, name, columns=None, estimators=None, cells=None):
+        """The error table's rows of some estimators and cells; all other tables are there already."""
         assert name == "errors"
-        found = self.rows if estimators is None else self.rows[self.rows["estimator"].isin(estimators)]
+        found = self.rows
+        for key, names in (("estimator", estimators), ("cell", cells)):
+            found = found if names is None else found[found[key].isin(names)]
         return found if columns is None else found[[each for each in found if each in columns]]
+
+    def cells(self, columns):
+        """The error table in one part."""
+        yield self.rows
+
+    def first_trials(self, most):
+        """The first rows of the error table, sorted by trial as a random design has them."""
+        rows = self.rows.sort_values(["cell", "trial"], kind="stable", ignore_index=True)
+        return rows.head(most * len(self.estimators))
 
 
 @pytest.fixture

@@ -192,9 +192,9 @@ def test_figures_carry_the_runs_name_and_trials(runs, sources, frames, name):
 def test_tables_are_left_alone(circles, name):
     """A figure changes none of the tables that the next one is drawn from."""
     tables = Tables(circles)
-    errors, summary = tables.errors.copy(), tables.summary.copy()
+    points, summary = tables.points.copy(), tables.summary.copy()
     FIGURES[name].draw(FIGURES[name].prepare(tables)).draw_without_rendering()
-    assert tables.errors.equals(errors)
+    assert tables.points.equals(points)
     assert tables.summary.equals(summary)
 
 

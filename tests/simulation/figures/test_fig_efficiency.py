@@ -14,7 +14,7 @@ from study import style
 from study.fits.cap import cap_moments
 from study.simulation.analysis.theory import gdke_leaves, noise_at_kappa, ugdk_leaves
 from study.simulation.experiment.noise import gaussian
-from study.simulation.figures import fig2_error, fig_efficiency, fig_map, fig_robustness
+from study.simulation.figures import fig2_error, fig_efficiency, fig_map, fig_regret, fig_robustness
 
 LEVELS = [1e-3, 1e-2, 0.1, 0.5, 2.0]
 NAMES = ["mle", "gdke", "ugdk"]
@@ -120,7 +120,7 @@ def test_medians_of_the_map(grid, refused):
         assert np.isinf(row.ratio) == (row.estimator == "ugdk" and row.level == 10.0)
     alone = dataclasses.replace(tables, rows=None)
     assert fig_map.prepare(alone).ratios.equals(ratios)
-    for figure, design in ((fig_efficiency, "grid"), (fig2_error, "random")):
+    for figure, design in ((fig_regret, "grid"), (fig2_error, "random")):
         refused(figure, alone, 'keep = "errors"', design=design)
 
 

@@ -93,7 +93,7 @@ def test_an_open_interval_holds_what_it_reaches():
 
 def test_shares_of_a_zip_are_those_of_the_measures(two):
     """The ends hold the truth where the measures of the same intervals say so, trial by trial and as shares."""
-    errors = two.errors
+    errors = two.run.table("errors")
     for measure, prefix in (("interval", ""), ("own_errors", "own_")):
         held = (errors[f"ends_{prefix}low"] <= 1.0) & (errors[f"ends_{prefix}high"] >= 1.0)
         assert (held == errors[f"{measure}_radius"]).all()

@@ -1,0 +1,108 @@
+"""A stored error table read a part at a time: the parts are the table, whatever memory there is and the rows' order."""
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+import study
+from study.simulation.analysis import error_table, rank, regret
+from study.simulation.analysis.error_table import Grouped
+from study.simulation.figures import Tables, fig2_error
+from study.simulation.runs.run_folder import Run
+
+GRID = """
+name = "parts"
+seed = 1
+dimension = 2
+estimators = ["lls", "gdke", "als"]
+[design]
+kind = "grid"
+draws = "{draws}"
+trials = 60
+samples = [8, 20]
+noise_over_radius = [0.01, 0.1, 0.3]
+angle = [45, 180]
+"""
+RANDOM = """
+name = "parts"
+seed = 1
+estimators = ["lls", "gdke"]
+[design]
+kind = "random"
+trials = 90
+samples = 20
+noise = {{ law = "log_uniform", low = 1e-3, high = 1.0 }}
+angle = {{ law = "uniform", low = 30, high = 180 }}
+"""
+COLUMNS = ("cell", "samples", "trial", "estimator", "error", "status")
+
+
+@pytest.fixture(scope="module", params=["shared", "independent", "random"])
+def run(request, tmp_path_factory):
+    """A run whose table has many small row groups and units, so that the rows of a cell lie in several of them."""
+    folder = tmp_path_factory.mktemp(request.param)
+    config = folder / "parts.toml"
+    config.write_text((RANDOM if request.param == "random" else GRID).format(draws=request.param))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("study.files._ROWS_PER_GROUP", 50)
+        patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 4)
+        patch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 500)
+        study.run(config, folder=folder / "run")
+    assert pq.ParquetFile(folder / "run" / "errors.parquet").num_row_groups > 3
+    return Run.open(folder / "run")
+
+
+@pytest.fixture(params=[1, 6000, 1 << 28])
+def memory(request, monkeypatch):
+    """Bytes for a part: one key each, some, all."""
+    monkeypatch.setattr(error_table, "_MEMORY", request.param)
+    return request.param
+
+
+def test_the_parts_are_the_table(run, memory):
+    """Every group and estimator has its rows, in their order, whether it is read alone or with others."""
+    whole, grouped = error_table.label(run.table("errors"), run.study.design.one_trial_a_cell), Grouped(run)
+    batches = list(grouped.batches(COLUMNS))
+    assert [key for batch in batches for key in batch] == list(grouped.counts)
+    assert (len(batches) > 1) == (memory < 1 << 28)
+    for batch in batches:
+        for key, columns in grouped.read(batch, COLUMNS).items():
+            mine = whole[(whole["group"] == key[0]) & (whole["estimator"] == key[1])]
+            assert len(mine) == grouped.counts[key]
+            for name in COLUMNS:
+                assert columns[name].tolist() == mine[name].tolist()
+    assert sum(grouped.counts.values()) == len(whole)
+
+
+@pytest.mark.parametrize("run", ["shared", "independent"], indirect=True)
+def test_cells_are_whole(run, memory):
+    """Each part has all rows of its cells; together they are the table."""
+    parts = list(Grouped(run).cells(COLUMNS))
+    assert (len(parts) > 1) == (memory < 1 << 28)
+    seen = [set(part["cell"]) for part in parts]
+    assert sum(map(len, seen)) == len(set().union(*seen)) == run.study.cells()
+    order = ["cell", "trial", "estimator"]
+    rows = [frame[list(COLUMNS)].astype({"cell": str, "estimator": str}) for frame in (*parts, run.table("errors"))]
+    found = pd.concat(rows[:-1]).sort_values(order, ignore_index=True)
+    pd.testing.assert_frame_equal(found, rows[-1].sort_values(order, ignore_index=True))
+
+
+@pytest.mark.parametrize("run", ["shared", "independent"], indirect=True)
+def test_comparisons_do_not_depend_on_the_parts(run, memory):
+    """Regret and rankings of the parts are those of the table in one."""
+    errors, names = run.table("errors"), list(run.study.estimators)
+    pd.testing.assert_frame_equal(regret.of_run(run), regret.by_cell([errors], names))
+    found = rank.ranked([rank.of_run(run)]).drop(columns="seconds")
+    whole = rank.ranked([rank.compared([errors], names, run.study.run_name())]).drop(columns="seconds")
+    pd.testing.assert_frame_equal(found, whole)
+
+
+@pytest.mark.parametrize("run", ["random"], indirect=True)
+def test_a_long_random_run_is_drawn_by_its_first_trials(run, monkeypatch):
+    """The stamp says so, and all of it is of these trials."""
+    monkeypatch.setattr(fig2_error, "_MOST_TRIALS", 60)
+    frame = fig2_error.prepare(Tables(run))
+    assert "the first 60 of 90 trials" in frame.stamp
+    first = run.table("errors").head(120)
+    assert frame.dots["cell"].tolist() == first["cell"].tolist()
+    assert frame.panels["planned"].tolist() == [60, 60]
