@@ -140,12 +140,6 @@ _SHARES = ("far", "far_ok", "far_all")
 """Measures that are shares of fits."""
 
 
-def _known(name: str) -> str:
-    if name not in MEASURES:
-        raise ValueError(f"no measure of the summary; {did_you_mean(name, MEASURES)}")
-    return name
-
-
 class Precision(Frozen):
     """The rule by which a cell has enough trials.
 
@@ -158,7 +152,7 @@ class Precision(Frozen):
         seconds: time after which one `study run` starts no new work; the finished tables do not depend on it.
     """
 
-    measure: Annotated[str, AfterValidator(_known)] = "ratio_median_ok"
+    measure: str = "ratio_median_ok"
     target: Annotated[float, Field(gt=0.0)] | None = None
     relative_target: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     estimators: Distinct[str] | None = None
@@ -565,7 +559,14 @@ def _precision_faults(study: Study) -> Iterator[Fault]:
     precision, design = study.precision, study.design
     if precision is None:
         return
-    if precision.relative_target is not None and precision.measure in _SHARES:
+    names, shares = [*MEASURES], [*_SHARES]
+    for column in study.measured():
+        names += column.summaries
+        shares += column.summaries if column.kind is bool else ()
+    if precision.measure not in names:
+        words = f"no measure of the study's summary; {did_you_mean(precision.measure, names)}"
+        yield Fault(("precision", "measure"), words, precision.measure)
+    if precision.relative_target is not None and precision.measure in shares:
         words = f"{precision.measure} is a share, which may be 0, and no error is a fraction of 0: give target instead"
         yield Fault(("precision", "relative_target"), words, precision.relative_target)
     if design.one_trial_a_cell:

@@ -60,6 +60,11 @@ class MeasureColumn(NamedTuple):
     kind: type
     meaning: str
 
+    @property
+    def summaries(self) -> tuple[str, ...]:
+        """Names that its summaries over all fits have: a share of truth values, or mean and median of numbers."""
+        return (self.name,) if self.kind is bool else (f"{self.name}_mean", f"{self.name}_median")
+
 
 @dataclass(frozen=True)
 class FitMeasure:

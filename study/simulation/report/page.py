@@ -30,13 +30,14 @@ from study.files import stored_csv
 from study.fits import Status
 from study.simulation.claims import Verdict
 from study.simulation.experiment.conditions import LABELS
+from study.simulation.experiment.measures import MeasureColumn
 from study.simulation.figures import Tables, gathered
 from study.simulation.report import html, words
 from study.simulation.report.html import Content, Section
 from study.simulation.report.material import Material, answer
 from study.simulation.report.runs import overview_section, posterior_section, run_id, run_section
 from study.simulation.report.words import count, readable
-from study.simulation.statistics import MEASURES, share
+from study.simulation.statistics import MEASURES, of_column, share
 from study.text import columns, one_line
 
 _DIGITS, _ERROR_DIGITS = 5, 3
@@ -75,7 +76,7 @@ def _columns(tables: Tables) -> dict[str, object]:
         "trials": frame["planned"].tolist(),
         "ok": frame["ok"].tolist(),
         "failed": _failed(frame),
-        "measures": list(_measures(frame)),
+        "measures": list(_measures(frame, tables.run.study.measured())),
     }
     if "errors" in tables.stored:
         rows = tables.worst[1].set_index(["group", "estimator"]).reindex(names)
@@ -119,11 +120,19 @@ def _failed(frame: pd.DataFrame) -> list[dict[str, object]]:
     ]
 
 
-def _measures(frame: pd.DataFrame) -> Iterable[dict[str, object]]:
-    """Every measure with its Monte-Carlo errors, error over bound first, and the share of fits that are not ok."""
-    for name in sorted(MEASURES, key=lambda name: not name.startswith("ratio")):
+def _measures(frame: pd.DataFrame, further: Iterable[MeasureColumn]) -> Iterable[dict[str, object]]:
+    """Every measure with its Monte-Carlo errors, error over bound first, and the share of fits that are not ok.
+
+    Args:
+        frame: the summary.
+        further: columns of the study's own measures.
+    """
+    order = sorted(MEASURES, key=lambda name: not name.startswith("ratio"))
+    known = [(name, MEASURES[name].title, MEASURES[name].meaning) for name in order]
+    for column in further:
+        known += [(name, name.replace("_", " "), meaning) for name, (meaning, _) in of_column(column).items()]
+    for name, title, meaning in known:
         if name in frame and frame[name].notna().any():
-            title, meaning, _ = MEASURES[name]
             yield _measure(name, title, meaning, frame[name], frame[f"{name}_error"])
     shares = [share(int(p - k), int(p)) for p, k in zip(frame["planned"], frame["ok"], strict=True)]
     yield _measure("not_ok", "share not ok", "share of the fits that are not ok", *zip(*shares, strict=True))

@@ -85,8 +85,9 @@ def precision(tables: Tables) -> list[Markup]:
     """)
     head = ["Why there are no more trials", "cells", "trials of each"]
     table = html.table(f"Trials by need, {tables.name}", caption, head, rows, numeric={1, 2})
+    title = f"the {MEASURES[asked.measure].title}" if asked.measure in MEASURES else "a measure of the study"
     told: list[str] = [
-        f"Trials were added until the Monte-Carlo error of the {MEASURES[asked.measure].title} (",
+        f"Trials were added until the Monte-Carlo error of {title} (",
         html.code(asked.measure),
         f") was {goal}, for {whose}.",
     ]

@@ -62,29 +62,30 @@ def measure_cells(
         places: for each group of cells the pieces of its trials, in order; the last one has the cells to measure.
         precision: the config's section.
     """
-    names = precision.estimators or layout.study.estimators
+    names, further = precision.estimators or layout.study.estimators, layout.study.measured()
     for batch in _batches(places, len(layout.study.estimators)):
         table = _read(layout, parts, batch).to_pandas()
         rows = table.groupby(["cell", "estimator"], observed=True, sort=False).indices
-        columns = {name: table[name].to_numpy() for name in COLUMNS}
+        columns = {name: table[name].to_numpy() for name in table.columns if name not in ("cell", "estimator")}
         for pieces, cells in batch:
             for cell in cells:
-                measures = {}
+                measures: dict[str, Measure] = {}
                 for name in names:
                     of_name = {key: values[rows[cell.name, name]] for key, values in columns.items()}
-                    measures[name] = measured(precision.measure, of_name)
+                    measures[name] = measured(precision.measure, of_name, further)
                 yield cell, _worst(precision, pieces[-1].last, measures)
 
 
 def _read(layout: Layout, parts: Parts, batch: CellBatch) -> pa.Table:
     """Read the rows of some cells, those of each in the order of its trials."""
     tables: list[pa.Table] = []
+    needed = ["cell", "estimator", *COLUMNS, *(column.name for column in layout.study.measured())]
     order = sorted((index, number) for number, (pieces, _) in enumerate(batch) for index in range(len(pieces)))
     for index, number in order:  # across groups first: what was computed together is stored together
         pieces, cells = batch[number]
         wanted = pa.array([cell.name for cell in cells])
         for _, table in layout.stored(parts, pieces[index], "errors"):
-            rows = table.select(["cell", "estimator", *COLUMNS])
+            rows = table.select(needed)
             if len(cells) < len(pieces[index].cells):
                 rows = rows.filter(pc.is_in(rows["cell"].cast(pa.string()), wanted))
             tables.append(rows)

@@ -467,6 +467,18 @@ def test_a_fraction_of_a_share(measure):
     assert parse(text + "target = 0.1\n").precision.target == 0.1
 
 
+def test_precision_of_the_studys_own_measures():
+    """A column of a measure of the study may decide, a share by its own target; a measure that it lacks may not."""
+    head = GRID.replace("[design]", 'measures = ["interval"]\n[design]', 1)
+    made = parse(f'{head}[precision]\nmeasure = "interval_width_median"\nrelative_target = 0.1\n').precision
+    assert made.measure == "interval_width_median"
+    text = '[precision]\nmeasure = "interval_radius"\n'
+    (line,) = faults(f"{head}{text}relative_target = 0.1\n")
+    assert "interval_radius is a share, which may be 0" in line
+    (line,) = faults(f"{GRID}{text}target = 0.1\n")
+    assert "precision.measure = 'interval_radius': no measure of the study's summary" in line
+
+
 KEYS = ["name", "seed", "dimension", "estimators", "noise_shape", "keep_points", "precision", "design"]
 KEYS += ["kind", "trials", "samples", "noise", "noise_over_radius", "angle", "radius", "center", "draws"]
 KEYS += ["law", "value", "values", "low", "high", "linspace", "logspace", "grid", "random", "uniform", "constant"]

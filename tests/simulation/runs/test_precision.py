@@ -104,6 +104,27 @@ def test_the_rule(go, text):
         np.testing.assert_array_equal(adaptive[name].astype(words), expected[name].astype(words), err_msg=name)
 
 
+def test_a_measure_of_the_study_decides(go):
+    """A share of the study's own measure stops each cell at the first checkpoint at which its error is small enough.
+
+    The errors are those of Agresti and Coull, written out here; the cap stops what is never precise enough.
+    """
+    asked = '[precision]\nmeasure = "own_errors_radius"\ntarget = 0.025\nfirst = 100\n'
+    run = go(config(TOP | {"measures": ["own_errors"]}, **GRID) + asked)
+    table, errors = run.table("precision").set_index("cell"), run.table("errors")
+    assert table["trials"].nunique() >= 3
+    for cell, rows in errors.groupby("cell", observed=True):
+        errs = {}
+        for count in (c for c in CHECKPOINTS if c <= table.loc[cell, "trials"]):
+            held = rows[rows["trial"] < count].groupby("estimator", observed=True)["own_errors_radius"].sum()
+            p = (held + 2.0) / (count + 4.0)
+            errs[count] = np.sqrt(p * (1.0 - p) / (count + 4.0)).max()
+        *before, last = errs
+        assert all(errs[count] > 0.025 for count in before)
+        assert (errs[last] <= 0.025) == (table.loc[cell, "reason"] == "target")
+        assert table.loc[cell, "error"] == pytest.approx(errs[last])
+
+
 def test_the_table_tells_what_decided(whole):
     """The estimator farthest from the target, its measure and error as the stored summary has them, and the goal."""
     summarise(whole)
