@@ -269,7 +269,7 @@ class Verification:
         digests: for each table, its fault in words, or None if its digest and its columns are right.
         counts: numbers of the manifest that are not those of the config and the tables, in words.
         again: for each table of which something was computed again, the result.
-        remark: warning about the software; None if it is this one.
+        remarks: warnings about software and about files of a user's own that are not those that made the run.
 
     Raises:
         RunError: if the run is not finished, or its manifest is damaged.
@@ -292,7 +292,8 @@ class Verification:
                 if {"errors", "summary"} <= set(good):
                     self.again["summary"] = recompute_summary(run, seed, share)
                 self.again |= recompute_chains(run, good, seed, share)
-        self.counts, self.remark = _wrong_counts(run, good), other_version(run.maker())
+        changed = (f"{name}: changed since the run was made; its numbers may differ" for name in run.changed_code())
+        self.counts, self.remarks = _wrong_counts(run, good), [*filter(None, [other_version(run.maker())]), *changed]
 
     @property
     def faults(self) -> list[str]:
@@ -335,8 +336,7 @@ def printed(result: Verification) -> Iterator[str]:
             words = f"{count}: {'different' if again.faults else 'equal to the bit' if again.done else 'none'}"
         rows.append([name, "SHA-256 as written" if fault is None else "damaged", words])
     yield from columns(rows, indent=2)
-    if result.remark is not None:
-        yield f"  {result.remark}"
+    yield from (f"  {remark}" for remark in result.remarks)
     for fault in result.faults[:10]:
         yield f"  {fault}"
     if result.faults:

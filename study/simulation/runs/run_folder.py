@@ -385,10 +385,20 @@ class Run:
 
     def plugins(self) -> list[str]:
         """The options that give the files whose estimators, laws or measures the run has; packages are found anyway."""
-        own = origins(self.study.estimators) + laws.origins(self.study.own_laws())
-        own += measures.origins(self.study.measures)
-        names = dict.fromkeys(str(origin["from"]) for origin in own)
+        names = dict.fromkeys(str(origin["from"]) for origin in self._own_code())
         return [word for name in names if name.endswith(".py") for word in ("--plugin", name)]
+
+    def _own_code(self) -> list[dict[str, object]]:
+        """Origins of the estimators, laws and measures that are not shipped."""
+        own = origins(self.study.estimators) + laws.origins(self.study.own_laws())
+        return own + measures.origins(self.study.measures)
+
+    def changed_code(self) -> list[str]:
+        """Files or packages of a user's own whose code is not that which made the finished run."""
+        known = self.known()
+        made = [entry for kind in ("estimators", "laws", "measures") for entry in known.get(f"own_{kind}") or ()]
+        digests = {entry["sha256"] for entry in made}
+        return list(dict.fromkeys(str(own["from"]) for own in self._own_code() if own["sha256"] not in digests))
 
     def valid(self, name: str) -> bool:
         """True if a table is stored, and has the digest that its manifest says, and the columns declared."""

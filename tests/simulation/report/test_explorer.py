@@ -18,6 +18,7 @@ from study.simulation.figures import Tables
 from study.simulation.report.material import Material
 from study.simulation.report.page import packed, render
 from study.simulation.statistics import MEASURES
+from tests.configs import config
 
 POINTS = """document.querySelector('#explorer-chart [aria-label="dot"]').querySelectorAll('path, circle').length"""
 ERRORS = """document.querySelectorAll('#explorer-chart [aria-label="link"] path').length"""
@@ -54,6 +55,19 @@ def test_numbers_are_those_of_the_summary(name, request):
             for column, values, digits in ((name, "values", 1e-4), (f"{name}_error", "errors", 1e-2)):
                 found = [math.nan if value is None else value for value in entry[values]]
                 assert np.allclose(found, frame[column], rtol=digits, equal_nan=True)
+
+
+def test_measures_of_the_study_can_be_explored(make_run, make_claims):
+    """Columns of a measure are there with their errors; the report says for which of them trials were added."""
+    asked = '[precision]\nmeasure = "own_errors_radius"\ntarget = 0.05\nfirst = 100\n'
+    top = {"estimators": ["lls", "als"], "measures": ["own_errors"], "dimension": 2}
+    run = make_run(config(top, trials=100, samples=[10, 30], noise=0.1, angle=90) + asked)
+    measures = {entry["name"]: entry for entry in unpacked(run)["measures"]}
+    frame = run.table("summary")
+    for name in ("own_errors_radius", "own_errors_width_median"):
+        assert np.allclose(measures[name]["values"], frame[name], rtol=1e-4)
+        assert np.allclose(measures[name]["errors"], frame[f"{name}_error"], rtol=1e-2)
+    assert "error of a measure of the study (<code>own_errors_radius</code>)" in render(Material([run], make_claims()))
 
 
 @pytest.mark.parametrize("name", ["circles", "random"])
