@@ -263,7 +263,7 @@ def regret(
 
 _RANKED = "folders of runs, or their configs, each a mechanism"
 Ranked = Annotated[list[Path], typer.Argument(metavar="RUN", parser=run_folder, help=_RANKED)]
-_BY = "error that estimators are ranked by: center, radius or disc (1 - Jaccard index; for circles)"
+_BY = "error that estimators are ranked by: center, radius, disc (of circles: 1 - Jaccard index), or a measure"
 RankBy = Annotated[str, typer.Option("--by", help=_BY)]
 _LEVEL = "level at which the others are told from the best"
 RankLevel = Annotated[float, typer.Option("--level", min=0.5, max=0.999, help=_LEVEL)]
@@ -278,11 +278,13 @@ def rank(folders: Ranked, by: RankBy = "center", level: RankLevel = 0.95, table:
     number counts as infinitely far.
     """
     from study.files import save_frame
-    from study.simulation.analysis.rank import WORDS, of_run, printed, ranked
+    from study.simulation.analysis.rank import of_run, printed, ranked, rankings
 
-    if by not in WORDS:
-        raise typer.BadParameter(f"--by {by}: must be {', '.join(WORDS)}")
-    result = ranked([of_run(opened(folder), by, level) for folder in folders], level)
+    runs = [opened(folder) for folder in folders]
+    for run in runs:
+        if by not in (known := rankings(run)):
+            raise typer.BadParameter(f"--by {by}: must be {', '.join(known)} for {run.folder}")
+    result = ranked([of_run(run, by, level) for run in runs], level)
     if table is not None:
         save_frame(result, table)
     echo(printed(result, by, level))

@@ -252,11 +252,12 @@ class StudyRun(Hinting):
         """
         return regret.regret(regret.of_run(self._run))
 
-    def rank(self, by: rank.By = "center", level: float = 0.95) -> "pd.DataFrame":
+    def rank(self, by: str = "center", level: float = 0.95) -> "pd.DataFrame":
         """Estimators from the best to the worst, with all marked that cannot be told from the best, as `study rank`.
 
         Args:
-            by: the error that counts: ``"center"``, ``"radius"`` or, for circles, ``"disc"`` (1 - Jaccard index).
+            by: the error that counts: ``"center"``, ``"radius"``, of circles ``"disc"`` (1 - Jaccard index), or a number
+                of the study's measures that is least where a fit is best, such as ``"own_errors_width"``.
             level: of the comparisons with the best.
 
         Returns:
@@ -266,7 +267,8 @@ class StudyRun(Hinting):
             (``…_alone``); the share of ``failures``, and ``seconds`` per fit.
 
         Raises:
-            RunError: unless the run is a grid of several estimators with its errors, and of circles for discs.
+            RunError: unless the run is a grid of several estimators with its errors, of circles for discs, and the measure is not
+                negative.
 
         Source: Hsu, Annals of Statistics 12 (1984) 1136-1144.
         """

@@ -15,7 +15,7 @@ in all cells together, because cells may share draws; runs are independent if th
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,13 +29,12 @@ from study.simulation.experiment.measures import jaccard_index
 from study.simulation.runs.run_folder import Run
 from study.text import columns, listed
 
-By = Literal["center", "radius", "disc"]
-WORDS: dict[By, str] = {
+WORDS: dict[str, str] = {
     "center": "error of the centre",
     "radius": "error of the radius",
     "disc": "1 - Jaccard index of the fitted and the true disc",
 }
-"""The errors that estimators may be ranked by."""
+"""The errors that estimators may be ranked by, besides the numbers of a study's measures."""
 LOSSES = ("median", "rms")
 ALL = "all"
 """Name of the ranking over all runs."""
@@ -64,8 +63,19 @@ def disc_loss(distance: Floats, radius: Floats, true_radius: Floats) -> Floats:
     return np.where(known, 1.0 - jaccard_index(a, r, s, 2), np.inf)
 
 
-def _losses(errors: pd.DataFrame, by: By) -> Floats:
+def rankings(run: Run) -> dict[str, str]:
+    """What a run's estimators may be ranked by, with its meaning: errors, and the numbers of the study's measures."""
+    return WORDS | {column.name: column.meaning for column in run.study.measured() if column.kind is float}
+
+
+def _losses(errors: pd.DataFrame, by: str) -> Floats:
     """The loss of each row of an error table."""
+    if by not in WORDS:
+        values = errors[by].to_numpy(dtype=float)
+        if np.any(values < 0.0):
+            words = "losses are 0 or more, and the least is the best"
+            raise RunError(f"{by} = {values.min():g} in cell {errors['cell'].iloc[values.argmin()]}: {words}")
+        return values
     if by == "center":
         return errors["error"].to_numpy(dtype=float)
     away, radius = errors["radius_error"].to_numpy(dtype=float), errors["radius"].to_numpy(dtype=float)
@@ -238,15 +248,16 @@ def compared(
     )
 
 
-def of_run(run: Run, by: By = "center", level: float = 0.95) -> Mechanism:
+def of_run(run: Run, by: str = "center", level: float = 0.95) -> Mechanism:
     """Compare the estimators of a finished run; see `compared`.
 
     Raises:
-        RunError: if the run is not a grid of several estimators with its errors, or not of circles for discs.
+        RunError: if the run is not a grid of several estimators with its errors, or not of circles for discs, or a
+            measure is negative.
         ValueError: if errors cannot be ranked by that, or the level is no share.
     """
-    if by not in WORDS:
-        raise ValueError(f"by = {by!r}: errors are ranked by {', '.join(map(repr, WORDS))}")
+    if by not in (known := rankings(run)):
+        raise ValueError(f"by = {by!r}: errors are ranked by {', '.join(map(repr, known))}")
     if not 0.0 < level < 1.0:
         raise ValueError(f"level = {level}: give a number between 0 and 1, such as 0.95")
     check_comparable(run, "a ranking")
@@ -254,7 +265,8 @@ def of_run(run: Run, by: By = "center", level: float = 0.95) -> Mechanism:
         raise RunError(
             f"{run.folder}: dimension = {run.study.dimension}: discs are of circles; rank by center or radius"
         )
-    parts = Grouped(run).cells(["cell", "trial", "estimator", "error", "radius_error", "radius"])
+    needed = ["error", "radius_error", "radius"] if by in WORDS else [by]
+    parts = Grouped(run).cells(["cell", "trial", "estimator", *needed])
     losses = (part.assign(error=_losses(part, by)) for part in parts)
     result = compared(losses, run.study.estimators, run.study.run_name(), level)
     timings = run.table("timings", ["step", "fits", "seconds"]).astype({"step": str})
@@ -332,9 +344,9 @@ def ranked(mechanisms: Sequence[Mechanism], level: float = 0.95) -> pd.DataFrame
     return pd.concat(tables, ignore_index=True)
 
 
-def printed(table: pd.DataFrame, by: By, level: float) -> Iterator[str]:
+def printed(table: pd.DataFrame, by: str, level: float) -> Iterator[str]:
     """The table of `ranked` for a terminal."""
-    yield f"{WORDS[by]}: geometric means over cells, divided by the least, ± Monte-Carlo error"
+    yield f"{WORDS.get(by, by)}: geometric means over cells, divided by the least, ± Monte-Carlo error"
     yield f"*: cannot be told from the best at {100.0 * level:g} %; cells: where that holds, in brackets where it alone"
     for name, part in table.groupby("run", sort=False):
         yield ""
@@ -350,3 +362,5 @@ def printed(table: pd.DataFrame, by: By, level: float) -> Iterator[str]:
             cost = f"{1e3 * row['seconds']:.3g} ms" if np.isfinite(row["seconds"]) else "-"
             rows.append([*texts, f"{100.0 * row['failures']:.2g} %", cost])
         yield from columns(rows, ["", "median", "cells", "rms", "cells", "failures", "a fit"], "<>")
+        if name == ALL and (others := set(table["estimator"]) - set(part["estimator"])):
+            yield f"not in every run: {', '.join(sorted(others))}"

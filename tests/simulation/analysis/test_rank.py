@@ -216,9 +216,10 @@ def test_discs_without_a_radius():
 
 def test_rankings_of_a_run(make_run):
     """The losses are those of the error table, of each kind; seconds are those of the timings."""
-    run = make_run(DESIGN)
+    run = make_run(DESIGN.replace("[design]", 'measures = ["jaccard"]\n[design]'))
     errors, timings = run.table("errors"), run.table("timings")
     away = {"center": errors["error"], "radius": errors["radius_error"].abs()}
+    away["jaccard_index"] = errors["jaccard_index"]  # a number of a measure, which is ranked as it is
     for by, values in away.items():
         ranking = rank.ranked([rank.of_run(run, by)]).set_index("estimator")
         square = (values**2).groupby([errors["cell"], errors["estimator"]], observed=True).mean().unstack()
@@ -245,4 +246,25 @@ def test_the_command(tmp_path, well, call_here):
     pd.testing.assert_frame_equal(stored.iloc[:3], mine, check_exact=False, check_dtype=False)
     code, _, complained = call_here(tmp_path, "rank", "r1", "--by", "x")
     assert code == 2
-    assert "--by x: must be center, radius, disc" in complained
+    assert "--by x: must be center, radius, disc for r1" in complained
+
+
+def test_a_negative_measure_is_no_loss(make_run, monkeypatch):
+    """It is refused with the number and the cell, not ranked by a logarithm of nothing."""
+    run = make_run(DESIGN.replace("[design]", 'measures = ["jaccard"]\n[design]'))
+    of_part = rank.Grouped.cells
+
+    def cells(self, columns):
+        return (part.assign(jaccard_index=part["jaccard_index"] - 2.0) for part in of_part(self, columns))
+
+    monkeypatch.setattr(rank.Grouped, "cells", cells)
+    with pytest.raises(RunError, match=r"jaccard_index = -[12]\.?\d* in cell \w+: losses are 0 or more"):
+        rank.of_run(run, "jaccard_index")
+
+
+def test_who_is_not_in_every_run():
+    """Estimators that the ranking over all runs leaves out are named below it."""
+    one, two = ({name: np.arange(1.0, 21.0) for name in names} for names in ("abc", "abd"))
+    runs = [rank.compared([table(of)], list(of), name) for of, name in ((one, "one"), (two, "two"))]
+    *_, last = rank.printed(rank.ranked(runs), "center", 0.95)
+    assert last == "not in every run: c, d"
