@@ -256,8 +256,8 @@ class StudyRun(Hinting):
         """Estimators from the best to the worst, with all marked that cannot be told from the best, as `study rank`.
 
         Args:
-            by: the error that counts: ``"center"``, ``"radius"``, of circles ``"disc"`` (1 - Jaccard index), or a number
-                of the study's measures that is least where a fit is best, such as ``"own_errors_width"``.
+            by: the error that counts: ``"center"``, ``"radius"``, of circles ``"disc"`` (1 - Jaccard index), or a
+                number of the study's measures that is least where a fit is best, such as ``"own_errors_width"``.
             level: of the comparisons with the best.
 
         Returns:
@@ -267,8 +267,8 @@ class StudyRun(Hinting):
             (``…_alone``); the share of ``failures``, and ``seconds`` per fit.
 
         Raises:
-            RunError: unless the run is a grid of several estimators with its errors, of circles for discs, and the measure is not
-                negative.
+            RunError: unless the run is a grid of several estimators with its errors, of circles for discs, and no
+                number of the measure is negative.
 
         Source: Hsu, Annals of Statistics 12 (1984) 1136-1144.
         """
