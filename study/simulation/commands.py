@@ -244,7 +244,9 @@ def worst(
 
 
 def regret(
-    folder: Folder, csv: Annotated[Path | None, typer.Option("--csv", help="file to write the table to")] = None
+    folder: Folder,
+    where: Where = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="file to write the table to")] = None,
 ) -> None:
     """Compare each estimator with the best in every cell.
 
@@ -255,7 +257,10 @@ def regret(
     from study.simulation.analysis.regret import regret as means
 
     run = opened(folder)
-    table = means(of_run(run))
+    try:
+        table = means(of_run(run, where or ()))
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
     if csv is not None:
         save_frame(table, csv)
     echo(printed(run, table))

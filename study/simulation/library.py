@@ -4,7 +4,7 @@ import contextlib
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import cached_property
 from pathlib import Path
@@ -176,6 +176,11 @@ def merge(
     return complete(config, folder, workers, progress=progress)
 
 
+def _texts(where: Mapping[str, Value | Sequence[Value]]) -> list[str]:
+    """Conditions with their values, as a command takes them."""
+    return [f"{name}={value}" for name, values in where.items() for value in as_list(values)]
+
+
 class StudyRun(Hinting):
     """A run, whose tables are read when they are first asked for.
 
@@ -237,11 +242,13 @@ class StudyRun(Hinting):
         Raises:
             ValueError: if the run has no such condition, value or estimator.
         """
-        texts = [f"{name}={value}" for name, values in where.items() for value in as_list(values)]
-        return chosen_rows(self._run, texts, None if estimators is None else ",".join(as_list(estimators)))
+        return chosen_rows(self._run, _texts(where), None if estimators is None else ",".join(as_list(estimators)))
 
-    def regret(self) -> "pd.DataFrame":
+    def regret(self, **where: Value | Sequence[Value]) -> "pd.DataFrame":
         """Errors over those of the best estimator in each cell: geometric means over the cells, as `study regret`.
+
+        Args:
+            where: conditions that choose cells, as in `summary`.
 
         Returns:
             A row per number of samples (0 for all cells together) and estimator: ``median`` and ``q95``, each with its
@@ -249,8 +256,9 @@ class StudyRun(Hinting):
 
         Raises:
             RunError: unless the run is a grid of several estimators with its errors.
+            ValueError: if the run has no such condition or value.
         """
-        return regret.regret(regret.of_run(self._run))
+        return regret.regret(regret.of_run(self._run, _texts(where)))
 
     def rank(self, by: str = "center", level: float = 0.95) -> "pd.DataFrame":
         """Estimators from the best to the worst, with all marked that cannot be told from the best, as `study rank`.

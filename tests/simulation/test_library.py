@@ -12,6 +12,7 @@ import pytest
 import study
 from study.files import RunError
 from study.fits import registry
+from study.simulation.analysis import regret
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.toml import ConfigError
@@ -112,6 +113,14 @@ def test_regret_and_figures(run, well):
     folder = run.folder.parent
     well(folder, "regret", "here", "--csv", "regret.csv")
     pd.testing.assert_frame_equal(run.regret(), pd.read_csv(folder / "regret.csv"), check_exact=False)
+    well(folder, "regret", "here", "--where", "samples=20,angle=60", "--csv", "some.csv")
+    some = run.regret(samples=20, angle=60)
+    pd.testing.assert_frame_equal(some, pd.read_csv(folder / "some.csv"), check_exact=False)
+    errors = run.errors[(run.errors["samples"] == 20) & (run.errors["angle"] == 60)]
+    whole = regret.regret(regret.by_cell([errors], list(run.errors["estimator"].unique())))
+    pd.testing.assert_frame_equal(some, whole, check_exact=False)
+    with pytest.raises(ValueError, match="no cell has it"):
+        run.regret(samples=21)
     assert run.plot("fig_map").axes
     with pytest.raises(ValueError, match=r"fig6_mgdk of test-\w+: .*needs"):
         run.plot("fig6_mgdk")

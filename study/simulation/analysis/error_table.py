@@ -102,15 +102,17 @@ class Grouped:
         values, groups = {name: rows[name].to_numpy() for name in (*columns, "decade")}, _grouped(rows).indices
         return {key: {name: column[groups[key]] for name, column in values.items()} for key in wanted}
 
-    def cells(self, columns: Collection[str]) -> Iterator[pd.DataFrame]:
+    def cells(self, columns: Collection[str], only: Collection[str] | None = None) -> Iterator[pd.DataFrame]:
         """All rows of some cells of a grid at a time, in the order of the table.
 
         Args:
             columns: columns of the error table; ``cell`` and ``estimator`` are added.
+            only: names of the cells; all if None.
         """
         keys: dict[str, list[Key]] = {}
         for key in self.counts:
-            keys.setdefault(key[0], []).append(key)
+            if only is None or key[0] in only:
+                keys.setdefault(key[0], []).append(key)
         sizes = {cell: sum(self.counts[key] for key in keys[cell]) for cell in keys}
         for cells in _batches(sizes, len(columns)):
             yield self._of([key for cell in cells for key in keys[cell]], columns)

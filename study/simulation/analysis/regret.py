@@ -15,6 +15,7 @@ import pandas as pd
 from study.arrays import Floats, Ints
 from study.files import RunError
 from study.simulation.analysis.error_table import Grouped
+from study.simulation.analysis.summary import chosen_rows
 from study.simulation.experiment.conditions import named_in
 from study.simulation.runs.run_folder import Run
 from study.text import columns
@@ -127,14 +128,20 @@ def check_comparable(run: Run, what: str) -> None:
         raise RunError(f"{run.folder}: {what} compares estimators: list more than one in the config")
 
 
-def of_run(run: Run) -> pd.DataFrame:
+def of_run(run: Run, where: Iterable[str] = ()) -> pd.DataFrame:
     """The table of `by_cell` of a finished run.
+
+    Args:
+        run: the run.
+        where: texts that choose cells, see `chosen_rows`; all if there are none.
 
     Raises:
         RunError: if the run is not finished, has no error table, is not a grid, or has one estimator only.
+        ValueError: if no cell has the values.
     """
     check_comparable(run, "regret")
-    return by_cell(Grouped(run).cells(NEEDED), list(run.study.estimators))
+    only = set(chosen_rows(run, where)["group"]) if where else None
+    return by_cell(Grouped(run).cells(NEEDED, only), list(run.study.estimators))
 
 
 def of_summary(summary: pd.DataFrame) -> pd.DataFrame:

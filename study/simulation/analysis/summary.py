@@ -154,8 +154,8 @@ def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = No
 
     Args:
         run: a finished run.
-        where: texts like ``angle=45,samples=1000``; a condition stands with its name or its symbol. In a random design
-            a value of σ/r chooses the decade that it lies in. All cells, if there are none.
+        where: texts like ``angle=45,samples=100,1000``; a condition stands with its name or its symbol. In a random
+            design a value of σ/r chooses the decade that it lies in. All cells, if there are none.
         estimators: names with commas between; None for all.
 
     Raises:
@@ -167,12 +167,14 @@ def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = No
         words = f"not in this run; {estimator_remedy(unknown, run.study.estimators)}"
         raise ValueError(f"--estimators {', '.join(unknown)}: {words}")
     wanted: dict[Condition, list[Value]] = {}
-    for text in (part.strip() for words in where for part in _COMMA.split(words)):
-        key, equals, value = map(str.strip, text.partition("="))
-        if not equals or not value:
-            raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
-        condition = _condition(run, key)
-        wanted.setdefault(condition, []).append(_value(condition, value))
+    for words in where:
+        condition = None
+        for text in map(str.strip, _COMMA.split(words)):
+            key, equals, value = map(str.strip, text.rpartition("="))
+            if not value or not (equals or condition):
+                raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
+            condition = _condition(run, key) if equals or condition is None else condition
+            wanted.setdefault(condition, []).append(_value(condition, value))
     summary = stored_summary(run)
     use = np.ones(len(summary), dtype=bool)
     for condition, values in wanted.items():

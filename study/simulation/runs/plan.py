@@ -154,6 +154,8 @@ _ROW_BYTES = 51.0
 _POINT_BYTES = 25.0
 _ROW_SECONDS = 1e-6
 """Typical time to write a row and to summarise it: five seconds for five million."""
+_GROUP_SECONDS = 3e-4
+"""Typical time to summarise one estimator in one cell, besides that of its rows."""
 _START_SECONDS = 2.0
 """Typical time in which worker processes start."""
 _MOST_COUNTED = 300_000
@@ -236,6 +238,8 @@ def plan(study: Study, jobs: int) -> Plan:
     space = (_ROW_BYTES + 8.0 * sum(c.kind is float for c in study.measured())) * rows + _POINT_BYTES * stored
     seconds = max((seconds + pace.summary * study.cells()) / min(jobs, units), longest)
     seconds += _ROW_SECONDS * rows + _START_SECONDS * processes
+    if study.keep == "errors" and not study.design.one_trial_a_cell:
+        seconds += _GROUP_SECONDS * study.cells() * len(study.estimators)
     return Plan(study.cells(), units, trials, draws, samples, fits, space, seconds)
 
 

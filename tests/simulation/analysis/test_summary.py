@@ -263,6 +263,7 @@ def test_a_cell_of_other_numbers_is_not_the_same_by_scaling(grid):
         (["angle=30"], {"angle": [30]}),
         (["φ=30°, N=5"], {"angle": [30], "samples": [5]}),
         (["angle=30,angle=180", "radius=7.5"], {"angle": [30, 180], "radius": [7.5]}),
+        (["angle=30, 180,radius=7.5"], {"angle": [30, 180], "radius": [7.5]}),
         (["σ/r=0.00178"], {"ratio": [10**-2.75]}),  # as a label has it
         (["noise_over_radius=0.1,center=1"], {"ratio": [0.1], "center": [1]}),
     ],
