@@ -64,7 +64,7 @@ def disc_loss(distance: Floats, radius: Floats, true_radius: Floats) -> Floats:
 
 
 def rankings(run: Run) -> dict[str, str]:
-    """What a run's estimators may be ranked by, with its meaning: errors, and the numbers of the study's measures."""
+    """Losses by which a run's estimators may be ranked, with meanings: errors, and numbers of the study's measures."""
     return WORDS | {column.name: column.meaning for column in run.study.measured() if column.kind is float}
 
 

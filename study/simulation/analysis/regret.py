@@ -171,7 +171,8 @@ def printed(run: Run, table: pd.DataFrame) -> Iterator[str]:
     whole, conditions = table[table["samples"] == 0], named_in([c.name for c in run.study.conditions()])
     varied = ", ".join(condition.symbol for condition in conditions)
     yield f"{run.study.run_name()}: error of the centre over that of the best estimator in each cell of {varied}"
-    yield f"geometric means over {whole['cells'].max()} cells; the largest in brackets"
+    count = int(whole["cells"].max())
+    yield f"geometric means over {count:,} cell{'s' * (count != 1)}; the largest in brackets"
     sizes = [int(n) for n in table["samples"].unique() if n]
     rows = []
     for row in whole.sort_values("median", kind="stable").to_dict("records"):
