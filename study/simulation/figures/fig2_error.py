@@ -80,7 +80,7 @@ def prepare(tables: Tables) -> Frame:
     if shown < tables.trials:
         stamp = f"{tables.name} · the first {shown:,} of {tables.trials:,} trials"
     if len(bound):
-        stamp += f", at least {bound['trials'].min()} in each decade of the CRLB's median"
+        stamp += f", at least {bound['trials'].min():,} in each decade of the CRLB's median"
     ends = {"noise_limits": (low, high), "error_limits": limits}
     ends["ratio_limits"] = _robust_limits(dots["ratio"].to_numpy(), _LEFT_OUT)
     return Frame(dots=dots, bound=bound, medians=_medians(dots), panels=panels, stamp=stamp, **ends)
@@ -193,7 +193,9 @@ def _draw_ratios(ax: Axes, frame: Frame, name: str) -> None:
     ratio = frame.dots.loc[frame.dots["estimator"] == name, "ratio"]
     off = int((~((ratio >= low) & (ratio <= high))).sum())
     if off:
-        ax.text(0.03, 0.97, f"{off:,} off the scale", transform=ax.transAxes, va="top", fontsize=style.SMALL)
+        words: style.Marks = {"transform": ax.transAxes, "va": "top", "fontsize": style.SMALL, "zorder": 8}
+        behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}  # rings may lie there
+        ax.text(0.03, 0.97, f"{off:,} off the scale", bbox=behind, **words)
 
 
 def _scales(ax: Axes, frame: Frame, limits: tuple[int, int], narrow: bool) -> None:

@@ -2,8 +2,8 @@
 
 A row is a cell. A column is an estimator ± t of its own standard errors; the last column is the interval from the
 points alone. The height of an interval is its rank by that distance in its own half-widths (Morris, White & Crowther
-2019). The lower half of the ranks is left out. Red intervals miss the truth. The dashed line is the rank of 95 %, and
-the band is its 95 % Monte-Carlo interval.
+2019). The lower half of the ranks is left out; of more than 5,000 intervals each second, third, … is drawn. Red
+intervals miss the truth. The dashed line is the rank of 95 %, and the band is its 95 % Monte-Carlo interval.
 
 Look at: a zip that opens below the band. Red intervals on one side alone show a bias, and short ones a standard error
 that is too small.
