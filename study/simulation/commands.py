@@ -107,7 +107,7 @@ def status(folder: Folder, as_json: Json = False) -> None:
     echo([json_text(vars(result))] if as_json else printed(result))
 
 
-_WHERE = "cells with these values, such as angle=45,samples=1000"
+_WHERE = "cells with these values, such as angle=45,samples=20,200"
 Where = Annotated[list[str] | None, typer.Option("--where", metavar="CONDITION=VALUE,…", help=_WHERE)]
 _ESTIMATORS = "such as als,mle [default: all]"
 EstimatorChoice = Annotated[str | None, typer.Option("--estimators", "-e", metavar="NAME,…", help=_ESTIMATORS)]
@@ -136,7 +136,7 @@ def summary(
     that are not ok.
 
     The table fits a screen: of many cells it has some that are evenly spread over the conditions, and cells that differ
-    by scaling alone are printed once. If --where gives a condition several times, cells with any of the values count.
+    by scaling alone are printed once. If --where gives a condition several values, cells with any of them count.
 
     With --measure the table has another measure of the summary, of all fits unless its name ends in _ok.
 
