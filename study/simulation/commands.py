@@ -268,7 +268,10 @@ def regret(
 
 _RANKED = "folders of runs, or their configs, each a mechanism"
 Ranked = Annotated[list[Path], typer.Argument(metavar="RUN", parser=run_folder, help=_RANKED)]
-_BY = "error that estimators are ranked by: center, radius, disc (of circles: 1 - Jaccard index), or a measure"
+_BY = (
+    "error that estimators are ranked by: center, radius, disc (of circles: 1 - Jaccard index), or a column of numbers "
+    "of a measure whose least is best, such as own_errors_width"
+)
 RankBy = Annotated[str, typer.Option("--by", help=_BY)]
 _LEVEL = "level at which the others are told from the best"
 RankLevel = Annotated[float, typer.Option("--level", min=0.5, max=0.999, help=_LEVEL)]

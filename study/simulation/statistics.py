@@ -335,8 +335,14 @@ def measured(name: str, columns: Columns, further: Sequence[MeasureColumn] = ())
     """
     for column in further:
         if name in column.summaries:
-            return of_column(column)[name][1](columns[column.name])
+            return _summarised(column, columns)[name]
     return MEASURES[name].of(Fits(columns))
+
+
+def _summarised(column: MeasureColumn, fits: Columns) -> dict[str, Measure]:
+    """The summaries of a column of a measure by name."""
+    with np.errstate(invalid="ignore"):  # a mean with infinite values has no error
+        return {name: of_values(fits[column.name]) for name, (_, of_values) in of_column(column).items()}
 
 
 def _share_of(values: Bools) -> Measure:
@@ -377,9 +383,8 @@ def row(group: str, estimator: str, fits: Columns, measured: Sequence[MeasureCol
     for name, measure in MEASURES.items():
         result[name], result[f"{name}_error"] = measure.of(measures)
     for column in measured:
-        with np.errstate(invalid="ignore"):  # a mean with infinite values has no error
-            for name, (_, of_values) in of_column(column).items():
-                result[name], result[f"{name}_error"] = of_values(fits[column.name])
+        for name, (value, error) in _summarised(column, fits).items():
+            result[name], result[f"{name}_error"] = value, error
     return result
 
 

@@ -103,7 +103,8 @@ def _by_errors(one: Run, other: Run) -> tuple[list[Row], tuple[int, int], str]:
     further = [column.name for column in measured]
     rows: list[Row] = []
     words: dict[str, str] = {}
-    for keys in a.batches([*columns, *further] * 2, shared):
+    larger = max((a, b), key=lambda table: sum(table.counts.values()))
+    for keys in larger.batches([*columns, *further] * 2, shared):
         mine, theirs = a.read(keys, columns + further), b.read(keys, compared + further)
         for key in keys:
             if key[0] not in words:

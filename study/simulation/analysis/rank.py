@@ -63,9 +63,9 @@ def disc_loss(distance: Floats, radius: Floats, true_radius: Floats) -> Floats:
     return np.where(known, 1.0 - jaccard_index(a, r, s, 2), np.inf)
 
 
-def rankings(run: Run) -> dict[str, str]:
-    """Losses by which a run's estimators may be ranked, with meanings: errors, and numbers of the study's measures."""
-    return WORDS | {column.name: column.meaning for column in run.study.measured() if column.kind is float}
+def rankings(run: Run) -> list[str]:
+    """Losses by which a run's estimators may be ranked: errors, and columns of numbers of the study's measures."""
+    return [*WORDS, *(column.name for column in run.study.measured() if column.kind is float)]
 
 
 def _losses(errors: pd.DataFrame, by: str) -> Floats:
@@ -73,8 +73,8 @@ def _losses(errors: pd.DataFrame, by: str) -> Floats:
     if by not in WORDS:
         values = errors[by].to_numpy(dtype=float)
         if np.any(values < 0.0):
-            words = "losses are 0 or more, and the least is the best"
-            raise RunError(f"{by} = {values.min():g} in cell {errors['cell'].iloc[values.argmin()]}: {words}")
+            least, words = int(np.nanargmin(values)), "losses are 0 or more, and the least is the best"
+            raise RunError(f"{by} = {values[least]:g} in cell {errors['cell'].iloc[least]}: {words}")
         return values
     if by == "center":
         return errors["error"].to_numpy(dtype=float)
@@ -346,7 +346,8 @@ def ranked(mechanisms: Sequence[Mechanism], level: float = 0.95) -> pd.DataFrame
 
 def printed(table: pd.DataFrame, by: str, level: float) -> Iterator[str]:
     """The table of `ranked` for a terminal."""
-    yield f"{WORDS.get(by, by)}: geometric means over cells, divided by the least, ± Monte-Carlo error"
+    loss = WORDS.get(by, f"{by} (the least is the best; a failure has no finite number of it)")
+    yield f"{loss}: geometric means over cells, divided by the least, ± Monte-Carlo error"
     yield f"*: cannot be told from the best at {100.0 * level:g} %; cells: where that holds, in brackets where it alone"
     for name, part in table.groupby("run", sort=False):
         yield ""

@@ -28,6 +28,7 @@ from study.simulation.analysis.theory import median_at_bound, median_attainable
 from study.simulation.experiment.conditions import (
     ANGLE,
     CENTER,
+    CONDITIONS,
     DIRECTIONS,
     NOISE,
     NOISE_OVER_RADIUS,
@@ -58,8 +59,7 @@ def stored_summary(run: Run) -> pd.DataFrame:
     if not missing:
         return stored
     if run.has("errors"):
-        errors = run.table("errors", ["cell", "estimator", *(c.name for c in STORED), *statistics.NEEDED])
-        computed = summary(errors, run.study.design.one_trial_a_cell)
+        computed: pd.DataFrame = pa.concat_tables(rows_of_groups(run, Grouped(run))).to_pandas()
         return computed[[c.name for c in schemas.summary([c for c in STORED if c.name in stored])]]
     # the column of a measure with failures last, or of its Monte-Carlo error
     known = {name: f"{name.removesuffix('_error')}_all" + "_error" * name.endswith("_error") for name in missing}
@@ -171,7 +171,7 @@ def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = No
         condition = None
         for text in map(str.strip, _COMMA.split(words)):
             key, equals, value = map(str.strip, text.rpartition("="))
-            if not value or not (equals or condition):
+            if not value or not (equals or condition) or (not equals and value in CONDITIONS):
                 raise ValueError(f"--where {text!r}: not CONDITION=VALUE, such as angle=45")
             condition = _condition(run, key) if equals or condition is None else condition
             wanted.setdefault(condition, []).append(_value(condition, value))
@@ -186,18 +186,19 @@ def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = No
 
 
 def _having(summary: pd.DataFrame, condition: Condition, values: list[Value]) -> Bools:
-    """True for the rows of a summary whose condition has one of the values; ValueError if none has."""
+    """True for the rows of a summary whose condition has one of the values; ValueError if none has one of them."""
     rows, asked = (list(map(condition.written, some)) for some in (_values(condition, summary), values))
-    texts = " or ".join(asked)
+    texts = list(asked)  # as the message has them
     if len(summary) and condition is NOISE_OVER_RADIUS and np.isfinite(summary["decade"]).all():
         powers = summary["decade"], decade([float(value) for value in values])
         rows, asked = ([f"1e{power:+03.0f}" for power in some] for some in powers)
     here = np.isin(rows, asked)
-    if len(summary) and not here.any():
+    if len(summary) and (missing := [text for text, word in zip(texts, asked, strict=True) if word not in rows]):
         there = list(dict.fromkeys(rows))
+        words = " or ".join(missing)
         others = f" and {len(there) - _SHOWN} others" if len(there) > _SHOWN else ""
         raise ValueError(
-            f"--where {condition.name}={texts}: no cell has it; there are {', '.join(there[:_SHOWN])}{others}"
+            f"--where {condition.name}={words}: no cell has it; there are {', '.join(there[:_SHOWN])}{others}"
         )
     return here
 

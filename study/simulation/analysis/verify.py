@@ -292,7 +292,9 @@ class Verification:
                 if {"errors", "summary"} <= set(good):
                     self.again["summary"] = recompute_summary(run, seed, share)
                 self.again |= recompute_chains(run, good, seed, share)
-        changed = (f"{name}: changed since the run was made; its numbers may differ" for name in run.changed_code())
+        changed = (
+            f"{name}: changed since the run was made, so that its numbers may differ" for name in run.changed_code()
+        )
         self.counts, self.remarks = _wrong_counts(run, good), [*filter(None, [other_version(run.maker())]), *changed]
 
     @property

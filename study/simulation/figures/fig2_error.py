@@ -2,7 +2,7 @@
 
 The paper's figure 2 overlays four estimators and rings the outliers. The paper reads it as one straight line, error =
 noise, for all of them, with UGDK closest to the Cramér-Rao bound. Here every trial is a dot, and every estimator has
-its panels. Nothing is left out. A ring is a fit whose error is beyond ten times its own bound, a cross one whose status
+its panels. No fit is left out. A ring is a fit whose error is beyond ten times its own bound, a cross one whose status
 is not ok; fits off the scale are counted. Above is the paper's view. Each trial has its own N and φ, and so its own
 bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over the
 trial's own √tr CRLB, with its median in each decade.

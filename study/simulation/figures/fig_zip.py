@@ -2,7 +2,7 @@
 
 A row is a cell. A column is an estimator ± t of its own standard errors; the last column is the interval from the
 points alone. The height of an interval is its rank by that distance in its own half-widths (Morris, White & Crowther
-2019). The lower half of the ranks is left out; of more than 5,000 intervals each second, third, … is drawn. Red
+2019). The lower half of the ranks is left out; of more than 5,000 intervals only every second, third, … is drawn. Red
 intervals miss the truth. The dashed line is the rank of 95 %, and the band is its 95 % Monte-Carlo interval.
 
 Look at: a zip that opens below the band. Red intervals on one side alone show a bias, and short ones a standard error
@@ -28,9 +28,9 @@ _CELLS, _ESTIMATORS = 4, 4
 """Largest numbers of rows, and of columns besides the last."""
 _FEWEST = 20
 _LOWEST = 0.5
-_LINES = 5000
-"""Intervals that a panel shows; of more, each second, third, …"""
 """Rank of the lowest interval that is drawn."""
+_LINES = 5000
+"""Intervals that a panel shows; of more, only every second, third, …"""
 _WIDE = 2.5
 """Half-widths of the median interval that a panel shows on either side."""
 _HELD, _MISSED, _GREY = "#7fa7c9", "#c1121f", "#dddddd"
@@ -117,7 +117,7 @@ def _intervals(ax: Axes, ends: Floats, ranks: Floats, limits: tuple[float, float
     ax.axhspan(LEVEL - error, min(LEVEL + error, 1.0), color=_GREY, linewidth=0.0, zorder=0)
     ax.axhline(LEVEL, color="black", linewidth=0.6, linestyle=(0, (4, 2)), zorder=1)
     shown = np.flatnonzero((ranks >= _LOWEST) & ~np.isnan(ends).any(axis=1))
-    shown = shown[:: 1 + len(shown) // _LINES]
+    shown = shown[:: -(-len(shown) // _LINES) or 1]
     low, high = np.clip(ends[shown], *limits).T
     held = (ends[shown, 0] <= 1.0) & (ends[shown, 1] >= 1.0)
     lines = np.stack([np.column_stack([low, ranks[shown]]), np.column_stack([high, ranks[shown]])], axis=1)

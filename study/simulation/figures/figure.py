@@ -111,7 +111,6 @@ class Tables:
 
     def cells(self, columns: Collection[str]) -> Iterator[pd.DataFrame]:
         """Columns of the error table of a grid, some whole cells at a time: it may be larger than the memory."""
-        self.require_errors()
         return Grouped(self.run).cells(columns)
 
     def first_trials(self, most: int) -> pd.DataFrame:

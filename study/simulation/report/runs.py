@@ -85,7 +85,7 @@ def precision(tables: Tables) -> list[Markup]:
     """)
     head = ["Why there are no more trials", "cells", "trials of each"]
     table = html.table(f"Trials by need, {tables.name}", caption, head, rows, numeric={1, 2})
-    title = f"the {MEASURES[asked.measure].title}" if asked.measure in MEASURES else "a measure of the study"
+    title = f"the {MEASURES[asked.measure].title}" if asked.measure in MEASURES else "this column of a measure"
     told: list[str] = [
         f"Trials were added until the Monte-Carlo error of {title} (",
         html.code(asked.measure),

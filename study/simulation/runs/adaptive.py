@@ -19,6 +19,7 @@ import pyarrow.compute as pc
 
 from study.simulation.experiment.config import Precision, Study
 from study.simulation.experiment.designs import Batch, Cell, Group
+from study.simulation.experiment.measures import MeasureColumn
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Layout, Parts, shorter
 from study.simulation.statistics import Measure, measured
@@ -62,9 +63,10 @@ def measure_cells(
         places: for each group of cells the pieces of its trials, in order; the last one has the cells to measure.
         precision: the config's section.
     """
-    names, further = precision.estimators or layout.study.estimators, layout.study.measured()
+    names = precision.estimators or layout.study.estimators
+    further = [column for column in layout.study.measured() if precision.measure in column.summaries]
     for batch in _batches(places, len(layout.study.estimators)):
-        table = _read(layout, parts, batch).to_pandas()
+        table = _read(layout, parts, batch, further).to_pandas()
         rows = table.groupby(["cell", "estimator"], observed=True, sort=False).indices
         columns = {name: table[name].to_numpy() for name in table.columns if name not in ("cell", "estimator")}
         for pieces, cells in batch:
@@ -76,10 +78,10 @@ def measure_cells(
                 yield cell, _worst(precision, pieces[-1].last, measures)
 
 
-def _read(layout: Layout, parts: Parts, batch: CellBatch) -> pa.Table:
-    """Read the rows of some cells, those of each in the order of its trials."""
+def _read(layout: Layout, parts: Parts, batch: CellBatch, further: Sequence[MeasureColumn]) -> pa.Table:
+    """Read the rows of some cells, those of each in the order of its trials, with further columns."""
     tables: list[pa.Table] = []
-    needed = ["cell", "estimator", *COLUMNS, *(column.name for column in layout.study.measured())]
+    needed = ["cell", "estimator", *COLUMNS, *(column.name for column in further)]
     order = sorted((index, number) for number, (pieces, _) in enumerate(batch) for index in range(len(pieces)))
     for index, number in order:  # across groups first: what was computed together is stored together
         pieces, cells = batch[number]

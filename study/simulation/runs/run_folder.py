@@ -395,10 +395,12 @@ class Run:
 
     def changed_code(self) -> list[str]:
         """Files or packages of a user's own whose code is not that which made the finished run."""
-        known = self.known()
-        made = [entry for kind in ("estimators", "laws", "measures") for entry in known.get(f"own_{kind}") or ()]
-        digests = {entry["sha256"] for entry in made}
+        digests = self._made_by("estimators") | self._made_by("laws") | self._made_by("measures")
         return list(dict.fromkeys(str(own["from"]) for own in self._own_code() if own["sha256"] not in digests))
+
+    def _made_by(self, kind: str) -> set[str]:
+        """Digests of a user's own code, of a kind, that made the finished run."""
+        return {str(origin["sha256"]) for origin in self.known().get(f"own_{kind}") or ()}
 
     def valid(self, name: str) -> bool:
         """True if a table is stored, and has the digest that its manifest says, and the columns declared."""
@@ -575,10 +577,10 @@ class Run:
 
     def same_code(self) -> bool:
         """Tell whether the measures, and the laws of a user's own, are those that a finished run was made by."""
-        known = self.known()
-        made = {str(origin["sha256"]) for origin in known.get("own_laws") or ()}
-        same = known.get("measures", {}) == self.study.measure_versions()
-        return same and made == {str(origin["sha256"]) for origin in laws.origins(self.study.own_laws())}
+        same = self.known().get("measures", {}) == self.study.measure_versions()
+        return same and self._made_by("laws") == {
+            str(origin["sha256"]) for origin in laws.origins(self.study.own_laws())
+        }
 
     def stopped(self) -> float | None:
         """Seconds of the budget that stopped the run before its end; None if none did."""

@@ -6,6 +6,7 @@ import pytest
 
 import study
 from study.simulation.analysis import error_table, rank, regret
+from study.simulation.analysis.compare import Difference
 from study.simulation.analysis.error_table import Grouped
 from study.simulation.figures import Tables, fig2_error
 from study.simulation.runs.run_folder import Run
@@ -37,6 +38,13 @@ angle = {{ law = "uniform", low = 30, high = 180 }}
 COLUMNS = ("cell", "samples", "trial", "estimator", "error", "status")
 
 
+def cut_small(patch):
+    """Let row groups and units be small; blocks of trials, which share a stream, too."""
+    patch.setattr("study.files._ROWS_PER_GROUP", 50)
+    patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 4)
+    patch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 500)
+
+
 @pytest.fixture(scope="module", params=["shared", "independent", "random"])
 def run(request, tmp_path_factory):
     """A run whose table has many small row groups and units, so that the rows of a cell lie in several of them."""
@@ -44,9 +52,7 @@ def run(request, tmp_path_factory):
     config = folder / "parts.toml"
     config.write_text((RANDOM if request.param == "random" else GRID).format(draws=request.param))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("study.files._ROWS_PER_GROUP", 50)
-        patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 4)
-        patch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 500)
+        cut_small(patch)
         study.run(config, folder=folder / "run")
     assert pq.ParquetFile(folder / "run" / "errors.parquet").num_row_groups > 3
     return Run.open(folder / "run")
@@ -95,6 +101,29 @@ def test_comparisons_do_not_depend_on_the_parts(run, memory):
     found = rank.ranked([rank.of_run(run)]).drop(columns="seconds")
     whole = rank.ranked([rank.compared([errors], names, run.study.run_name())]).drop(columns="seconds")
     pd.testing.assert_frame_equal(found, whole)
+
+
+def test_differences_do_not_depend_on_the_parts(run, memory, tmp_path, monkeypatch):
+    """A run is identical with itself, and in the trials that both have with a shorter one, in any parts."""
+    text = (run.folder / "config.toml").read_text()
+    assert Difference(run, run).verdict == "identical"
+    (tmp_path / "short.toml").write_text(text.replace("trials = 60", "trials = 40").replace("= 90", "= 70"))
+    cut_small(monkeypatch)
+    study.run(tmp_path / "short.toml", folder=tmp_path / "short")
+    short = Run.open(tmp_path / "short")
+    for pair in ((run, short), (short, run)):
+        found = Difference(*pair)
+        assert found.verdict == "identical in the trials that both have"
+        assert not found.comparisons["same_trials"].all()
+
+
+def test_rows_of_cells_and_estimators(run):
+    """A table's rows can be read for some cells and estimators alone, in their order."""
+    whole = run.table("errors")
+    cells, names = list(whole["cell"].unique()[[1, 3]]), [run.study.estimators[-1]]
+    found = run.table("errors", ["cell", "estimator", "error"], names, cells)
+    expected = whole[whole["cell"].isin(cells) & whole["estimator"].isin(names)]
+    assert found["error"].tolist() == expected["error"].tolist()
 
 
 @pytest.mark.parametrize("run", ["random"], indirect=True)

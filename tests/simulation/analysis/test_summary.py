@@ -9,6 +9,7 @@ The summary as it is stored beside a run, and as it is printed.
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pandas as pd
@@ -277,6 +278,20 @@ def test_where(grid, where, conditions):
     found = chosen_rows(grid, where, "ugdk")
     assert len(found) > 0
     assert list(found.index) == list(expected[expected["estimator"] == "ugdk"].index)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("angle=30,31", "--where angle=31°: no cell has it; there are "),
+        ("angle=30,samples", "--where 'samples': not CONDITION=VALUE, such as angle=45"),
+        ("30,angle=30", "--where '30': not CONDITION=VALUE, such as angle=45"),
+    ],
+)
+def test_where_refuses(grid, text, words):
+    """A value that no cell has is named, also beside one that cells have; so is what is no condition with a value."""
+    with pytest.raises(ValueError, match=re.escape(words)):
+        chosen_rows(grid, [text], None)
 
 
 def test_where_in_a_random_design(random):

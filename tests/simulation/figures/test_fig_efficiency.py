@@ -107,6 +107,7 @@ def test_medians_of_efficiency(small):
         assert row.ratio == pytest.approx(told, rel=1e-6 if row.angle == 180.0 else 0.01)
         assert np.isinf(row.ratio) == (row.estimator == "ugdk" and row.level < 0.2)
     fig_efficiency.draw(frame).draw_without_rendering()
+    assert fig_efficiency.prepare(dataclasses.replace(tables, rows=None)).curves.equals(frame.curves)
 
 
 def test_medians_of_the_map(grid, refused):

@@ -83,6 +83,15 @@ def test_a_zip_by_hand():
     assert coverage.value == 0.75
 
 
+def test_intervals_of_a_long_cell_are_thinned(two, monkeypatch):
+    """A panel shows at most so many intervals, evenly over the ranks; as many as it may show are not thinned."""
+    frame = fig_zip.prepare(two)
+    for most, shown in ((100, 100), (99, 50), (30, 25)):  # the upper half of 200 trials
+        monkeypatch.setattr(fig_zip, "_LINES", most)
+        (lines, *_) = fig_zip.draw(frame).axes[-1].collections
+        assert len(lines.get_segments()) == shown
+
+
 def test_an_open_interval_holds_what_it_reaches():
     """No upper end is no distance on that side; an interval that is not known misses."""
     estimate, ends = np.array([0.9, 1.1]), np.array([[0.8, np.inf], [np.nan, np.nan]])

@@ -67,7 +67,9 @@ def test_measures_of_the_study_can_be_explored(make_run, make_claims):
     for name in ("own_errors_radius", "own_errors_width_median"):
         assert np.allclose(measures[name]["values"], frame[name], rtol=1e-4)
         assert np.allclose(measures[name]["errors"], frame[f"{name}_error"], rtol=1e-2)
-    assert "error of a measure of the study (<code>own_errors_radius</code>)" in render(Material([run], make_claims()))
+    assert "error of this column of a measure (<code>own_errors_radius</code>)" in render(
+        Material([run], make_claims())
+    )
 
 
 @pytest.mark.parametrize("name", ["circles", "random"])
