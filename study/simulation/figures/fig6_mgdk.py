@@ -81,7 +81,7 @@ def prepare(tables: Tables) -> Frame:
         distances=distances,
         medians=tuple(quantile(errors, 0.5) for errors in distances),
         stamp=f"{tables.name} · trial {shown} of {count}; medians over {count} trials",
-        caption=f"$N$ = {cell['samples']} each, $σ$ = {cell['noise']:g}, $φ$ = {cell['angle']:g}°",
+        caption=f"$N$ = {int(cell['samples']):,} each, $σ$ = {cell['noise']:g}, $φ$ = {cell['angle']:g}°",
     )
 
 

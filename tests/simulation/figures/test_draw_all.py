@@ -188,6 +188,12 @@ def test_figures_carry_the_runs_name_and_trials(runs, sources, frames, name):
     assert ("trial 0;" if name == "fig_posterior" else str(study.design.trials)) in said
 
 
+def test_numbers_of_samples_are_whole(frames, runs, sources):
+    """The caption of figure 6 has the number of samples as the config has it."""
+    (samples,) = {int(n) for n in runs[sources["fig6_mgdk"]].table("summary")["samples"]}
+    assert f"$N$ = {samples} each" in frames["fig6_mgdk"].caption
+
+
 @pytest.mark.parametrize("name", ["fig4_ugdk_ellipse", "fig7_power_law"])
 def test_tables_are_left_alone(circles, name):
     """A figure changes none of the tables that the next one is drawn from."""
