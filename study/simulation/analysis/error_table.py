@@ -1,7 +1,8 @@
-"""Stored error tables by group and estimator, a part at a time, so that a table of any length fits in memory.
+"""Stored error tables by group and estimator, a part at a time, so that long tables need little memory.
 
-A group is a cell, or, in a random design, a decade of σ/r. Cells that share their draws are computed together, so that
-the rows of one cell may lie all over the table: of each row group only the wanted rows stay in memory.
+The least part is the rows of one estimator in one group. A group is a cell, or, in a random design, a decade of σ/r.
+Cells that share their draws are computed together, so that the rows of one cell may lie all over the table: of each row
+group only the wanted rows stay in memory.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
