@@ -303,7 +303,7 @@ def test_in_this_process(well, call_here, folder):
     (folder / "my.py").write_text(PLUGIN.replace("return center, ", "return center, 2.0 * "), encoding="utf-8")
     forget()
     said = call_here(folder, "verify", "out", "--share", "1", "--plugin", "my.py")[1]
-    assert "my.py: changed since the run was made, so that its numbers may differ" in said
+    assert "my.py: changed since the run was made: numbers computed now may differ" in said
     assert "not verified" in said
     changed = (after["radius_error"] != before["radius_error"]).groupby(after["estimator"], observed=True).mean()
     assert dict(changed) == {"coope": 1.0, "gdke": 0.0, "als": 0.0}

@@ -167,7 +167,7 @@ def test_a_budget_that_ends_at_once(refused, well, call_here, folder):
     assert "0 reached the target" in status
     assert "4 are open" in status
     assert "no cell has a trial yet" in well(folder, "summary", "out")
-    for verb in ("figures", "report"):
+    for verb in ("figures", "report", "regret", "rank"):
         refused(folder, 1, " ... its budget ended before any cell had a trial", verb, "out")
     well(folder, "worst", "out")
     assert well(folder, *command.split()[1:]) == "out\n"

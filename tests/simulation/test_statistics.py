@@ -27,7 +27,6 @@ from stopping import LAWS, studies
 
 import study
 from study.simulation import statistics
-from study.simulation.analysis.summary import summary
 from study.simulation.experiment.compute import Errors, compute
 from study.simulation.experiment.config import Study
 from study.simulation.statistics import (
@@ -42,6 +41,7 @@ from study.simulation.statistics import (
     tail_index,
     theil_sen,
 )
+from tests.summaries import summary
 
 X = np.logspace(1, 5, 13)
 

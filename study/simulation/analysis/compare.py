@@ -156,9 +156,7 @@ def _compared(
     a = values_of(first)
     b = a if equal and _alike(first["bound"], second["bound"]) else values_of(second)
     counts = len(one["trial"]), len(other["trial"])
-    if b is a:
-        chance, trials, same = 1.0, len(a), counts == (len(a), len(a))
-    elif both is not None:
+    if both is not None:
         with np.errstate(invalid="ignore"):
             differ = ~((np.abs(a - b) <= _ROUNDING) | (a == b))
         worse, better = int(np.sum(differ & (b > a))), int(np.sum(differ & (b < a)))

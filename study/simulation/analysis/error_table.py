@@ -15,8 +15,9 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
 from study.arrays import Floats
+from study.files import RunError
 from study.simulation.experiment.compute import Columns
-from study.simulation.runs.run_folder import Run
+from study.simulation.runs.run_folder import NO_TRIAL, Run
 
 if TYPE_CHECKING:
     from pandas.core.groupby import DataFrameGroupBy
@@ -65,6 +66,7 @@ class Grouped:
 
     def __init__(self, run: Run) -> None:
         self._file: pq.ParquetFile = run.read("errors", pq.ParquetFile)
+        self._folder = run.folder
         self.by_decade = run.study.design.one_trial_a_cell
         self._keys = ["noise", "radius", "estimator"] if self.by_decade else ["cell", "estimator"]
         self.counts: dict[Key, int] = {}
@@ -109,7 +111,12 @@ class Grouped:
         Args:
             columns: columns of the error table; ``cell`` and ``estimator`` are added.
             only: names of the cells; all if None.
+
+        Raises:
+            RunError: if the table has no rows.
         """
+        if not self.counts:
+            raise RunError(f"{self._folder}: {NO_TRIAL}")
         keys: dict[str, list[Key]] = {}
         for key in self.counts:
             if only is None or key[0] in only:

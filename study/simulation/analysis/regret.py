@@ -28,18 +28,10 @@ _GROUPS = 10
 
 
 def each_cell(errors: Iterable[pd.DataFrame]) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Names and rows of the cells of an error table in parts of whole cells.
-
-    Raises:
-        RunError: if there are none.
-    """
-    empty = True
+    """Names and rows of the cells of an error table in parts of whole cells."""
     for part in errors:
         for cell, rows in part.groupby("cell", observed=True, sort=False):
-            empty = False
             yield str(cell), rows
-    if empty:
-        raise RunError("no cell has a trial yet; run `study run` again to resume the run")
 
 
 def by_trial(part: pd.DataFrame, estimators: list[str]) -> tuple[Floats, Ints]:

@@ -102,26 +102,6 @@ def rows_of_groups(run: Run, grouped: Grouped, keys: Collection[Key] | None = No
         yield schemas.table(columns, statistics.as_columns(rows))
 
 
-def summary(errors: pd.DataFrame, by_decade: bool) -> pd.DataFrame:
-    """Performance measures of an error table.
-
-    Args:
-        errors: the error table.
-        by_decade: group by decade of σ/r (a random design) instead of by cell (a grid).
-
-    Returns:
-        A row per group and estimator, in the order of the table; columns as `study.simulation.runs.schemas.summary`
-        declares them.
-    """
-    errors = label(errors, by_decade)
-    if by_decade:
-        errors = errors.sort_values("decade", kind="stable")
-    needed = [*(condition.name for condition in STORED if condition.name in errors), *statistics.NEEDED, "decade"]
-    groups = errors.groupby(["group", "estimator"], sort=False, observed=True)
-    parts = (((str(g), str(e)), {name: part[name].to_numpy() for name in needed}) for (g, e), part in groups)
-    return pd.DataFrame([statistics.row(*key, columns) for key, columns in parts])
-
-
 def has_bounds(study: Study) -> bool:
     """True if every cell of a study has both bounds: a grid of isotropic Gaussian noise, directions by area."""
     given = [condition.name for condition in study.conditions()]
@@ -186,7 +166,7 @@ def chosen_rows(run: Run, where: Iterable[str] = (), estimators: str | None = No
 
 
 def _having(summary: pd.DataFrame, condition: Condition, values: list[Value]) -> Bools:
-    """True for the rows of a summary whose condition has one of the values; ValueError if none has one of them."""
+    """True for the rows of a summary whose condition has one of the values; ValueError if no row has one."""
     rows, asked = (list(map(condition.written, some)) for some in (_values(condition, summary), values))
     texts = list(asked)  # as the message has them
     if len(summary) and condition is NOISE_OVER_RADIUS and np.isfinite(summary["decade"]).all():

@@ -293,7 +293,7 @@ class Verification:
                     self.again["summary"] = recompute_summary(run, seed, share)
                 self.again |= recompute_chains(run, good, seed, share)
         changed = (
-            f"{name}: changed since the run was made, so that its numbers may differ" for name in run.changed_code()
+            f"{name}: changed since the run was made: numbers computed now may differ" for name in run.changed_code()
         )
         self.counts, self.remarks = _wrong_counts(run, good), [*filter(None, [other_version(run.maker())]), *changed]
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.simulation.analysis.regret import NEEDED, QUANTILES, by_cell, regret
+from study.simulation.analysis.regret import QUANTILES, regret
 from study.simulation.figures.figure import Frame, NotApplicable, Tables
 
 _FEWEST_CELLS = 6
@@ -41,7 +41,7 @@ def prepare(tables: Tables) -> Frame:
         raise NotApplicable(f"needs two estimators or more, and at least {_FEWEST_CELLS} cells in the grid")
     if planned.min() < 2:
         raise NotApplicable("needs two trials of each cell or more")
-    cells = by_cell(tables.cells(NEEDED), names)
+    cells = tables.regret
     means = regret(cells)
     means = means[means["samples"] == 0].sort_values("median", kind="stable")
     words = f"{len(planned)} cells in {tables.dimension} dimensions, of at least {planned.min():,} trials each"

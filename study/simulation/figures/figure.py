@@ -22,10 +22,11 @@ from study.arrays import Floats, Ints
 from study.files import RunError, TableRows
 from study.fits.cap import cap_moments
 from study.simulation.analysis.error_table import Grouped
+from study.simulation.analysis.regret import NEEDED, by_cell
 from study.simulation.analysis.summary import stored_summary, worst_of_run
 from study.simulation.analysis.theory import median_at_bound
 from study.simulation.experiment.conditions import DIRECTIONS, STORED, bound_law, distinguishing
-from study.simulation.runs.run_folder import Run
+from study.simulation.runs.run_folder import NO_TRIAL, Run
 
 FEWEST_CELLS, MOST_CELLS = 4, 400
 """Cells that can be drawn side by side."""
@@ -106,8 +107,7 @@ class Tables:
         self.dimension, self.design = study.dimension, study.design.kind
         self.noise_law, self.independent = study.noise_law, study.independent()
         if self.summary.empty:
-            words = "its budget ended before any cell had a trial; run `study run` again to resume"
-            raise RunError(f"{run.folder}: {words}")
+            raise RunError(f"{run.folder}: {NO_TRIAL}")
 
     def cells(self, columns: Collection[str]) -> Iterator[pd.DataFrame]:
         """Columns of the error table of a grid, some whole cells at a time: it may be larger than the memory."""
@@ -175,6 +175,11 @@ class Tables:
 
     def _if_stored(self, name: str) -> pd.DataFrame | None:
         return self.run.table(name) if name in self.stored else None
+
+    @cached_property
+    def regret(self) -> pd.DataFrame:
+        """The table of `study.simulation.analysis.regret.by_cell` of a grid with its errors."""
+        return by_cell(self.cells(NEEDED), self.estimators)
 
     @cached_property
     def trials(self) -> int:

@@ -185,7 +185,7 @@ def best_where(tables: Tables) -> Iterator[Headline]:
     if study.design.kind != "grid" or len(study.estimators) < 2:
         return
     try:
-        cells = regret.of_summary(tables.summary) if study.keep == "summary" else regret.of_run(tables.run)
+        cells = regret.of_summary(tables.summary) if study.keep == "summary" else tables.regret
     except RunError:  # too few trials
         return
     whole = regret.regret(cells).query("samples == 0").sort_values("median", kind="stable")

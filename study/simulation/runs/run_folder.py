@@ -51,6 +51,8 @@ Manifest = dict[str, Any]
 NAME = "manifest.json"
 SHARE = "share.json"
 DIGEST = "digest"
+NO_TRIAL = "its budget ended before any cell had a trial; run `study run` again to resume"
+"""Fault of a run that has no rows."""
 DERIVED = ("posterior", "answers", "draws", "claims")
 """Tables that are not made from units, and so stay when units are computed again."""
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from study.files import RunError
-from study.simulation.analysis import rank, regret
+from study.simulation.analysis import regret
 from tests.configs import config
 
 DESIGN = config({"dimension": 2, "estimators": ["gdke", "als"]}, trials=20, samples=[10, 20], angle=[90, 180])
@@ -63,13 +63,6 @@ def test_standard_error_is_that_of_repetitions():
         found.append((means.loc[(0, "y"), "median"], means.loc[(0, "y"), "median_error"]))
     values, errors = np.transpose(found)
     assert np.median(errors) == pytest.approx(values.std(ddof=1), rel=0.4)
-
-
-@pytest.mark.parametrize("compare", [regret.by_cell, rank.compared])
-def test_no_cell_has_a_trial(compare):
-    """A table without rows, as of a run whose budget ended at once, is answered with the remedy."""
-    with pytest.raises(RunError, match="no cell has a trial yet"):
-        compare([table(a=(10, {"x": [1.0, 2.0], "y": [1.0, 2.0]})).head(0)], ["x", "y"])
 
 
 def test_one_trial_is_too_few():

@@ -18,9 +18,10 @@ import pytest
 from study.fits import Status
 from study.simulation.analysis import summary as module
 from study.simulation.analysis.error_table import decade
-from study.simulation.analysis.summary import ROWS, chosen_rows, evenly_spread, once_by_scaling, printed, summary, worst
+from study.simulation.analysis.summary import ROWS, chosen_rows, evenly_spread, once_by_scaling, printed, worst
 from study.simulation.runs import schemas
 from tests.configs import config
+from tests.summaries import summary
 
 NAN, INF = math.nan, math.inf
 OK, HIDDEN, FLAT = Status.OK, Status.NOT_POSITIVE_DEFINITE, Status.SINGULAR
@@ -46,7 +47,6 @@ HAND = table(
         *(("aa", "lls", 1.0, 1.0, OK) for _ in range(2)),
     ]
 )
-
 
 OF_ALL = ["relative_median_all", "ratio_median_all", "ratio_q05_all", "ratio_q95_all", "far_all"]
 OF_OK = ["relative_median_ok", "ratio_median_ok", "ratio_q05_ok", "ratio_q95_ok", "far_ok", "axis_median_ok"]

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.simulation.analysis.summary import summary
 from study.simulation.experiment.noise import GaussianNoise
 from study.simulation.figures import NotApplicable, Tables
+from tests.summaries import summary
 
 ESTIMATORS = ["mle", "lls", "gdke", "ugdk"]
 

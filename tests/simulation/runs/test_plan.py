@@ -97,6 +97,18 @@ def test_pieces_are_counted(make_text, dear, monkeypatch):
     assert cut.seconds == pytest.approx(4.0 + module._START_SECONDS, abs=0.1)
 
 
+@pytest.mark.parametrize(("top", "rows"), [({}, 4 * 2), ({"keep": "summary"}, 0)], ids=["errors", "summary"])
+def test_the_summary_of_many_cells_takes_time(make_text, monkeypatch, top, rows):
+    """Each of its rows is counted, unless the workers make it."""
+    pace = SimpleNamespace(of=lambda samples, levels: 1.0, summary=0.0)
+    monkeypatch.setattr("study.simulation.runs.plan.measure", lambda *_: pace)
+    names = {"estimators": ["lls", "als"]}
+    made = parse(make_text(names | top, samples=[6, 40], trials=70, noise=[0.1, 0.2], angle=90))
+    before = plan(made, 1).seconds
+    monkeypatch.setattr(module, "_GROUP_SECONDS", module._GROUP_SECONDS + 5.0)
+    assert plan(made, 1).seconds - before == pytest.approx(5.0 * rows)
+
+
 @pytest.mark.parametrize("most", [4, 70 * 4])
 def test_a_summary_that_is_cut(make_text, monkeypatch, most):
     """Units of some cells of a group make its draws again; each of them fits its own cells alone."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import study
-from study.simulation.analysis.summary import summarise, summary
+from study.simulation.analysis.summary import summarise
 from study.simulation.experiment.config import parse
 from study.simulation.runs import adaptive as cell_measures
 from study.simulation.runs import runner
@@ -16,6 +16,7 @@ from study.simulation.runs.parts import Parts
 from study.simulation.runs.status import RunStatus
 from study.simulation.runs.workers import Workers
 from tests.configs import config
+from tests.summaries import summary
 
 pytestmark = pytest.mark.usefixtures("same_software")
 
