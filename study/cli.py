@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -29,6 +29,9 @@ from study.recordings.live_commands import live
 from study.simulation import commands
 from study.simulation.commands import CONFIG_HELP, Folder, Jobs, opened, run_folder, with_plugins
 from study.text import did_you_mean, json_text
+
+if TYPE_CHECKING:
+    from study.simulation.runs.run_folder import Run
 
 app = typer.Typer(
     cls=GroupedHelp,
@@ -64,6 +67,9 @@ _PART = "compute the K-th of N shares of the units alone; `study merge` puts sha
 Part = Annotated[str | None, typer.Option("--part", metavar="K/N", help=_PART)]
 _SHARES = "folders of the shares [default: results/<name>-<digest>-part-*]"
 Shares = Annotated[list[Path] | None, typer.Argument(metavar="[FOLDER]…", help=_SHARES)]
+PlanToo = Annotated[bool, typer.Option("--plan", help="print the plan before the run, as `study plan` does")]
+FiguresToo = Annotated[bool, typer.Option("--figures", help="draw the run's figures, as PNG, into its folder")]
+SummaryToo = Annotated[bool, typer.Option("--summary", help="print the summary, as `study summary` does")]
 Seconds = Annotated[float | None, typer.Option("--budget", min=0.0, help=_BUDGET)]
 _POINTS = "text such as CSV, .npy, .parquet, .ply, .pcd, .stl, .xlsx, .las and others; - for standard input"
 Points = Annotated[list[Path], typer.Argument(metavar="POINTS", help=_POINTS, allow_dash=True)]
@@ -131,19 +137,27 @@ def run(
     budget: Seconds = None,
     task: Task = None,
     part: Part = None,
+    plan: PlanToo = False,
+    figures: FiguresToo = False,
+    summary: SummaryToo = False,
 ) -> None:
     """Run studies; resume unfinished ones.
 
-    The tables are stored, and the folder of each run is printed. With --part there are no tables yet.
+    The tables are stored, and the folder of each run is printed. With --part there are no tables yet. With --plan,
+    --figures and --summary one command does the work of four.
     """
     from study.simulation.experiment.config import config_file, read
     from study.simulation.library import complete, complete_share, workers_of
     from study.simulation.runs.parts import Share
+    from study.simulation.runs.plan import plans
+    from study.simulation.runs.plan import printed as printed_plan
 
     if (backend == "dask") != (scheduler is not None) or backend not in (None, "threads", "loky", "dask"):
         raise typer.BadParameter("--backend is threads, loky or dask; --scheduler goes with dask, and only with it")
     if task is not None and (backend != "dask" or not task > 0.0):
         raise typer.BadParameter(f"--task {task:g}: seconds above 0 go with --backend dask, and only with it")
+    if part is not None and (figures or summary):
+        raise typer.BadParameter(f"--part {part}: has no tables yet; leave --figures and --summary out")
     if out is not None and len(configs) > 1:
         raise typer.BadParameter(f"--out {out} is a folder for one config, but {len(configs)} are given; leave it out")
     try:
@@ -157,12 +171,18 @@ def run(
             reason = f"{config} has no [precision] and cannot stop early; leave --budget out"
             raise typer.BadParameter(f"--budget {budget:g}: {reason}")
     for made in studies:
+        if plan:
+            echo(printed_plan(made[0], plans(made[0], jobs)))
         workers = workers_of(made[0], jobs, backend, scheduler, task)
         if share is not None:
             typer.echo(str(complete_share(made, share, out, workers, _progress).folder))
             continue
         done, words = complete(made, out, workers, budget, _progress)
         typer.echo(str(done.folder))
+        if figures:
+            _draw([done], kinds=("png",))
+        if summary:
+            commands.summary(done.folder)
         complaints += words
         code = ExitCode.BUDGET if done.stopped() is not None else code
     if complaints:
@@ -206,7 +226,7 @@ def figures(words: Drawn, out: Pictures = None) -> None:
     Each figure comes from the first run that has the tables for it. A figure that fails does not cost the others; its
     place in the code is printed, and the exit code is 1.
     """
-    from study.simulation.figures import FAILED, FIGURES, draw_all
+    from study.simulation.figures import FIGURES
 
     names = [word for word in words if word in FIGURES]
     unknown = [word for word in words if word.startswith("fig") and word not in names and not Path(word).exists()]
@@ -215,7 +235,14 @@ def figures(words: Drawn, out: Pictures = None) -> None:
     runs = [opened(run_folder(word)) for word in words if word not in names]
     if not runs:
         raise typer.BadParameter(f"{' '.join(names)}: no run is given; give one before the figures")
-    drawn, undrawn = draw_all(runs, out, names)
+    _draw(runs, out, names)
+
+
+def _draw(runs: "Sequence[Run]", out: Path | None = None, names: Sequence[str] = (), kinds: Sequence[str] = ()) -> None:
+    """Draw figures, in all formats unless some are given; print the pictures, and the reasons of those without one."""
+    from study.simulation.figures import FAILED, draw_all
+
+    drawn, undrawn = draw_all(runs, out, names, kinds)
     echo(map(str, drawn))
     for name, reason in undrawn.items():
         typer.echo(f"{name}: {'' if reason.startswith(FAILED) else 'not drawn: '}{reason}", err=True)

@@ -60,21 +60,16 @@ def plan(config: Config, jobs: Jobs = 2, as_json: Json = False) -> None:
     one part, or two if the config has [precision].
     """
     from study.simulation.experiment.config import config_file, load
-    from study.simulation.runs.plan import extremes, warning
-    from study.simulation.runs.plan import plan as make_plan
+    from study.simulation.runs.plan import plans, printed, warning
 
     study = load(config_file(config))
-    plans = {title: make_plan(part, jobs) for title, part in extremes(study).items()}
+    parts = plans(study, jobs)
     if as_json:
-        parts = [{"title": title, **vars(result)} for title, result in plans.items()]
-        typer.echo(json_text({"run": study.run_name(), "jobs": jobs, "parts": parts}))
+        rows = [{"title": title, **vars(result)} for title, result in parts.items()]
+        typer.echo(json_text({"run": study.run_name(), "jobs": jobs, "parts": rows}))
     else:
-        typer.echo(f"{study.run_name()}")
-        for title, result in plans.items():
-            if title:
-                typer.echo(f"  {title}")
-            echo(columns(result.lines(), indent=2))
-    if (words := warning(study, next(iter(plans.values())), jobs)) is not None:  # the first is the least work
+        echo(printed(study, parts))
+    if (words := warning(study, next(iter(parts.values())), jobs)) is not None:  # the first is the least work
         typer.echo(words, err=True)
         raise typer.Exit(ExitCode.TOO_LONG)
 

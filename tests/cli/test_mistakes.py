@@ -175,6 +175,7 @@ USAGE = {
     "run tiny.toml --backend dask": "--scheduler",
     "run tiny.toml --scheduler tcp://127.0.0.1:9": "--scheduler goes with dask, and only with it",
     "run tiny.toml --task 10": "--task",
+    "run tiny.toml --part 1/2 --summary": "--part 1/2: has no tables yet; leave --figures and --summary out",
     **{f"run tiny.toml --part {part}": f"--part {part}: give K/N, the K-th of N" for part in ("0/40", "41/40", "x")},
     "run tiny.toml --backend dask --scheduler tcp://127.0.0.1:9 --task 0": "--task",
     "summary out --where angle=91": "--where angle=91°: no cell has it; there are 90°",

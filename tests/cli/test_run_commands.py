@@ -22,6 +22,7 @@ from study.simulation.experiment.config import ChainStatus, parse
 from study.simulation.posterior.run import chain_tasks, compute, printed
 from study.simulation.runs.parts import Layout, Parts, execute
 from study.simulation.runs.run_folder import Run
+from tests.configs import config as small
 
 
 @pytest.fixture
@@ -65,6 +66,21 @@ def test_status(well, run, files_of):
     said = well(run, "status", "out")
     assert "damaged; `study run` computes the lost rows again" in said
     assert "errors (damaged)" in said
+
+
+def test_one_command_does_the_work_of_four(well, call_here, tmp_path):
+    """`run --plan --figures --summary` prints what plan and summary print, and draws the PNG files of figures."""
+    text = small({"estimators": ["lls", "ugdk"]}, trials=5, samples=[5, 10, 20], noise=[0.01, 0.1])  # for fig_regret
+    (tmp_path / "small.toml").write_text(text)
+    _, said, _ = call_here(tmp_path, "run", "small.toml", "--out", "out", "--plan", "--figures", "--summary")
+    pictures = sorted((tmp_path / "out" / "figures").iterdir())
+    assert "fig_regret.png" in [path.name for path in pictures]
+    assert {path.suffix for path in pictures} == {".png"}
+    planned = well(tmp_path, "plan", "small.toml").splitlines()[:-1]  # the last line is the time
+    assert said.splitlines()[: len(planned)] == planned
+    assert said.endswith(well(tmp_path, "summary", "out"))
+    call_here(tmp_path, "figures", "out", "--out", "again")
+    assert [(tmp_path / "again" / path.name).read_bytes() for path in pictures] == [p.read_bytes() for p in pictures]
 
 
 def test_status_of_a_run_that_is_begun(well, begun, files_of):

@@ -53,14 +53,18 @@ def make_folder(folder: Path) -> None:
 
 
 def draw_all(
-    runs: Sequence[Run], folder: Path | None = None, names: Collection[str] = ()
+    runs: Sequence[Run],
+    folder: Path | None = None,
+    names: Collection[str] = (),
+    kinds: Collection[str] = (),
 ) -> tuple[list[Path], dict[str, str]]:
     """Draw figures, each from the first run that has the tables for it.
 
     Args:
         runs: finished runs.
-        folder: where the pictures go, as PNG, SVG and PDF; made if it is not there. The run's own, if None.
+        folder: where the pictures go; made if it is not there. The run's own, if None.
         names: figures to draw; see `gallery`.
+        kinds: formats of the pictures; PNG, SVG and PDF if none is given.
 
     Returns:
         The paths written, and for each figure that was not drawn the reason; see `Gallery`.
@@ -71,7 +75,7 @@ def draw_all(
     of_runs = [Tables(run) for run in runs]
     for place in {folder or own_folder(run) for run in runs}:
         make_folder(place)
-    drawn = gallery(names, (*style.KINDS, "pdf"))
+    drawn = gallery(names, kinds or (*style.KINDS, "pdf"))
     for tables in of_runs:
         drawn.add(tables)
     reasons = {name: gathered(reasons, len(runs)) for name, reasons in drawn.undrawn.items()}

@@ -1,7 +1,7 @@
 """Cost of a study before it runs: counts, bytes, and seconds predicted from a short calibration on its conditions."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
@@ -17,7 +17,7 @@ from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell, Group
 from study.simulation.runs.parts import shorter, tables, takes_long
-from study.text import DAY, duration, size
+from study.text import DAY, columns, duration, size
 
 _SIZES = 7
 _MOST_PROBED = 250_000
@@ -265,6 +265,19 @@ def extremes(study: Study) -> dict[str, Study]:
     first = min(study.precision.first, study.design.trials)
     least = study.model_copy(update={"design": study.design.model_copy(update={"trials": first})})
     return {f"up to the first checkpoint, {first:,} trials": least, "at most, with every cell at the cap": study}
+
+
+def plans(study: Study, jobs: int) -> dict[str, Plan]:
+    """The plans of the least and the most work that a config can take, by title; see `extremes`."""
+    return {title: plan(part, jobs) for title, part in extremes(study).items()}
+
+
+def printed(study: Study, parts: Mapping[str, Plan]) -> list[str]:
+    """Lines for the terminal: the run's name, and its plans with their titles."""
+    lines = [study.run_name()]
+    for title, result in parts.items():
+        lines += [f"  {title}"] * bool(title) + list(columns(result.lines(), indent=2))
+    return lines
 
 
 def _extrapolated(study: Study, jobs: int) -> Plan:
