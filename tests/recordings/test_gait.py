@@ -74,7 +74,7 @@ def test_events_of_feet_that_swing_as_a_cosine(walk):
 def test_a_walk_of_known_speed(walk, axes):
     """A pelvis that goes at 1.2 m/s, up a ramp and swaying: speed, stride and cadence are those along the floor.
 
-    It begins 5 m off the origin and goes back past it. Heels and toes swing as a cosine of 1.1 s along the walk. The
+    It begins 9 m off the origin and ends 2 m beyond it. Heels and toes swing as a cosine of 1.1 s along the walk. The
     direction is that in which the pelvis faces, or moves, if it has no anatomical axes. Strikes to a frame of 10 ms.
     """
     recording, _, motion = walk
@@ -85,7 +85,7 @@ def test_a_walk_of_known_speed(walk, axes):
     )
     along = -np.array([np.cos(0.5), np.sin(0.5), 0.0])
     origins, rotations = motion.skeleton.origins.copy(), motion.skeleton.rotations.copy()
-    origins[number] = np.array([[4.0], [3.0], [1.0]]) + 1.2 * along[:, None] * time + [[0.0], [0.0], [0.3]] * time
+    origins[number] = np.array([[8.0], [4.0], [1.0]]) + 1.2 * along[:, None] * time + [[0.0], [0.0], [0.3]] * time
     shape = motion.skeleton.calibration.shape("pelvis")
     facing = np.column_stack([along, [0.0, 0.0, 1.0], np.cross(along, [0.0, 0.0, 1.0])])
     rotations[number] = (facing @ shape.anatomy.T)[:, :, None]
