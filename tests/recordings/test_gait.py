@@ -1,6 +1,7 @@
 """Gait: events, cycles and curves of a synthetic body that walks."""
 
 import itertools
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from study.recordings.export.tree import ExportedMotion, joint_angles
-from study.recordings.gait import ANGLES, PERCENT, gait_events, gait_of
+from study.recordings.gait import ANGLES, PERCENT, gait_events, gait_lines, gait_of
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.markersets import landmarks, load_markerset
 from study.recordings.recording import Recording, RecordingError
@@ -67,6 +68,85 @@ def test_events_of_feet_that_swing_as_a_cosine(walk):
         for frames, phase in ((strikes, start), (offs, start + 0.55)):
             cycles = (frames / 100.0 - phase) / 1.1
             assert np.abs(cycles - np.round(cycles)).max() * 1.1 <= 0.01
+
+
+@pytest.mark.parametrize("axes", [True, False])
+def test_a_walk_of_known_speed(walk, axes):
+    """A pelvis that goes at 1.2 m/s, up a ramp and swaying: speed, stride and cadence are those along the floor.
+
+    It begins 9 m off the origin and ends 2 m beyond it. Heels and toes swing as a cosine of 1.1 s along the walk. The
+    direction is that in which the pelvis faces, or moves, if it has no anatomical axes. Strikes to a frame of 10 ms.
+    """
+    recording, _, motion = walk
+    number, time, points = (
+        motion.skeleton.segments.index("pelvis"),
+        np.arange(900) / 100.0,
+        landmarks(recording.markers),
+    )
+    along = -np.array([np.cos(0.5), np.sin(0.5), 0.0])
+    origins, rotations = motion.skeleton.origins.copy(), motion.skeleton.rotations.copy()
+    origins[number] = np.array([[8.0], [4.0], [1.0]]) + 1.2 * along[:, None] * time + [[0.0], [0.0], [0.3]] * time
+    shape = motion.skeleton.calibration.shape("pelvis")
+    facing = np.column_stack([along, [0.0, 0.0, 1.0], np.cross(along, [0.0, 0.0, 1.0])])
+    rotations[number] = (facing @ shape.anatomy.T)[:, :, None]
+    shapes = tuple(
+        replace(one, anatomy=np.full((3, 3), np.nan)) if one is shape and not axes else one
+        for one in motion.skeleton.calibration.shapes
+    )
+    calibration = replace(motion.skeleton.calibration, shapes=shapes)
+    skeleton = replace(motion.skeleton, origins=origins, rotations=rotations, calibration=calibration)
+    positions = recording.positions.copy()
+    for side, start in (("left", 0.0), ("right", 0.55)):
+        swing = 0.3 * np.cos(2 * np.pi * (time - start) / 1.1)
+        for kind in ("heel", "fifth metatarsal"):
+            positions[recording.row(points[f"{side} {kind}"])] = origins[number] + swing * along[:, None]
+    moved = replace(motion, skeleton=skeleton, recording=Recording("w", recording.markers, positions, 100.0))
+    cycles = gait_of([moved]).cycles
+    np.testing.assert_allclose(cycles["speed"], 1.2, rtol=1e-9)
+    np.testing.assert_allclose(cycles["stride"], 1.2 * cycles["duration"], rtol=1e-9)
+    np.testing.assert_allclose(cycles["cadence"], 120.0 / cycles["duration"], rtol=1e-12)
+    for side, start in (("left", 0.0), ("right", 0.55)):
+        rows = cycles[cycles["side"] == side]
+        assert rows["cycle"].tolist() == list(range(1, len(rows) + 1))
+        assert len(rows) >= 5
+        strikes = np.append(rows["start"], rows["end"].iloc[-1])
+        away = (strikes - start) / 1.1
+        assert np.abs(away - np.round(away)).max() * 1.1 < 0.0101
+        assert np.abs(rows["duration"] - 1.1).max() < 0.0201
+        assert np.abs(rows["stance"] - 50.0).max() < 2.0
+    if not axes:  # the last frames of the walk, in which it goes less than half a metre
+        still = replace(
+            skeleton, origins=origins - 1.2 * along[:, None] * time * (np.arange(len(origins)) == number)[:, None, None]
+        )
+        with pytest.raises(RecordingError, match=r"moves less than 0\.5 m, so that forward is not known"):
+            gait_events(replace(moved, skeleton=still))
+
+
+def test_what_is_printed(gait):
+    """Cycles are counted by side; each parameter is mean ± standard deviation, each range that of the mean curve."""
+    lines = [re.split(r"\s{2,}", line.strip()) for line in gait_lines(gait)]
+    said = {line[0]: line[1:] for line in lines}
+    sides = [gait.cycles[gait.cycles["side"] == side] for side in ("left", "right")]
+    assert said["cycles"] == [str(len(rows)) for rows in sides]
+    for words, key, form in (
+        ("duration of a cycle / s", "duration", ".2f"),
+        ("stance / %", "stance", ".1f"),
+        ("stride / m", "stride", ".2f"),
+        ("speed / (m/s)", "speed", ".2f"),
+        ("cadence / (steps/min)", "cadence", ".0f"),
+    ):
+        pairs = [(np.mean(rows[key]), np.std(rows[key], ddof=1)) for rows in sides]
+        assert said[words] == [f"{mean:{form}} ± {sd:{form}}" for mean, sd in pairs]
+    for joint, angle in itertools.product(("hip", "knee", "ankle"), ANGLES):
+        for place, side in enumerate(("left", "right")):
+            own = gait.curves.query(f"side == '{side}' and joint == '{joint}' and angle == '{angle}'")
+            curves = np.array([part[["value", "error"]].to_numpy() for _, part in own.groupby("cycle")])
+            mean, error = curves[:, :, 0].mean(axis=0), np.sqrt((curves[:, :, 1] ** 2).mean(axis=0))
+            words = f"{mean.min():.0f}° to {mean.max():.0f}°, ± {np.median(error):.1f}°"
+            assert said[f"{joint} {angle}"][place] == words
+    order = [line[0] for line in lines]
+    wanted = [f"{joint} {angle}" for joint in ("hip", "knee", "ankle") for angle in ANGLES]
+    assert [words for words in order if words in wanted] == wanted
 
 
 def test_cycles_are_those_of_the_body(walk, gait):

@@ -13,7 +13,10 @@ import study
 from study.files import RunError
 from study.fits import registry
 from study.simulation.analysis import regret
+from study.simulation.experiment.config import config_file, parse, read
+from study.simulation.library import complete_share, merge, workers_of
 from study.simulation.runs import schemas
+from study.simulation.runs.parts import Share
 from study.simulation.runs.run_folder import Run
 from study.toml import ConfigError
 from tests.configs import config, uniform
@@ -159,8 +162,9 @@ def test_a_budget_is_warned_of(tmp_path):
     """A run that its budget stopped is returned, with a warning that says how to resume it."""
     text = config(trials=400) + "[precision]\nrelative_target = 0.08\nfirst = 100\n"
     (tmp_path / "need.toml").write_text(text)
-    with pytest.warns(UserWarning, match="stopped by its budget of 0 s"):
+    with pytest.warns(UserWarning, match="stopped by its budget of 0 s") as said:
         stopped = study.run(tmp_path / "need.toml", folder=tmp_path / "run", budget=0.0)
+    assert said[0].filename == __file__
     assert study.run(tmp_path / "need.toml", folder=stopped.folder).summary()["planned"].item() >= 100
 
 
@@ -174,6 +178,8 @@ def test_arrays(run):
         at = arrays.sel(place, method=None).sel(noise_over_radius=row["noise"] / 3.0, method="nearest")
         assert (float(at["error"]), float(at["noise"])) == (row["error"], row["noise"])
     assert arrays["error"].attrs["units"] == "length"
+    assert "radius" not in arrays.dims
+    assert set(map(float, arrays["noise_over_radius"])) == {0.01, 0.1}
 
 
 def test_arrays_of_a_random_design(tmp_path):
@@ -183,6 +189,43 @@ def test_arrays_of_a_random_design(tmp_path):
     arrays = study.run(tmp_path / "random.toml", folder=tmp_path / "run").to_xarray()
     assert dict(arrays.sizes) == {"estimator": 1, "trial": 5}
     assert len(np.unique(arrays["noise"])) == 5
+
+
+def test_who_computes():
+    """Processes compute what takes long, if there are several; threads all else, and what is asked for is done."""
+    short, long = (parse(config({"estimators": ["robust"]}, trials=trials, samples=100)) for trials in (2, 20_000))
+    kinds = {
+        (name, jobs, asked): workers_of(made, jobs, asked).backend
+        for name, made in (("short", short), ("long", long))
+        for jobs in (1, 2)
+        for asked in (None, "threads", "loky")
+    }
+    assert {key for key, kind in kinds.items() if kind == "loky"} == {
+        ("long", 2, None),
+        *((name, jobs, "loky") for name in ("short", "long") for jobs in (1, 2)),
+    }
+
+
+def test_shares_from_python(folder, run, monkeypatch):
+    """Shares in their default folders, merged in the default folder, have the bytes of the run, and only these."""
+    monkeypatch.chdir(folder / "here")
+    config_of = read(config_file(folder / "mine.toml"))
+    workers = workers_of(config_of[0], 1, None)
+    shares = [complete_share(config_of, Share(number, 2), None, workers) for number in (1, 2)]
+    assert [str(share.folder) for share in shares] == [f"results/{run.name}-part-{number}-of-2" for number in (1, 2)]
+    given = [complete_share(config_of, Share(1, 1), Path("all"), workers).folder]
+    for shares, place in ((), None), (given, Path("there")):
+        merged, complaints = merge(config_of, shares, place, workers)
+        assert complaints == []
+        assert merged.folder == (place or Path("results") / run.name)
+        for name in ("errors", "summary"):
+            assert merged.path(name).read_bytes() == (run.folder / f"{name}.parquet").read_bytes()
+
+
+def test_the_level_of_a_ranking_is_95_per_cent(run):
+    """By default, as the page says; another level marks no fewer."""
+    pd.testing.assert_frame_equal(run.rank(), run.rank("center", 0.95))
+    assert (run.rank(level=0.999)["median_best"] >= run.rank(level=0.5)["median_best"]).all()
 
 
 def test_exports(run, well):

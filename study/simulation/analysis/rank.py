@@ -88,7 +88,7 @@ class Logs(NamedTuple):
     Attributes:
         values: log losses (k,); infinite where there is none.
         swapped: difference of the log losses of each pair with the errors of both swapped at random (draws, k, k).
-        deviations: deviation of each log loss in a repetition of the trials (draws, k).
+        deviations: deviation of each log loss in a repetition of the trials, up to one that all share (draws, k).
     """
 
     values: Floats
@@ -127,7 +127,7 @@ def log_losses(distances: Floats, trials: Ints, flips: Floats) -> dict[str, Logs
         steps = (0.5 - (distances <= levels[1][:, None])) * slope[:, None] / count
         square = np.maximum(np.mean(distances**2, axis=1), _LEAST)
         ratios = distances**2 / square[:, None] / count
-    parts = np.vstack([steps, ratios, np.full((1, count), 1.0 / count)])
+    parts = np.vstack([steps, ratios])
     parts = np.array(
         [np.bincount(trials % _GROUPS, row, _GROUPS) for row in np.nan_to_num(parts, posinf=0.0, neginf=0.0)]
     )
@@ -139,7 +139,7 @@ def log_losses(distances: Floats, trials: Ints, flips: Floats) -> dict[str, Logs
     contrast = np.arctanh(np.clip(np.nan_to_num(contrast), -_LARGEST, _LARGEST))
     return {
         "median": Logs(median[place], of_median[:, :, None] - of_median[:, None, :], of_median),
-        "rms": Logs(0.5 * np.log(square[place]), contrast, 0.5 * (of_ratio - draws[:, [-1]])),
+        "rms": Logs(0.5 * np.log(square[place]), contrast, 0.5 * of_ratio),
     }
 
 

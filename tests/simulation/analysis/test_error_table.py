@@ -1,5 +1,8 @@
 """A stored error table read a part at a time: the parts are the table, whatever memory there is and the rows' order."""
 
+import itertools
+
+import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
@@ -32,7 +35,8 @@ estimators = ["lls", "gdke"]
 kind = "random"
 trials = 90
 samples = 20
-noise = {{ law = "log_uniform", low = 1e-3, high = 1.0 }}
+noise = {{ law = "log_uniform", low = 1e-3, high = 50.0 }}
+radius = 4.0
 angle = {{ law = "uniform", low = 30, high = 180 }}
 """
 COLUMNS = ("cell", "samples", "trial", "estimator", "error", "status")
@@ -78,6 +82,63 @@ def test_the_parts_are_the_table(run, memory):
             for name in COLUMNS:
                 assert columns[name].tolist() == mine[name].tolist()
     assert sum(grouped.counts.values()) == len(whole)
+
+
+def test_parts_fill_the_memory(run, memory):
+    """A part is one key, or what its rows take, eight bytes a value, fits; the next key would not fit beside it.
+
+    That holds to the byte: where a part and the next key fill the memory, they are one part.
+    """
+    grouped, row = Grouped(run), 8 * (len(COLUMNS) + 1)
+
+    def sizes():
+        return [[row * grouped.counts[key] for key in batch] for batch in grouped.batches(COLUMNS)]
+
+    for _ in range(2):
+        parts = sizes()
+        assert all(len(part) == 1 or sum(part) <= error_table._MEMORY for part in parts)
+        assert all(sum(one) + other[0] > error_table._MEMORY for one, other in itertools.pairwise(parts))
+        error_table._MEMORY = sum(parts[0]) + (parts[1][0] if len(parts) > 1 else 0)
+    assert len(sizes()[0]) == len(parts[0]) + (len(parts) > 1)
+    key = list(grouped.counts)[-1]
+    assert list(grouped.batches(COLUMNS, [key])) == [[key]]
+
+
+def test_groups_are_cells_or_decades(run):
+    """Of a grid the cells in the table's order; of a random design the decades of σ/r, ascending, by their names."""
+    errors, grouped = run.table("errors"), Grouped(run)
+    groups = list(dict.fromkeys(group for group, _ in grouped.counts))
+    if not grouped.by_decade:
+        assert groups == list(errors["cell"].unique())
+        return
+    lower = np.floor(np.log10(errors["noise"] / 4.0)).astype(int)
+    assert [float(group) for group in groups] == [10.0**power for power in sorted(set(lower))]
+    for (group, estimator), rows in grouped.counts.items():
+        mine = (lower == round(np.log10(float(group)))) & (errors["estimator"] == estimator)
+        read = grouped.read([(group, estimator), ("nowhere", estimator)], ["noise"])
+        assert list(read) == [(group, estimator)]
+        assert read[group, estimator]["noise"].tolist() == errors["noise"][mine].tolist()
+        assert set(read[group, estimator]["decade"]) == {round(np.log10(float(group)))}
+        assert rows == mine.sum()
+    assert grouped.read([("nowhere", "lls")], ["noise"]) == {}
+
+
+def test_decades_begin_at_powers_of_ten():
+    """A power belongs to the decade that it begins, also where rounding leaves it just below; a part less does not."""
+    powers = np.arange(-12, 13)
+    for factor, lower in ((1.0, powers), (1.0 - 1e-15, powers), (9.999, powers), (1.0 - 1e-6, powers - 1)):
+        np.testing.assert_array_equal(error_table.decade(factor * 10.0**powers), lower)
+    assert error_table.decade(3 * 0.1 / 3) == -1
+
+
+@pytest.mark.parametrize("run", ["shared", "independent"], indirect=True)
+def test_some_cells(run, memory):
+    """Those that are asked for come, and no others; a table without rows is refused."""
+    names = list(run.table("errors")["cell"].unique()[[0, 3, 4]])
+    found = pd.concat(Grouped(run).cells(COLUMNS, names))
+    assert set(found["cell"]) == set(names)
+    assert len(found) == 3 * 60 * 3
+    assert list(Grouped(run).cells(COLUMNS, [])) == []
 
 
 @pytest.mark.parametrize("run", ["shared", "independent"], indirect=True)

@@ -263,6 +263,63 @@ def test_the_list(well, tmp_path):
         assert law.sentence in said
 
 
+def test_words_that_are_laws():
+    """A number has one way of writing and lies within its law's limits, which the message about the kind names."""
+    well = ["student(2.5)", "student(1e+06)", "rim(0.1)", "memory(0.5)", "form(0.4, 1)", "laplace"]
+    ill = [
+        "student(2)",
+        "student(5.0)",
+        "student",
+        "student(5, 5)",
+        "student()",
+        "student(1e6)",
+        "laplace(1)",
+        "rim(0)",
+    ]
+    ill += ["rim(-1)", "memory(0)", "memory(1)", "memory(1.5)", "form(0.4,1)", "form(0.4)", "form(0, 1)", "form(1, 0)"]
+    ill += ["polar", "Student(5)", "rim(1e)", "rim(nan)", "rim(inf)", "student(5) ", "area", ""]
+    assert [word for word in (*well, *ill) if laws.is_law("noise", word)] == well
+    assert laws.is_law("noise", "normal")
+    assert laws.law_of("noise", "form(0.4, 1)") == (laws.LAWS["form"], [0.4, 1.0])
+    assert laws.rule("noise") == (
+        "normal; laplace; uniform; student(freedom) with freedom above 2, such as student(5); radial; rim(growth), "
+        "such as rim(4); memory(correlation) with correlation below 1, such as memory(0.9) or form(length, size), "
+        "such as form(0.4, 1)"
+    )
+    assert laws.rule("directions") == "area, polar, spaced or path"
+    assert [laws.freedom(word) for word in ("student(3)", "student(2)", "laplace", "normal")] == [3.0, None, None, None]
+    kurtosis = {"laplace": 3.0, "uniform": -1.2, "normal": 0.0, "student(4)": np.inf, "student(3)": np.inf}
+    kurtosis |= {f"student({nu})": float(stats.t(nu).stats("k")) for nu in (5, 10, 4.5)}
+    for word, value in kurtosis.items():
+        assert laws.excess_kurtosis(word) == pytest.approx(value, rel=1e-12), word
+        assert laws.has_equal_covariance(word)
+    assert not any(map(laws.has_equal_covariance, ("radial", "rim(4)", "memory(0.9)", "form(0.4, 1)")))
+
+
+def test_what_a_law_sees():
+    """Rows are samples, turned back in the end; a trial's random numbers are its own, alone and beside others."""
+    seen = []
+
+    def look(trial, shift):
+        seen.append(trial)
+        first = trial.values[:, 0]
+        return np.column_stack([first, np.sqrt(1.0 - first**2), 0.0 * first]) * (shift == 1.0)
+
+    own(look, "directions", "looks", example=[1.0])
+    seen.clear()
+    trials = laws.sound_trials(3)
+    answer = laws.LAWS["looks"].function(trials, 1.0)
+    assert [trial.values.shape for trial in seen] == [(20, 3)] * 3
+    assert len({trial.rng.random() for trial in seen}) == 3
+    for t, trial in enumerate(seen):
+        np.testing.assert_array_equal(trial.values, trials.directions[t].T)
+        np.testing.assert_array_equal(answer[t, 0], 1.0 - trial.values[:, 0])
+        np.testing.assert_array_equal(answer[t, 1], np.sqrt(1.0 - trial.values[:, 0] ** 2))
+        assert trial.half_angle == np.pi
+    with pytest.raises(RunError, match=r"law looks\(0\): returned directions whose length differs from 1 by 1$"):
+        laws.LAWS["looks"].function(trials, 0.0)
+
+
 def test_values_with_commas(make_run):
     """`--where` takes a law of two numbers; the legend says what a condition is that is called as its symbol."""
     run = make_run(config(trials=2, law=["normal", "form(0.4, 1)"], angle=[60, 90], directions=["area", "polar"]))

@@ -120,6 +120,42 @@ def test_own_errors_are_those_of_the_fit():
     assert 0 < errors["own_errors_radius"].sum() < len(errors)
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_every_column_of_the_intervals(rng, on_cap, d):
+    """Ends, widths and truth values are those of `study.fit`'s intervals and of SciPy's t and normal quantiles.
+
+    Nine points: a degree of freedom more or less changes t by 3 %. `lls` finds σ itself; `ugdk` takes it, so has z.
+    """
+    center = np.arange(1.0, d + 1.0)
+    points, u = on_cap(rng, 9, 120.0, d, noise=0.06, radius=2.0, center=center, sets=40)
+    samples = study.Samples(points.swapaxes(1, 2).copy(), 0.06)
+    design = np.concatenate([u, np.ones((*u.shape[:2], 1))], axis=2)
+    bound = 0.06**2 * np.linalg.inv(np.einsum("bni,bnj->bij", design, design))
+    truth, t = Truth(center, 2.0, 0.06, bound), stats.t.ppf(0.975, 9 - d - 1)
+    alone = study.fit(points)
+    for name, quantile in (("lls", t), ("ugdk", stats.norm.ppf(0.975))):
+        estimates = study.ESTIMATORS[name](samples)
+        columns = {}
+        for measure in ("interval", "own_errors", "ends"):
+            values, faults = attempt(measure, samples, estimates, name, truth)
+            assert faults == {}
+            columns |= values
+        fit = study.Fit(estimates, samples, name)
+        half = quantile * np.sqrt(np.einsum("bii->bi", white_covariance(fit)))
+        own = np.column_stack([fit.center, fit.radius])[..., None] + half[..., None] * [-1.0, 1.0]
+        known = np.concatenate([alone.interval("center"), alone.interval("radius")[:, None]], axis=1)
+        for kind, ends, factor, stem in (("interval", known, t, ""), ("own_errors", own, quantile, "own_")):
+            held = (ends[:, :, 0] <= [*center, 2.0]) & ([*center, 2.0] <= ends[:, :, 1])
+            for i in range(d):
+                np.testing.assert_array_equal(columns[f"{kind}_center_{i + 1}"], held[:, i])
+            np.testing.assert_array_equal(columns[f"{kind}_radius"], held[:, -1])
+            width = np.ptp(ends[:, -1], axis=1) / (2.0 * factor * np.sqrt(bound[:, -1, -1]))
+            np.testing.assert_allclose(columns[f"{kind}_width"], width, rtol=1e-9)
+            for side, word in enumerate(("low", "high")):
+                np.testing.assert_allclose(columns[f"ends_{stem}{word}"], ends[:, -1, side] / 2.0, rtol=1e-9)
+            assert held.any()
+
+
 def index(d, radius, apart):
     """The Jaccard index of a ball and the unit ball, whose centres are apart."""
     estimates = Estimates(apart * np.eye(d)[:1], np.array([radius]), *np.zeros((4, 1)))

@@ -1,14 +1,25 @@
-"""Part files: rows are read as they were written, damage is found, and many packets share a file."""
+"""Part files: rows are read as they were written, damage is found, and many packets share a file.
+
+Tasks: what they weigh, how units are cut, which rows of another run they share, and the order of rows.
+"""
 
 import hashlib
+from itertools import pairwise
 from types import SimpleNamespace
 
+import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pytest
 
 from study.files import RunError
+from study.simulation.experiment.compute import compute
+from study.simulation.experiment.config import parse
+from study.simulation.experiment.designs import Batch
 from study.simulation.runs import parts as module
-from study.simulation.runs.parts import DAMAGED, FORMAT, Packet, Parts
+from study.simulation.runs import schemas
+from study.simulation.runs.parts import DAMAGED, FORMAT, Layout, Packet, Parts, order, shorter, tables, takes_long
+from tests.configs import config, log_uniform
 
 
 @pytest.fixture(autouse=True)
@@ -177,3 +188,131 @@ def test_kinds_do_not_mix(tmp_path):
     assert len(list((tmp_path / "parts").iterdir())) == 1
     other.remove()
     assert not (tmp_path / "parts").exists()
+
+
+def test_software_that_computed_some_of_the_rows(tmp_path):
+    """Other software is named once, also that of rows that were taken from another run; this one is not."""
+    parts = stored(tmp_path, packet("k"))
+    assert parts.made_by == []
+    parts.sources = [{"study": "2"}, {"study": "1"}, {"study": "2"}]
+    parts.add(packet("l"))
+    parts.commit()
+    assert parts.made_by == opened(tmp_path).made_by == [{"study": "2"}]
+    other = Parts(tmp_path, "units", {"study": "3"})
+    other.load()
+    assert sorted(software["study"] for software in other.made_by) == ["1", "2"]
+
+
+def robust(top=None, **design):
+    """A study of a dear estimator and a cheap one, and a batch of its first cells' trials 3 to 402."""
+    made = parse(config({"estimators": ["robust", "gdke"]} | (top or {}), samples=100, **design))
+    return made, Batch(next(iter(made.groups())), 3, 403)
+
+
+@pytest.mark.usefixtures("small_units")
+def test_what_a_task_weighs():
+    """Samples are drawn once and fitted at each level; blocks, rows and dear fits have the costs that are stated.
+
+    Trials 3 to 9 lie in three blocks of four. Radii of one σ/r share a level: six cells are three levels.
+    """
+    made, _ = robust(trials=10, radius=[1.0, 10.0], noise=None, noise_over_radius=[0.01, 0.1, 0.3])
+    (group,) = made.groups()
+    draws, levels, samples, trials, (fit, point) = 7 * 100, 3, 7 * 100, 7, module._DEAR["robust"]
+    expected = draws + levels * samples + (1 + levels) * 3 * module._OVERHEAD
+    expected += 2 * 6 * trials * module._ROW + levels * trials * fit + levels * samples * point
+    assert Layout(made).task(Batch(group, 3, 10)).weight == expected
+    assert not takes_long(made)
+    assert takes_long(robust(trials=10_000)[0])
+
+
+def test_a_dear_unit_is_cut_by_trials():
+    """Its pieces are its trials, once and in order, alike to one trial; each weighs half of the limit to all of it.
+
+    No piece is less than a trial. A random design, whose trials draw their numbers of samples, is cut for the largest.
+    """
+    made, batch = robust(trials=403, noise=[0.1, 0.2])
+    weight = Layout(made).task(batch).weight
+    assert weight > 3 * module._PIECE
+    pieces = list(shorter(made, batch))
+    assert [(piece.first, piece.last) for piece in (pieces[0], pieces[-1])] == [
+        (3, pieces[0].last),
+        (pieces[-1].first, 403),
+    ]
+    assert all(one.last == other.first for one, other in pairwise(pieces))
+    assert np.ptp([piece.trials for piece in pieces]) <= 1
+    assert all(0.5 < Layout(made).task(piece).weight / module._PIECE < 1.02 for piece in pieces)
+    few = Batch(batch.group, 3, 103)  # two levels of 100 trials at 2e5 each
+    assert list(shorter(made, few)) == [few]
+    huge = parse(config({"estimators": ["robust"]}, samples=60_000, trials=3))
+    assert [piece.trials for piece in shorter(huge, next(iter(huge.units())))] == [1, 1, 1]
+    wide = parse(config({"estimators": ["robust"]}, kind="random", trials=400, samples=log_uniform(4, 2000)))
+    unit = Batch(next(iter(wide.groups())), 0, 400)
+    assert len(list(shorter(wide, unit))) > 1
+    cheap = parse(config({"estimators": ["gdke"]}, samples=60_000, trials=3))
+    assert list(shorter(cheap, unit)) == [unit]
+
+
+def test_a_dear_unit_of_a_summary_is_cut_by_levels():
+    """Each piece has all trials; its cells are some levels, whole, and every level is in one piece."""
+    made, batch = robust(
+        {"keep": "summary"}, trials=403, radius=[1.0, 10.0], noise=None, noise_over_radius=[0.01, 0.1, 0.3]
+    )
+    pieces = list(shorter(made, batch))
+    assert [(piece.first, piece.last) for piece in pieces] == [(3, 403)] * 3
+    cells = [cell for piece in pieces for cell in piece.cells]
+    assert len(cells) == len(set(cells)) == 6
+    assert set(cells) == set(batch.cells)
+    assert all(len({round(cell.noise / cell.radius, 9) for cell in piece.cells}) == 1 for piece in pieces)
+
+
+GROWN = {
+    "trials": {"trials": 23},
+    "trials within a block": {"trials": 11},
+    "cells": {"noise": [0.01, 0.05, 0.5]},
+    "both": {"noise": [0.01, 0.05, 0.5], "trials": 23, "angle": [30, 60, 180]},
+    "nothing": {},
+}
+
+
+@pytest.mark.usefixtures("small_units")
+@pytest.mark.parametrize("case", list(GROWN))
+def test_a_study_that_grew_has_the_tasks_of_the_earlier_one(make_text, case, tmp_path):
+    """Its pieces hold each cell and trial once; those that the earlier study has are its very tasks, by their keys."""
+    base = {"trials": 10, "noise": [0.05, 0.5]}
+    earlier, later = parse(make_text(**base)), parse(make_text(**base | GROWN[case]))
+    pieces = list(Layout(later, earlier).pieces())
+    places = [(cell, trial) for piece in pieces for cell in piece.cells for trial in range(piece.first, piece.last)]
+    assert len(places) == len(set(places)) == later.cells() * later.design.trials
+    keys, before = (
+        {Layout(one).task(piece).key for piece in of}
+        for one, of in ((later, pieces), (earlier, Layout(earlier).pieces()))
+    )
+    assert before <= keys
+    assert (before == keys) == (case == "nothing")
+    nothing = Parts(tmp_path, "units")
+    assert [task.batch for task in Layout(later, earlier).missing(nothing)] == pieces
+    for other in ({"seed": 2}, {"dimension": 2}):
+        strange = parse(make_text(other, **base))
+        assert list(Layout(later, strange).pieces()) == list(Layout(later).pieces())
+        assert not before & {Layout(strange).task(piece).key for piece in Layout(strange).pieces()}
+
+
+@pytest.mark.usefixtures("small_units")
+def test_rows_are_put_in_the_order_of_a_whole_unit(make_text):
+    """Rows of errors, points and summaries that were shuffled come back as the unit computes them."""
+    rng = np.random.default_rng(1)
+    top = {"estimators": ["lls", "gdke"], "keep_points": 9}
+    for keep in ("errors", "summary"):
+        made = parse(make_text(top | ({"keep": keep, "keep_points": 0} if keep == "summary" else {}), trials=9))
+        unit = next(unit for unit in made.units() if unit.trials > 4)
+        columns = schemas.of_units(*made.columns())
+        filled = tables(made, compute(made, unit))
+        names = ("errors", "points") if keep == "errors" else ("summary",)
+        for name in names:
+            table = schemas.table(columns[name], filled[name])
+            row = np.arange(len(table))  # the points of a trial stay together
+            part = table.to_pandas().groupby(["cell", "trial"], observed=True).ngroup() if name == "points" else row
+            shuffled = table.take(np.argsort(rng.permutation(len(table))[part], kind="stable"))
+            assert shuffled.num_rows > 3
+            back = shuffled.take(order(made.estimators, unit, shuffled))
+            pd.testing.assert_frame_equal(back.to_pandas(), table.to_pandas(), check_exact=True)
