@@ -247,7 +247,10 @@ def one_number(name: str, value: float) -> float:
     """Check that an argument is one number."""
     if np.ndim(value) != 0:
         raise TypeError(f"{name} has shape {np.shape(value)}: give one number")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f"{name} = {value!r:.40}…: must be below 1.8e308") from None
 
 
 @lru_cache(maxsize=4096)
