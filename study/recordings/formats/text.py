@@ -55,7 +55,7 @@ def read_rows(
         row = int((cells < columns).argmax())
         place = f"line {first + row} has {cells[row]} cells"
         raise RecordingError(f"{place}; {columns} are needed; the line may be cut short")
-    for row in np.flatnonzero(cells > columns):  # a line may end in delimiters, in thousands of them, too
+    for row in np.flatnonzero(cells > columns).tolist():  # a line may end in delimiters, in thousands of them, too
         *kept, rest = lines[row].replace('"', "").split(delimiter, columns)
         if not further and (more := [cell for cell in rest.split(delimiter) if cell.strip() not in ("", *_MISSING)]):
             column = columns + 1 + rest.split(delimiter).index(more[0])
