@@ -21,6 +21,7 @@ _SPELLINGS += [("inch", "in"), ("feet", "ft"), ("pixels", "px"), ("pixel", "px")
 _SPELLINGS += [("meter", "m"), ("metre", "m")]
 """Spellings of units, or of parts of them, and what is short for them; a plural stands before its singular."""
 _NAMED_UNIT = re.compile(rf".*[\s_/,.\-\[({{<]{_LENGTH.pattern}", re.IGNORECASE)
+_ANGLE = re.compile(r".*[\s_/,.\-\[({<](?:deg(?:rees?)?|m?rad(?:ians?)?|gon|arcmin|arcsec|°)\s*[\])}>]?", re.IGNORECASE)
 _AROUND = ["pos", "position", "p", "pt", "point", "points", "coord", "coordinate", "coordinates", "koordinate"]
 _AROUND += ["loc", "location", "vertex", "axis"]
 _WORDS = [
@@ -60,6 +61,11 @@ def angles(names: Sequence[str]) -> list[str]:
     """The columns of latitude and longitude, which are no lengths; none unless both are there."""
     pair = [next((name for name in names if _stem(name) in known), "") for known in _ANGLES]
     return pair if all(pair) else []
+
+
+def has_angle(name: str) -> bool:
+    """True if the name of a column ends in a unit of angle, such as x (deg), y_rad or z [°]."""
+    return bool(_ANGLE.fullmatch(name.strip()))
 
 
 def length_unit(cell: str) -> str:
@@ -123,7 +129,11 @@ def _coordinates(values: Any, name: str) -> Any:
     if columns is None or not hasattr(values, "to_numpy"):
         return values
     names = [str(column) for column in columns]
-    if places := coordinate_places(names):
+    places = coordinate_places(names)
+    if turned := [name for name in ([names[i] for i in places] or names) if has_angle(name)]:
+        remedy = "convert them to lengths, or pass frame.to_numpy()"
+        raise ValueError(f"{name}: column {turned[0]!r} holds angles, not lengths: {remedy}")
+    if places:
         return values.iloc[:, places] if hasattr(values, "iloc") else values[[names[i] for i in places]]
     if pair := angles(names):
         raise ValueError(f"{name}: columns {' and '.join(pair)} are angles, not lengths: convert them to x, y, z")

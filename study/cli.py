@@ -510,6 +510,10 @@ def _progress(title: str) -> Iterator[Callable[..., None]]:
 def main(command: Callable[..., object] = app) -> None:
     """Entry point; see `ExitCode`."""
     instruction_set.fix()
+    threads = os.environ.get("NUMBA_NUM_THREADS", "1")
+    if not threads.strip().lstrip("0").isdecimal():
+        message = f"NUMBA_NUM_THREADS = {threads!r:.40}: must be a whole number above 0; unset it, or give --jobs"
+        raise SystemExit(_complain(message, ExitCode.USAGE))
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a batch system sends it when time is up
     if sys.stderr is None:  # closed: what would be said is lost, and no file that is opened takes its number

@@ -160,6 +160,13 @@ def save_frame(frame: "pd.DataFrame", path: Path) -> None:
                 frame.to_parquet(temporary, index=False)
 
 
+def named_path(path: object, what: str) -> Path:
+    """The path that a caller gives for something; a TypeError names what is none."""
+    if not isinstance(path, str | Path):
+        raise TypeError(f"{what} = {path!r:.60}: expected the name of a file or folder")
+    return Path(path)
+
+
 def regular(path: Path) -> Path:
     """The path of a table, which is not opened.
 

@@ -14,6 +14,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from study.files import regular
 from study.text import listed, nearest
 from study.words import key_remedy
 
@@ -75,7 +76,7 @@ class ConfigError(Exception):
 def toml_text(path: pathlib.Path, kind: type[ConfigError] = ConfigError) -> str:
     """The text of a TOML file; an error of a kind if it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return regular(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text; save it as UTF-8"
         raise kind(f"{path}: cannot be read: {reason}") from None

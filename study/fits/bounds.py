@@ -247,7 +247,10 @@ def one_number(name: str, value: float) -> float:
     """Check that an argument is one number."""
     if np.ndim(value) != 0:
         raise TypeError(f"{name} has shape {np.shape(value)}: give one number")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f"{name} = {value!r:.40}…: must be below 1.8e308") from None
 
 
 @lru_cache(maxsize=4096)
@@ -588,11 +591,11 @@ def point_noise(noise: Floats, shape: tuple[int, ...], of: str = "points") -> Fl
         raise ValueError(f"noise has shape {noise.shape}: {words}") from None
     missing: Bools = np.isnan(noise)
     if noise.ndim < 4:
-        wrong = np.asarray(~missing & ~((noise > 0.0) & (noise < 1e150)))
+        wrong = np.asarray(~missing & ~((noise > 1e-150) & (noise < 1e150)))
         if wrong.any():
             place = tuple(int(i) for i in np.argwhere(wrong)[0])
             value = f"noise[{', '.join(map(str, place[1:]))}] = {noise[place]:g}"
-            words = "must be positive and finite; a point that is to be left out is NaN"
+            words = "must be positive and finite, and so must its square; a point that is to be left out is NaN"
             raise ValueError(f"{value}: the standard deviation of a point {words}")
         square = np.where(missing, 0.0, noise) ** 2
         return square if noise.ndim == 2 else square[..., None] * np.eye(noise.shape[2])

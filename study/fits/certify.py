@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from study.arrays import Floats, Ints
-from study.files import InputError, explained, write
+from study.files import InputError, explained, regular, write
 from study.fits.form import minimum_zone
 from study.fits.random import stream
 from study.fits.registry import ESTIMATORS, fit
@@ -426,7 +426,7 @@ def _read_numbers(path: Path) -> list[list[Decimal]]:
         InputError: if there is no such file, none in it, or something else than finite numbers.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = regular(path).read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; a pair is NAME.ds and NAME.fit in one folder") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -331,9 +331,10 @@ class GivenFit(Fit):
     @cached_property
     def outliers(self) -> Bools:
         """True for each point (…, n) that does not belong to the sphere of the majority; see the class."""
-        if self._given.noise is None:
+        samples = self._points.samples
+        if samples.weights is None:
             return np.asarray(super().outliers)
-        named = weighted_outliers(self._points.samples)
+        named = weighted_outliers(samples)
         return np.asarray(named.reshape(*self.shape, named.shape[1]))
 
     def _intervals_at(self, level: float) -> Intervals:
@@ -539,9 +540,7 @@ def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ass
     if given.prior is not None:
         radius = believed(sets, given.prior).quantile(0.5)
         sets = sets._replace(radius=np.where(np.isfinite(radius), radius, sets.radius))
-        given = given._replace(
-            radius=sets.radius * np.where(np.isfinite(radius), sets.unit, given.radius / sets.radius)
-        )
+        given = given._replace(radius=np.where(np.isfinite(radius), radius * sets.unit, given.radius))
     answer, plain = estimate(sets, name), np.flatnonzero(sets.alike & np.isnan(given.radius) & ~infinite)
     if len(plain):
         for whole, part in zip(answer, careful_fit(estimator, Samples(x[plain])), strict=True):

@@ -155,7 +155,8 @@ def gather(
     answers = result.goodness.answers
     ordinary = is_ordinary(samples.moments.fourth)
     for sets, present, power in [(np.arange(b), samples, 0)] if ordinary else samples.alike():
-        n, finite = present.shape[2], np.isfinite(present.moments.fourth)
+        n = present.shape[2]
+        finite = np.isfinite(present.moments.fourth) if n else np.ones(len(sets), dtype=np.bool_)
         if n < d + 2 or not finite.any():
             answers[:, sets[finite]] = int(Answer.TOO_FEW)
             continue

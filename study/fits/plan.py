@@ -85,20 +85,22 @@ def plan_fit(
     if of not in ("center", "radius"):
         raise ValueError(f"of = {of!r}: plan the error of the 'center' or of the 'radius'")
     fewest, place = dimension + 7, 0 if of == "center" else -1
-    if points is not None and operator.index(points) < fewest:
-        raise ValueError(f"points = {points}: plan with at least {fewest}, from which on intervals cover")
+    if points is not None and not fewest <= operator.index(points) < _LARGEST_PLAN:
+        words = f"plan with at least {fewest}, from which on intervals cover, and below {_LARGEST_PLAN:g}"
+        raise ValueError(f"points = {points!s:.40}: {words}")
 
     def variance(half_angle: float) -> float:
         """Variance for one point, in units of the noise."""
         return float(np.diag(attainable_bound(half_angle, sigma / r, dimension))[place]) * (r / sigma) ** 2
 
     if points is None:
-        needed = variance(angle) * (sigma / wanted) ** 2  # type: ignore[arg-type]
+        ratio = sigma / wanted
+        needed = variance(angle) * ratio * ratio  # type: ignore[arg-type]
         if not needed < _LARGEST_PLAN:
             raise ValueError(f"error = {wanted:g}: needs {needed:.0e} points; give a larger error or angle")
         points = max(math.ceil(needed * (1.0 - 1e-9)), fewest)
     elif angle is None:
-        angle = _least_angle(variance, points * (wanted / sigma) ** 2)
+        angle = _least_angle(variance, points * (wanted / sigma) * (wanted / sigma))
     bound = np.sqrt(np.diag(attainable_bound(angle, sigma / r, dimension)) / points) * r  # type: ignore[arg-type]
     return FitPlan(points, float(angle), float(bound[0]), float(bound[1]), float(bound[-1]))  # type: ignore[arg-type]
 
@@ -113,7 +115,7 @@ def _positive(name: str, value: float | None) -> float:
 def _least_angle(variance: Callable[[float], float], most: float) -> float:
     """The smallest cap, in degrees, on which the variance for one point is at most this."""
     if not variance(180.0) <= most:
-        share = math.sqrt(variance(180.0) / most)
+        share = math.sqrt(variance(180.0) / most) if most > 0.0 else math.inf
         remedy = "give more points, or a larger error"
         raise ValueError(f"points: even a whole sphere has an error {share:.3g} times that; {remedy}")
 

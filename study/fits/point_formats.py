@@ -29,7 +29,7 @@ from typing import IO, TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from study.arrays import Floats, angles, coordinate_places, length_unit, unit_in
+from study.arrays import Floats, angles, coordinate_places, has_angle, length_unit, unit_in
 from study.text import did_you_mean
 
 if TYPE_CHECKING:
@@ -115,6 +115,9 @@ class Wanted(NamedTuple):
         count, d = len(names), self.dimension
         if d is not None and d not in (count, len(by_name)):
             raise PointFileError(f"{count} columns, --dimension {d}: name the {d} with --columns")
+        if d is None and (turned := [name for name in ([names[i] for i in by_name] or names) if has_angle(name)]):
+            remedy = "convert them to lengths, or name the columns with --columns"
+            raise PointFileError(f"column {turned[0]!r} holds angles, not lengths: {remedy}")
         if by_name and d in (None, len(by_name)):
             return by_name
         if d is None and (pair := angles(names)):
@@ -342,7 +345,7 @@ def read_numpy(file: BinaryIO, wanted: Wanted) -> Columns:
         if file.read(4) == b"PK\x03\x04":
             archive = zipfile.ZipFile(file)
             for member in archive.infolist():
-                _assert_whole(archive.open(member), member.file_size)
+                _assert_few(_assert_whole(archive.open(member), member.file_size))
         else:
             _assert_whole(file, length)
         file.seek(0)
@@ -370,12 +373,12 @@ def _member(arrays: dict[str, Any]) -> tuple[list[str], Any]:
     return [], arrays[points[0]]
 
 
-def _assert_whole(file: IO[bytes], length: int) -> None:
-    """Raise if an array's header claims more than its file of so many bytes holds, before memory is taken for it."""
+def _assert_whole(file: IO[bytes], length: int) -> tuple[int, ...]:
+    """The shape of an array; raises if it claims more than its file of so many bytes holds, before memory is taken."""
     file.seek(0)
     start = file.read(8)
     if start[:6] != b"\x93NUMPY":
-        return
+        return (0,)
     wide = start[6:7] != b"\x01"
     size = int.from_bytes(file.read(4 if wide else 2), "little")
     if size > length:
@@ -386,6 +389,19 @@ def _assert_whole(file: IO[bytes], length: int) -> None:
         raise ValueError(f"shape {shape}")
     if prod(shape) * dtype.itemsize > length - size and not dtype.hasobject:
         raise PointFileError(f"not a NumPy array of numbers: its header claims shape {shape}, the file is shorter")
+    return tuple(shape)
+
+
+_MOST_NUMBERS = 30_000_000
+"""Most coordinates in a file that packs its numbers, so that its length does not limit them."""
+
+
+def _assert_few(shape: tuple[int, ...]) -> None:
+    """Raise if points of this shape, which are packed in a short file, are too many for memory."""
+    if prod(shape) > _MOST_NUMBERS:
+        count = " x ".join(f"{n:,}" for n in shape)
+        remedy = "save every tenth point, or all of them as .npy"
+        raise PointFileError(f"{count} packed numbers, of which {_MOST_NUMBERS:,} are read at most; {remedy}")
 
 
 def read_parquet(file: BinaryIO, wanted: Wanted) -> Columns:
@@ -394,15 +410,17 @@ def read_parquet(file: BinaryIO, wanted: Wanted) -> Columns:
     import pyarrow.parquet as pq
 
     with damage_in("a parquet file"):
-        table = pq.ParquetFile(file).read()
-        index = _index_columns(table.schema)
-        kinds = [pa.types.is_floating(field.type) or pa.types.is_integer(field.type) for field in table.schema]
-        numeric = [i for i, field in enumerate(table.schema) if kinds[i] and field.name not in index]
-        if not numeric or not table.num_rows:
+        stored = pq.ParquetFile(file)
+        schema, rows = stored.schema_arrow, stored.metadata.num_rows
+        index = _index_columns(schema)
+        kinds = [pa.types.is_floating(field.type) or pa.types.is_integer(field.type) for field in schema]
+        names = [field.name for i, field in enumerate(schema) if kinds[i] and field.name not in index]
+        if not names or not rows:
             raise PointFileError("no numeric column, or no row")
-        names = [table.schema.field(i).name for i in numeric]
         chosen = wanted.places(names)
-        values = [table.column(numeric[i]).cast(pa.float64(), safe=False).to_numpy() for i in chosen]
+        _assert_few((rows, len(chosen)))
+        table = stored.read(columns=[names[i] for i in chosen])
+        values = [table.column(names[i]).cast(pa.float64(), safe=False).to_numpy() for i in chosen]
     return _chosen(names, chosen, np.stack(values, axis=1))
 
 
@@ -465,6 +483,8 @@ def read_pcd(file: BinaryIO, wanted: Wanted) -> Columns:
         names, counts = header["FIELDS"], list(map(int, header.get("COUNT", ["1"] * len(header["FIELDS"]))))
         codes = [_PCD_TYPES[kind + width] for kind, width in zip(header["TYPE"], header["SIZE"], strict=True)]
         number = int(header["POINTS"][0] if "POINTS" in header else header["WIDTH"][0])
+        if max(counts) < 1:
+            raise PointFileError("a PCD file whose fields have no number: COUNT is 0; save it again, with 1 for each")
         if sum(counts) > len(data):  # each number takes a byte or more
             raise PointFileError(f"its header announces {sum(counts):,} numbers a point, {len(data):,} bytes are there")
         fields = [

@@ -528,8 +528,10 @@ def load(path: Path) -> tuple[str, ...]:
         PluginError: if it cannot be read, raises, registers nothing, or registers something that answers in the wrong
             shape. Then nothing of it is registered.
     """
+    from study.files import regular  # whose libraries take long to load
+
     try:
-        text = path.read_text(encoding="utf-8")
+        text = regular(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise PluginError(f"{path}: cannot be read: {reason}") from None

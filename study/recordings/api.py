@@ -59,7 +59,7 @@ def find_joints(
         >>> bool(hip.standard_error < 0.001)
         True
     """
-    trials = [recording] if isinstance(recording, str | Path | Recording) else list(recording)
+    trials = list(recording) if isinstance(recording, list | tuple) else [recording]
     every = [_read(trial) for trial in [*trials, *([] if static is None else [static])]]
     if not every:
         raise RecordingError("no recording is given; give one, or several of one session")
@@ -190,7 +190,7 @@ def find_gait(
         >>> sorted(gait.means()["joint"].unique())
         ['ankle', 'hip', 'knee']
     """
-    every = [_read(walk) for walk in ([walks] if isinstance(walks, str | Path | Recording) else walks)]
+    every = [_read(walk) for walk in (walks if isinstance(walks, list | tuple) else [walks])]
     if joints is None:
         joints = find_joints(every, markerset, static=static, hips=hips)
     motions = []

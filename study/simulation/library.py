@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from study.files import RunError, explained, replacing
+from study.files import RunError, explained, named_path, replacing
 from study.fits.registry import load
 from study.simulation.analysis import rank, regret
 from study.simulation.analysis.summary import chosen_rows, summarise, up_to_date
@@ -403,7 +403,7 @@ def run(
         ('smoke-90473f897c', 38400)
     """
     _load(plugins)
-    made = read(config_file(Path(config)))
+    made = read(config_file(named_path(config, "config")))
     workers = workers_of(made[0], jobs, backend, scheduler)
     done, complaints = complete(made, None if folder is None else Path(folder), workers, budget)
     for words in complaints:
@@ -431,10 +431,10 @@ def read_run(run: str | Path, plugins: str | Path | Sequence[str | Path] = ()) -
         ['samples', 'estimator', 'cells', 'median']
     """
     _load(plugins)
-    return StudyRun(opened(run_folder(str(run))))
+    return StudyRun(opened(run_folder(str(named_path(run, "run")))))
 
 
 def _load(plugins: str | Path | Sequence[str | Path]) -> None:
     """Load files of a user's own before a config is read, which names what they register."""
     for path in [plugins] if isinstance(plugins, str | Path) else plugins:
-        load(Path(path))
+        load(named_path(path, "plugins"))

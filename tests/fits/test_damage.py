@@ -123,6 +123,11 @@ CLAIMS = {
         b"FIELDS x y z w\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1000000000\nPOINTS 5\nDATA ascii\n1 2 3 4\n",
         "its header announces 1,000,000,003 numbers a point, 8 bytes are there",
     ),
+    "no numbers of a point": (
+        "a.pcd",
+        b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 0 0 0\nPOINTS 5\nDATA ascii\n1 2 3\n",
+        "COUNT is 0; save it again",
+    ),
     "points": ("a.ply", ply("<").replace(b"vertex 40", b"vertex 4000000000"), "announces 4000000000 points, 40 are"),
 }
 

@@ -402,3 +402,40 @@ def test_likely_slips():
         study.fit(POINTS.T)
     with pytest.raises(TypeError, match=r"ordered = 'no': expected True or False"):
         study.fit(POINTS, ordered="no")
+
+
+def test_equal_noises_of_unknown_scale(rng, on_cap):
+    """They are no knowledge: errors, outliers and tests are those of the plain fit; a square of zero is refused."""
+    points = on_cap(rng, 60, 180.0, noise=0.01)[0]
+    points[7] *= 1.3
+    plain = study.fit(points)
+    for noise in (np.full(60, 0.1), [0.1] * 60, np.full((60, 3), 0.1), np.ma.MaskedArray(np.full(60, 0.1))):
+        fit = study.fit(points, noise=noise, scale="estimated")
+        np.testing.assert_array_equal(fit.outliers.nonzero()[0], [7])
+        np.testing.assert_array_equal(fit.standard_errors, plain.standard_errors)
+        assert fit.to_dict()["status"] == plain.to_dict()["status"] == "outliers"
+    assert study.fit(points, noise=np.full(60, np.nan)).status == Status.TOO_FEW_POINTS
+    with pytest.raises(ValueError, match=r"noise\[0\] = 1e-300: .* and so must its square"):
+        study.fit(points, noise=np.full(60, 1e-300))
+
+
+def test_columns_of_angles():
+    """A coordinate in degrees is no length."""
+    with pytest.raises(ValueError, match=r"column 'x \(deg\)' holds angles, not lengths"):
+        study.fit(pd.DataFrame(POINTS, columns=["x (deg)", "y", "z"]))
+
+
+@pytest.mark.parametrize("call", [study.read_recording, study.run, study.read_run, study.draw_skeleton])
+@pytest.mark.parametrize("value", [None, 3, b"x"])
+def test_no_path(call, value):
+    """What is no path is named."""
+    with pytest.raises(TypeError, match=r"= .*: expected the name of a file or folder"):
+        call(value)
+
+
+def test_plans_beyond_all_numbers():
+    """Squares and integers that are too large are answered by the argument."""
+    with pytest.raises(ValueError, match=r"error = 1e-300: needs inf points"):
+        study.plan_fit(0.1, 25, 1e-300, angle=60)
+    with pytest.raises(ValueError, match=r"noise = 1000.*: must be below 1\.8e308"):
+        study.plan_fit(10**400, 25, 0.1, angle=60)

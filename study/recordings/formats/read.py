@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from study.files import regular
+from study.files import named_path, regular
 from study.recordings.formats import text as tables
 from study.recordings.recording import (
     FileContents,
@@ -222,7 +222,7 @@ def read_recording(
         >>> recording.of("LASI")[:, 0]
         array([0.412, 0.68 , 0.966])
     """
-    path = Path(path)
+    path = named_path(path, "recording")
     with _named(path):
         recording = assemble(_contents(path), printable(path.stem), unit=unit, rate=rate, subject=subject)
         return recording if frames is None else frames_between(recording, frames)

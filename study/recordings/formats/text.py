@@ -50,16 +50,22 @@ def read_rows(
     lines = lines[: max((i for i, line in enumerate(lines, start=1) if line.strip()), default=0)]
     if not lines:
         return np.empty((0, columns)), ()
-    text = "\n".join(lines).replace('"', "")
     cells = np.array([line.count(delimiter) + 1 for line in lines], dtype=int)
     if (cells < columns).any():
         row = int((cells < columns).argmax())
         place = f"line {first + row} has {cells[row]} cells"
         raise RecordingError(f"{place}; {columns} are needed; the line may be cut short")
+    for row in np.flatnonzero(cells > columns).tolist():  # a line may end in delimiters, in thousands of them, too
+        *kept, rest = lines[row].replace('"', "").split(delimiter, columns)
+        if not further and (more := [cell for cell in rest.split(delimiter) if cell.strip() not in ("", *_MISSING)]):
+            column = columns + 1 + rest.split(delimiter).index(more[0])
+            raise RecordingError(f"line {first + row}, column {column}: {more[0].strip()[:40]!r} has no header")
+        lines[row] = delimiter.join(kept)
+    text = "\n".join(lines).replace('"', "")
     table = pd.read_csv(
         io.StringIO(text),
         sep=delimiter,
-        names=range(int(cells.max())),
+        names=range(columns),
         decimal="," if delimiter != "," and "," in text and "." not in text else ".",
         na_values=_MISSING,
         skipinitialspace=True,
@@ -68,13 +74,12 @@ def read_rows(
     )
     numbers, present = table.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64), table.notna().to_numpy()
     wrong = present & np.isnan(numbers)
-    wrong[:, columns:] = present[:, columns:] & (not further)  # a line may end in delimiters
     if wrong.any():
         column = int(wrong.any(axis=0).argmax())
         row = int(wrong[:, column].argmax())
-        cell, words = str(table.iloc[row, column])[:40], "is not a number" if column < columns else "has no header"
-        raise RecordingError(f"line {first + row}, column {column + 1}: {cell!r} {words}")
-    return _with_all_frames(numbers[:, :columns], first) if counted else (numbers[:, :columns], ())
+        cell = str(table.iloc[row, column])[:40]
+        raise RecordingError(f"line {first + row}, column {column + 1}: {cell!r} is not a number")
+    return _with_all_frames(numbers, first) if counted else (numbers, ())
 
 
 def _with_all_frames(numbers: Floats, first: int) -> tuple[Floats, tuple[str, ...]]:

@@ -27,6 +27,7 @@ from pydantic.dataclasses import dataclass
 from threadpoolctl import threadpool_limits
 
 from study.arrays import Bools, Floats, Ints
+from study.files import named_path, regular
 from study.recordings.joints.center import LocalMarker, center_only
 from study.recordings.joints.estimate import (
     CENTIMETRE,
@@ -304,7 +305,7 @@ def load_calibration(path: str | Path) -> Calibration:
         RecordingError: one line, if the file cannot be read or is no calibration.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document = json.loads(regular(named_path(path, "joints")).read_text(encoding="utf-8"))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, RecursionError):

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from study.arrays import Floats
+from study.files import named_path
 from study.recordings.joints.estimate import USABLE, JointStatus
 from study.recordings.joints.find import (
     Calibration,
@@ -255,7 +256,8 @@ def with_joints(
     if markerset is not None:
         raise RecordingError(f"markerset = {markerset!r}: joints have their own marker set; leave it out")
     if not isinstance(joints, Calibration):
-        joints = load_calibration(Path(joints, "calibration.json") if Path(joints).is_dir() else joints)
+        path = named_path(joints, "joints")
+        joints = load_calibration(path / "calibration.json" if path.is_dir() else path)
     return match(joints.markerset, recording), joints
 
 

@@ -258,8 +258,13 @@ class Run:
         except ConfigError as error:
             words = "; ".join(line.strip() for line in str(error).splitlines())
             if own := _own_files(folder):
+                options = " ".join(f"--plugin {name}" for name in own if name.endswith(".py")) or "--plugin FILE"
                 names = f"estimators, laws or measures of {', '.join(own)}"
-                raise RunError(f"{folder}: was made with {names}: give --plugin FILE; without it, {words}") from None
+                raise RunError(f"{folder}: was made with {names}: give {options}") from None
+            if "unknown; " in words:
+                words = f"{words.partition('unknown; ')[0]}unknown"
+                remedy = "give --plugin FILE with the file of your own that registers it"
+                raise RunError(f"{folder}: its config cannot be read: {words:.200}; {remedy}") from None
             again = f"`study run CONFIG --out {folder}`, with the config that it was made of, writes it again"
             raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}") from None
 
