@@ -14,7 +14,6 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from study.files import regular
 from study.text import listed, nearest
 from study.words import key_remedy
 
@@ -75,6 +74,8 @@ class ConfigError(Exception):
 
 def toml_text(path: pathlib.Path, kind: type[ConfigError] = ConfigError) -> str:
     """The text of a TOML file; an error of a kind if it cannot be read."""
+    from study.files import regular  # whose libraries take long to load
+
     try:
         return regular(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -1,6 +1,6 @@
 """Recordings in Python, as the commands treat them: from a file to joints, and to a skeleton in every frame."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from study.recordings.export.tree import LARGEST_ANGLE_ERROR, ExportedMotion
@@ -59,7 +59,7 @@ def find_joints(
         >>> bool(hip.standard_error < 0.001)
         True
     """
-    trials = list(recording) if isinstance(recording, list | tuple) else [recording]
+    trials = _several(recording)
     every = [_read(trial) for trial in [*trials, *([] if static is None else [static])]]
     if not every:
         raise RecordingError("no recording is given; give one, or several of one session")
@@ -190,7 +190,7 @@ def find_gait(
         >>> sorted(gait.means()["joint"].unique())
         ['ankle', 'hip', 'knee']
     """
-    every = [_read(walk) for walk in (walks if isinstance(walks, list | tuple) else [walks])]
+    every = [_read(walk) for walk in _several(walks)]
     if joints is None:
         joints = find_joints(every, markerset, static=static, hips=hips)
     motions = []
@@ -201,6 +201,13 @@ def find_gait(
         scene = skeleton_scene(drawn, placed.recording)
         motions.append(ExportedMotion(drawn, walk, scene, largest_angle_error=largest_angle_error))
     return gait_of(motions)
+
+
+def _several(recordings: Source | Sequence[Source]) -> list[Source]:
+    """Recordings as a list; what is no sequence is one, and `_read` names it if it is no recording."""
+    if isinstance(recordings, str | bytes | Path | Recording) or not isinstance(recordings, Iterable):
+        return [recordings]
+    return list(recordings)
 
 
 def _read(recording: Source) -> Recording:
