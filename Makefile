@@ -66,20 +66,25 @@ skeleton: $(VENV)/.mocap
 	$(BIN)/study skeleton $(BODY)/body.c3d --calibration $(BODY); \
 	echo; echo "Open $(BODY)/viewer.html in a browser; the figure is $(BODY)/fig1_skeleton.png"
 
-# On two workers; the tests of a file stay together, because they share fixtures.
+# On two workers; the tests of a file stay together, because they share fixtures. The end says why tests are skipped.
 JOBS ?= 2
 test: $(VENV)/.dev $(VENV)/.run
-	$(BIN)/python -m pytest -q -n $(JOBS) --dist loadfile
+	$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist loadfile
 
 # A small study of everything, for continuous integration.
 smoke: $(VENV)/.run
 	$(BIN)/study run configs/smoke.toml --plan --figures --summary
 
-lint: $(VENV)/.dev
+# Checks of the code, and of the documents as far as they need no run: numbers, tables made from the package, and the
+# site with its links and its navigation.
+SITE := NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+lint: $(VENV)/.docs
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python tools/bound_numbers.py
+	$(BIN)/python tools/run_blocks.py --made docs/*.md
+	$(SITE)
 
 # Write the numbers of the stored tables into the documents; `make lint` fails where they differ.
 numbers: $(VENV)/.dev
@@ -116,9 +121,9 @@ mutants: $(VENV)/.dev $(VENV)/.run
 	$(BIN)/python benchmarks/mutants.py $(MODULE) $(TESTS)
 
 # The site of the documents, in site/. Every code block and command of a page is run, and prints what the page says.
-docs: $(VENV)/.docs
-	$(BIN)/python tools/run_notebooks.py
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+docs: $(VENV)/.docs $(VENV)/.run
+	$(BIN)/python tools/run_blocks.py docs/*.md
+	$(SITE)
 	@echo "Open site/index.html in a browser"
 
 clean:
@@ -154,7 +159,7 @@ $(VENV)/.bench: $(VENV)/.dev
 	$(INSTALL) -e '.[bench]'
 	touch $@
 
-$(VENV)/.docs: $(VENV)/.mocap
+$(VENV)/.docs: $(VENV)/.dev
 	$(INSTALL) -e '.[docs]'
 	touch $@
 

@@ -2,6 +2,7 @@
 
 import doctest
 import inspect
+import itertools
 import json
 import re
 import shutil
@@ -13,10 +14,13 @@ import pytest
 
 import study
 from study.fits import registry
+from study.fits.jit import COMPILING
+from study.simulation.library import Headway
 from study.simulation.runs import schemas
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tools"))
+import run_blocks  # noqa: E402
 import sentences  # noqa: E402
 
 sys.path.remove(str(ROOT / "tools"))
@@ -147,6 +151,19 @@ def test_other_programs_read_the_tables(swept, monkeypatch, package, language):
     assert {row[:2]: row[2] for row in rows} == pytest.approx(medians.to_dict(), rel=1e-12)
 
 
+def test_what_commands_print_on_a_slow_machine_is_not_compared():
+    """A line of progress comes once a minute, and one about the compiler once after an installation."""
+    now = itertools.count(100.0, 70.0)  # each look at the clock is 70 s after the one before
+    lines = []
+    headway = Headway(lines.append, lambda: next(now))
+    headway.add(0.25, 3, 1_200)
+    headway.add(0.5)
+    assert len(lines) == 2
+    assert all(run_blocks.WAITING.match(f"mine-a998cf00cc: {line}") for line in lines)
+    assert run_blocks.WAITING.match(COMPILING)
+    assert not run_blocks.WAITING.match("mine-a998cf00cc: 4 cells, 200 trials")
+
+
 def test_the_site_lists_every_page():
     """Every page of docs/ stands in the navigation, and everything there is a page."""
     listed = set(re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE))
@@ -159,7 +176,8 @@ def test_the_readme_is_short_and_shows_a_picture_after_the_commands():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(text.split()) <= 900
     assert text.count("![") == 1
-    order = ["    make paper", "    pip install .", "    study fit docs/points.csv", "![", "## What was found"]
+    commands = ["    make paper", "    make test", "    pip install .", "    study fit docs/points.csv"]
+    order = [*commands, "![", "## What was found"]
     places = [text.find(part) for part in order]
     assert -1 not in places
     assert places == sorted(places)

@@ -1,11 +1,8 @@
-"""Hooks of the site: run the blocks of the pages, and add what pages show and link that lies outside of docs/."""
+"""Hooks of the site: add what pages show and link that lies outside of docs/, and typeset formulas."""
 
 import os
 import posixpath
 import re
-import sys
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 from latex2mathml.converter import convert
@@ -28,22 +25,8 @@ _COMMAND = []
 
 
 def on_startup(command: str, dirty: bool) -> None:
-    """Note the command: `mkdocs serve` shows the pages without running their blocks at each change."""
+    """Note the command: `mkdocs serve` names its own address in each page."""
     _COMMAND[:] = [command]
-
-
-def on_pre_build(config: MkDocsConfig) -> None:
-    """Run the blocks of every page."""
-    if _COMMAND != ["build"]:
-        return
-    sys.path.insert(0, str(Path(__file__).parent))
-    import run_blocks
-
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:  # blocks print, and change folders
-        try:
-            list(pool.map(run_blocks.run, sorted(DOCS.glob("*.md"))))
-        except run_blocks.OutputError as error:
-            raise PluginError(f"{error}\nTo store what the blocks print: tools/run_blocks.py --write PAGE") from None
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -76,7 +59,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     """Refuse a page that would ask another server: the site is read from a folder, without a network."""
-    if _COMMAND == ["build"] and (asked := ELSEWHERE.search(output)):  # `serve` names its own address
+    if _COMMAND == ["build"] and (asked := ELSEWHERE.search(output)):
         raise PluginError(f"{page.file.src_uri}: asks another server: {asked[0]}")
     return output
 

@@ -8,7 +8,9 @@ import inspect
 import json
 import math
 import re
-from functools import partial
+import sys
+from functools import cache, partial
+from pathlib import Path
 from typing import Any, get_args
 
 import griffe
@@ -190,13 +192,20 @@ def _allowed(entry: dict[str, Any]) -> str:
     return f"{words.get(entry.get('type', ''), 'any')} {limits}".strip()
 
 
+@cache
+def _parsed(module: str) -> griffe.Module:
+    """The source of a module (griffe's `load` would read the whole package)."""
+    path = Path(sys.modules[module].__file__ or "")
+    return griffe.visit(module, path, path.read_text(encoding="utf-8"))
+
+
 def _described(model: type[BaseModel]) -> dict[str, str]:
     """Meanings of the fields of a model, from docstrings below them or the list of attributes."""
     meanings: dict[str, str] = {}
     for kind in reversed(model.__mro__):
         if kind.__module__.startswith("study.") and "create_model" not in kind.__qualname__:
             try:
-                source = griffe.load(kind.__module__)[kind.__qualname__]
+                source = _parsed(kind.__module__)[kind.__qualname__]
             except KeyError:  # a model that is made from the table of conditions
                 continue
             for section in source.docstring.parse("google") if source.docstring else []:

@@ -1,7 +1,8 @@
 """Run the code blocks of the documents, and compare what they print with what the documents say.
 
-    python tools/run_blocks.py docs/fitting.md             # fails at the first block that prints something else
+    python tools/run_blocks.py docs/*.md                   # fails where a block prints something else
     python tools/run_blocks.py --write docs/fitting.md     # writes what the blocks print into the document
+    python tools/run_blocks.py --made docs/*.md            # looks at the made parts alone, and runs no block
 
 The blocks of a document are run in their order in one temporary folder:
 
@@ -12,7 +13,8 @@ The blocks of a document are run in their order in one temporary folder:
 - a picture of ``assets/`` that a block saves under its name is stored by ``--write``.
 - between ``<!-- made: x -->`` and ``<!-- end -->`` stands what ``tools/made_pages.py`` prints for x.
 
-A line ``…`` in an output stands for any number of lines. What depends on the machine (`MASKS`) is not compared.
+A line ``…`` in an output stands for any number of lines. What depends on the machine is not compared: times (`MASKS`),
+and lines that commands print only where they wait (`WAITING`).
 """
 
 import argparse
@@ -24,6 +26,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 from bound_numbers import replaced
@@ -32,16 +37,16 @@ from number_tables import markdown
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 MASKS = re.compile(r"\d[\d.,]* ?(?:s|ms|µs|min|MB|kB|data sets)\b")
 """Times, sizes of files, work done in a time."""
-COMPILING = "study: compiling loops"
-"""Beginning of a line that commands print where no code is cached yet."""
+WAITING = re.compile(r"study: compiling loops|\S+: (?:[\d,]+/[\d,]+ units|\d+%|begun), [\d:]+ passed\b")
+"""Beginning of a line that commands print where no code is cached yet, or once a minute on a slow machine."""
 BLOCK = re.compile(
     r"^(?P<skip><!-- skip: next -->\n+)?```(?P<language>console|python|text|toml)\n(?P<code>.*?)^```$", re.M | re.S
 )
 FILE = re.compile(r"# ([\w-]+\.(?:py|toml|csv))\n")
 PICTURE = re.compile(r"\]\((assets/[\w/-]+\.png)\)")
 MADE = re.compile(r"(?<=<!-- made: )(\w+) -->\n(.*?)(?=<!-- end -->)", re.DOTALL)
-LONGEST = 600
-"""Seconds after which a command is stopped."""
+LONGEST = 3600
+"""Seconds after which a command is stopped: it hangs, on the slowest machine too."""
 
 
 class OutputError(Exception):
@@ -58,15 +63,12 @@ def _plain(text: str) -> list[str]:
     return [" ".join(MASKS.sub("#", line).split()) for line in text.strip("\n").splitlines()]
 
 
-def run(path: Path, write: bool = False) -> int:
+def run(path: Path, write: bool = False) -> None:
     """Run the blocks of a document in a temporary folder.
 
     Args:
         path: the Markdown file.
         write: store what the blocks print, instead of comparing it.
-
-    Returns:
-        The number of blocks.
 
     Raises:
         OutputError: if a block prints something else than the document says.
@@ -97,15 +99,39 @@ def run(path: Path, write: bool = False) -> int:
             if write:
                 (DOCS / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy(made, DOCS / name)
+    if write and (new := replaced(text, edits)) != text:
+        path.write_text(new, encoding="utf-8")
+
+
+def make(path: Path, write: bool = False) -> None:
+    """Make the parts of a document that come from the package, which takes no run; see `run`."""
+    text = path.read_text(encoding="utf-8")
+    edits: list[tuple[int, int, str]] = []
     for part in MADE.finditer(text):
         import made_pages  # only pages with made parts need the packages that it loads
 
         edits.append((*part.span(2), f"\n{markdown(getattr(made_pages, part[1])()).strip()}\n\n"))
-        if edits[-1][2] != part[2] and not write:
-            raise OutputError(f"{path}: a made table is not up to date; run tools/run_blocks.py --write {path}")
-    if write and (new := replaced(text, edits)) != text:
+    if (new := replaced(text, edits)) != text:
+        if not write:
+            raise OutputError(f"{path}: a made table is not up to date")
         path.write_text(new, encoding="utf-8")
-    return len(blocks)
+
+
+def fault(path: Path, write: bool, made: bool) -> str:
+    """What a document has that is not so; nothing if all is well.
+
+    Args:
+        path: the Markdown file.
+        write: store what is printed or made, instead of comparing it.
+        made: look at its made parts alone.
+    """
+    try:
+        make(path, write)
+        if not made:
+            run(path, write)
+    except OutputError as error:
+        return f"{error}\nTo store what is printed or made: python tools/run_blocks.py --write {path}"
+    return ""
 
 
 def _console(place: str, block: str, folder: str, write: bool) -> str:
@@ -125,7 +151,7 @@ def _shell(command: str, folder: str) -> str:
     settings = {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "PATH": path, "PYTHONPATH": roots}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "encoding": "utf-8", "timeout": LONGEST}
     done = subprocess.run(["bash", "-c", command], cwd=folder, env=os.environ | settings, **pipes)
-    lines = (line for line in done.stdout.splitlines() if not line.startswith(COMPILING))
+    lines = (line for line in done.stdout.splitlines() if not WAITING.match(line))
     return "".join(line.rstrip() + "\n" for line in lines)
 
 
@@ -138,13 +164,21 @@ def _checked(place: str, stored: str, printed: str, write: bool) -> str:
     return printed.strip("\n") + "\n" if printed.strip() else ""
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Compare, or write, in a process for each document."""
     options = argparse.ArgumentParser(description="Run the code blocks of documents.")
     options.add_argument("--write", action="store_true", help="store the outputs instead of comparing them")
+    options.add_argument("--made", action="store_true", help="look at the parts made from the package alone")
     options.add_argument("files", nargs="+", type=Path)
     given = options.parse_args()
-    for file in given.files:
-        try:
-            print(f"{file}: {run(file, given.write)} blocks", flush=True)
-        except OutputError as error:
-            sys.exit(str(error))
+    check = partial(fault, write=given.write, made=given.made)
+    if given.made:
+        faults = list(map(check, given.files))
+    else:
+        with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:  # blocks print, and change folders
+            faults = list(pool.map(check, given.files))
+    sys.exit("\n".join(filter(None, faults)))
+
+
+if __name__ == "__main__":
+    main()

@@ -270,7 +270,7 @@ def of_run(run: Run, by: str = "center", level: float = 0.95) -> Mechanism:
     losses = (part.assign(error=_losses(part, by)) for part in parts)
     result = compared(losses, run.study.estimators, run.study.run_name(), level)
     timings = run.table("timings", ["step", "fits", "seconds"]).astype({"step": str})
-    seconds = (timings["seconds"] / timings["fits"]).groupby(timings["step"]).median()  # the first compiles
+    seconds = (timings["seconds"] / timings["fits"]).groupby(timings["step"]).median()  # one may have waited
     result.seconds[:] = seconds.reindex(result.estimators).to_numpy(dtype=float)
     return result
 

@@ -430,6 +430,21 @@ def compute(study: Study, unit: Batch) -> Result:
     return result
 
 
+_begun = set[str]()
+_beginning = threading.Lock()
+
+
+def begin(study: Study, unit: Batch) -> None:
+    """Compute one trial of a study, once in a process, and forget it.
+
+    It compiles the study's loops, or loads them: the times of later trials are those of the work alone.
+    """
+    with _beginning:  # another thread would wait for the compiler while its clock runs
+        if (name := study.digest()) not in _begun:
+            _begun.add(name)
+            compute(study, replace(unit, last=unit.first + 1))
+
+
 def lost(study: Study, unit: Batch, message: str) -> Result:
     """Result of a unit whose worker died: every fit failed, and no bound is known."""
     d, result = study.dimension, Result(study, "worker")

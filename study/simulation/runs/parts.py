@@ -38,7 +38,7 @@ from study.arrays import Ints
 from study.files import RunError, explained, write
 from study.fits import ESTIMATORS
 from study.simulation import statistics
-from study.simulation.experiment.compute import Columns, Errors, Result, compute, lost
+from study.simulation.experiment.compute import Columns, Errors, Result, begin, compute, lost
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.runs import schemas
@@ -345,6 +345,7 @@ def estimators_of(outputs: Iterable[str]) -> tuple[str, ...]:
 
 def execute(study: Study, tasks: tuple[UnitTask, ...]) -> Packet:
     """Compute tasks of a study; workers run this."""
+    begin(study.model_copy(update={"estimators": estimators_of(tasks[0].outputs)}), tasks[0].batch)
     return _packed(study, tasks, compute)
 
 

@@ -12,8 +12,12 @@ import pytest
 import study
 from study.fits import Estimator
 from study.fits.samples import blank
+from study.simulation.experiment import compute as module
 from study.simulation.experiment.compute import Result, compute, draw
+from study.simulation.experiment.config import parse
 from study.simulation.experiment.designs import Batch
+from study.simulation.runs import runner
+from tests.configs import config
 
 ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
 
@@ -275,3 +279,24 @@ def test_noise_has_its_covariance(make_study, shape):
     assert np.all(np.abs(z.mean(axis=1)) < 5 * np.sqrt(variance / z.shape[1]))
     error = np.sqrt((np.outer(variance, variance) + expected**2) / z.shape[1])
     assert np.all(np.abs(z @ z.T / z.shape[1] - expected) < 5 * error)
+
+
+def test_times_are_without_the_compiler(monkeypatch, tmp_path):
+    """An estimator waits for a compiler at its first call in a process, and takes a second a call from then on.
+
+    The time of each unit is that of its calls; the clock is the test's.
+    """
+    now, calls = [0.0], []
+
+    def waits(samples):
+        now[0] += 1.0 if calls else 1000.0
+        calls.append(samples.shape[0])
+        return study.ESTIMATORS["lls"](samples)
+
+    monkeypatch.setitem(study.ESTIMATORS, "waits", Estimator(waits, "a test"))
+    monkeypatch.setattr(module, "perf_counter", lambda: now[0])
+    text = config({"estimators": ["lls", "waits"]}, trials=20, samples=[6, 40], noise=[0.05, 0.5], draws="independent")
+    timings = runner.run(parse(text), text, tmp_path / "run", 1).table("timings").astype({"step": str})
+    assert timings.groupby("step")["seconds"].sum().loc[["lls", "waits"]].tolist() == [0.0, len(calls) - 1.0]
+    assert calls[0] == 1
+    assert sum(calls[1:]) == 20 * 4
