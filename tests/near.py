@@ -64,7 +64,7 @@ def loops(code):
                 done.add(name)
                 body = blocks.get(name, "")
                 if name in _TARGET.findall(body) and "store <" in body and re.search(r"phi <\d+ x double>", body):
-                    yield function.partition("(")[0].split("@")[-1]
+                    yield re.search(r'@"?([^"(]+)', function).group(1)
                 todo |= {n for n in _TARGET.findall(body) if n.startswith("vec")} - done
 
 
@@ -147,7 +147,8 @@ def compute(near, *wanted):
 def compare(*wanted):
     """Compare dimensions, for some estimators if there are names, else for all and everything.
 
-    Names of arrays and counts of numbers whose bits differ; names of `loops`; how many numbers were compared."""
+    Names of arrays and counts of numbers whose bits differ; names of `loops`; how many numbers were compared.
+    """
     command, made = [sys.executable, "-W", "ignore", __file__], []
     for kind in ("as it is", "near"):
         done = subprocess.run([*command, kind, *map(str, wanted)], cwd=Path(__file__).parents[1], stdout=-1, check=True)
