@@ -284,7 +284,7 @@ X86 = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="
 
 def target(code):
     """Name and features of the processor that a program's code is generated for."""
-    unset = {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OPENBLAS_CORETYPE"}
+    unset = {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES"}
     environment = {name: value for name, value in os.environ.items() if name not in unset}
     command = [sys.executable, "-c", code + COMPILED_FOR]
     return subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout.strip()
@@ -304,3 +304,39 @@ def test_compiled_code_knows_nothing_of_the_processor_at_hand(code):
 def test_a_program_that_compiled_before_keeps_its_code():
     """Its functions, compiled before and after the first fit, are for the processor at hand."""
     assert target(NUMBA_BEFORE + LIBRARY) == target(NUMBA_BEFORE) != COMMON
+
+
+NUMPY = """
+import hashlib
+import numpy as np
+from study.simulation.runs.provenance import fingerprint
+x = np.random.default_rng(1).uniform(0.1, 10.0, 100_000)
+every = [np.exp(x), np.log(x), np.tan(x), np.arcsin(0.1 * x), np.arctan2(x, 3.0), x**2.7]
+print(hashlib.sha256(b"".join(numbers.tobytes() for numbers in every)).hexdigest(), fingerprint()["NumPy code for"])
+"""
+
+
+def numpy_code(setting, code=COMMAND):
+    """Digest of functions of NumPy, and the instructions that it uses by the fingerprint; no warning is given."""
+    environment = {name: value for name, value in os.environ.items() if name != "NPY_DISABLE_CPU_FEATURES"}
+    command, environment = [sys.executable, "-W", "error", "-c", code + NUMPY], environment | setting
+    environment.pop("NUMBA_CPU_NAME", None)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout.split(maxsplit=1)
+
+
+@X86
+def test_numpy_uses_the_common_instructions():
+    """Those of AVX-512 are not used by commands, and the fingerprint says so; other settings are seen in it."""
+    assert "AVX512" not in numpy_code({})[-1]
+    assert "X86_V4" not in numpy_code({})[-1]
+    assert numpy_code({"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"})[1:] != numpy_code({})[1:]
+
+
+@pytest.mark.skipif("avx512f" not in Path("/proc/cpuinfo").read_text(), reason="this processor has no AVX-512")
+def test_numpy_has_the_same_bits_with_and_without_wider_instructions():
+    """On a processor with AVX-512 a command computes what one without would; a library's user is told otherwise."""
+    without = numpy_code({"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR"}, "")
+    assert numpy_code({}) == without
+    assert numpy_code({}, "")[1] != without[1]

@@ -22,8 +22,13 @@ def test_no_bit_depends_on_where_small_arrays_lie(compared):
     assert count > 2000
 
 
-def test_no_loop_that_is_chosen_by_nearness_carries_a_sum(compared):
-    """Whatever the numbers are, there is no such loop in the compiled code, but for the one that is made so."""
+KNOWN = ("stored_and_summed", "moments10accumulate")
+"""Names that may be listed: the loop that is made so, and sums of moments in five dimensions or more. The latter have
+such a version for coordinates of a sample that follow each other in memory, which no layout has that kernels read."""
+
+
+def test_no_other_loop_that_is_chosen_by_nearness_carries_a_sum(compared):
+    """Whatever the numbers are, there is no other such loop in the compiled code."""
     _, loops, _ = compared
-    assert [name for name in loops if "stored_and_summed" not in name] == []
-    assert len(loops) > 0
+    assert any(KNOWN[0] in name for name in loops)
+    assert [name for name in loops if not any(known in name for known in KNOWN)] == []
