@@ -3,24 +3,32 @@
 import os
 import platform
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 _PROCESSOR, _FEATURES = "x86-64-v3", ""
 """LLVM's name of every x86-64 processor since 2013, and features: those that the name implies, and no others."""
+_WIDER = "X86_V4 AVX512_ICL AVX512_SPR"
+"""Wider instructions by NumPy's names, from its version 2.4 on: logarithms and powers have other last bits there."""
+_WIDER_BEFORE = "AVX512F AVX512CD AVX512_KNL AVX512_KNM AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL"
+"""Names of versions 1.26 to 2.3. NumPy warns of names that it does not know, not of those that the processor lacks."""
 
 
 def fix() -> None:
-    """Generate the same machine code on every x86-64 processor since 2013, so that equal runs are equal to the byte.
+    """Run the same machine code on every x86-64 processor since 2013, so that equal runs are equal to the byte.
 
-    By default, code is generated for the processor at hand, whose wider registers add in another order; a name alone
-    would leave its features in. Linear algebra gets one thread, because the matrices here are small: two threads took
-    seven times as long. Commands call this before numba and NumPy are imported. A setting that the user made stands.
+    By default, code is generated, or chosen by NumPy and OpenBLAS, for the processor at hand, whose wider registers add
+    in another order; a name alone would leave its features in. Linear algebra gets one thread, because the matrices
+    here are small: two threads took seven times as long. Commands call this before numba and NumPy are imported. A
+    setting that the user made stands.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if _is_common():
         os.environ["NUMBA_CPU_NAME"], os.environ["NUMBA_CPU_FEATURES"] = _PROCESSOR, _FEATURES
         os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
+        new = tuple(map(int, version("numpy").split(".")[:2])) >= (2, 4)
+        os.environ.setdefault("NPY_DISABLE_CPU_FEATURES", _WIDER if new else _WIDER_BEFORE)
 
 
 def fix_compiler() -> None:

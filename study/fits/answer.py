@@ -173,9 +173,8 @@ class FittedPoints:
     @cached_property
     def _from_center(self) -> tuple[Floats, Floats]:
         """Distances and directions."""
-        x = self.samples.x
         with np.errstate(all="ignore"):
-            away = x - self._center[:, :, None]
+            away = np.subtract(self.samples.x, self._center[:, :, None], order="C")  # one order of adding
             distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
             return distance, away / distance[:, None]
 

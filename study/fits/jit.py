@@ -11,7 +11,13 @@ Every compiled function of the package is decorated with :func:`compiled` and so
 A function (`Loop`) whose compiled code is not in the cache runs as plain Python until it has been given some ten
 thousand numbers, and is compiled then; within `always_compiled` at once. The first function of a process that is
 compiled is a warning in the log ``study``, which Python prints on standard error unless a program sets up its logs;
-each function is a message for debugging. The cache on disk cannot go stale.
+each function is a message for debugging. Numba keeps compiled code on disk; its folder names the sources of a function,
+those that it imports included, so that code of other sources is never read.
+
+A loop must not both store to an array and carry a sum where sums may be reordered. The compiler makes two versions of
+such a loop, with vector instructions and without, and chooses by the distance of two arrays in memory: where small
+arrays happen to lie would decide the last bit of the sum. Store in one loop and add in another; ``tests/near.py`` finds
+such loops.
 
 A loop over samples keeps its sums in the value that :func:`zeros` returns: tuples in few dimensions, whose length the
 compiler knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many.
@@ -25,12 +31,15 @@ both.
 """
 
 import contextlib
+import glob
 import hashlib
+import inspect
 import logging
+import re
 import shutil
 import threading
 from collections.abc import Callable, Iterator
-from functools import partial, update_wrapper
+from functools import cache, partial, update_wrapper
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
@@ -44,6 +53,7 @@ instruction_set.fix_compiler()
 
 from numba import float64, njit, types, uint64  # noqa: E402  after its settings are made
 from numba.core import event  # noqa: E402
+from numba.core.caching import IndexDataCacheFile  # noqa: E402
 from numba.cpython.unsafe.tuple import tuple_setitem  # noqa: E402
 from numba.extending import intrinsic, overload  # noqa: E402
 
@@ -71,7 +81,11 @@ _PATIENCE = 5.0
 COMPILING = "study: compiling loops, once after an installation; it takes seconds, at most a minute"
 """Warning of a process that compiles a function, and does not read it from the cache."""
 
+_KEPT = 3
+"""Sets of sources of a file, its own included, whose code is kept."""
+
 _PACKAGE = Path(__file__).parent.parent
+_IMPORT = re.compile(r"^ *from (study[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 _LOG = logging.getLogger(__name__)
 
 
@@ -83,28 +97,38 @@ class Sums(Protocol):
     def __getitem__(self, i: int, /) -> float: ...
 
 
-def _discard_stale_code() -> None:
-    """Remove compiled code that was made from other sources.
+@cache
+def _read(source: Path) -> tuple[bytes, list[Path]]:
+    """Text of a source, and the sources of this package that it imports."""
+    text, imported = source.read_bytes(), list[Path]()
+    for module, names in _IMPORT.findall(text.decode()):
+        place = _PACKAGE.parent.joinpath(*module.split("."))
+        parts = [place / f"{name}.py" for name in re.findall(r"\w+", names)]
+        whole = [] if all(part.exists() for part in parts) else [place / "__init__.py"]
+        imported += [path for path in (place.with_suffix(".py"), *parts, *whole) if path.exists()]
+    return text, imported
+
+
+@cache
+def _stamp(source: Path) -> str:
+    """Digest of a source and of all sources of this package that it imports, directly or not."""
+    todo, done = {source} if source.exists() else set(), set[Path]()
+    while todo:
+        done.add(path := todo.pop())
+        todo |= set(_read(path)[1]) - done
+    return hashlib.sha256(b"".join(_read(path)[0] for path in sorted(done))).hexdigest()[:16]
+
+
+def _keep_by_sources(kept: Any, function: Callable[..., object]) -> Path:
+    """Have numba keep the code of a function in a folder that is named after its sources, and return that folder.
 
     Numba keys a cached function by its own file alone: after a change in a function that it calls, the caller would be
-    served from the cache with the old callee inlined. A stamp of all sources in folders with kernels prevents it.
+    served from the cache with the old callee inlined.
     """
-    texts = {path: path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py"))}
-    folders = {path.parent for path, text in texts.items() if b"\n@compiled" in text}
-    sources = (text for path, text in texts.items() if path.parent in {_PACKAGE, *folders})
-    stamp = SCALAR_CODE.parent / f"compiled-{hashlib.sha256(b''.join(sources)).hexdigest()[:16]}"
-    if stamp.exists():
-        return
-    try:
-        stamp.parent.mkdir(exist_ok=True)
-        shutil.rmtree(SCALAR_CODE, ignore_errors=True)
-        for folder in folders:
-            for stale in (folder / "__pycache__").glob("*"):
-                if stale.suffix in (".nbi", ".nbc") or stale.name.startswith("compiled-"):
-                    stale.unlink(missing_ok=True)
-        stamp.touch()
-    except OSError:  # a read-only installation: its sources do not change either
-        return
+    source, numba = Path(inspect.getfile(function)), kept._impl
+    folder = Path(kept.cache_path) / f"{source.stem}-{_stamp(source)}"
+    kept._cache_file = IndexDataCacheFile(str(folder), numba.filename_base, numba.locator.get_source_stamp())
+    return folder
 
 
 class _Report(event.Listener):
@@ -125,7 +149,6 @@ class _Report(event.Listener):
         """Say nothing."""
 
 
-_discard_stale_code()
 event.register("numba:compile", _Report())  # type: ignore[no-untyped-call]
 
 
@@ -179,11 +202,11 @@ class Loop:
         with contextlib.suppress(RuntimeError):  # no folder can be written: the code lasts as long as the process
             dispatcher.enable_caching()
         self._compile_for, dispatcher._compile_for_args = dispatcher._compile_for_args, self._compile
-        cache = dispatcher._cache
-        self._load = cache.load_overload
-        cache.load_overload = self._stored
-        if cache.cache_path:
-            cache.save_overload = partial(_store, cache.save_overload, Path(cache.cache_path) / LOCK)
+        kept = dispatcher._cache
+        self._load = kept.load_overload
+        kept.load_overload = self._stored
+        if kept.cache_path:
+            kept.save_overload = partial(_store, kept.save_overload, _keep_by_sources(kept, function))
 
     def __call__(self, *arguments: object) -> object:
         """Run the function."""
@@ -237,14 +260,20 @@ def compiled(function: F, fastmath: bool = True) -> F:
     return cast(F, Loop(function, dispatcher) if hasattr(dispatcher, "_cache") else dispatcher)
 
 
-def _store(save: Callable[..., None], lock: Path, signature: object, code: object) -> None:
+def _store(save: Callable[..., None], folder: Path, signature: object, code: object) -> None:
     """Store a version of a function while no other process stores one.
 
     Numba numbers the files of a function's versions by an index. Of two processes that store versions at the same time,
     both may take the same number, and one version would be read as the other from then on. A version that cannot be
-    stored, as where a file system has no locks, is compiled again by the next process.
+    stored, as where a file system has no locks, is compiled again by the next process. The code of older sources goes;
+    that of the last ones stays for whoever goes back to them.
     """
-    with contextlib.suppress(OSError, NotImplementedError), FileLock(lock, timeout=_PATIENCE):
+    with contextlib.suppress(OSError, NotImplementedError), FileLock(folder.parent / LOCK, timeout=_PATIENCE):
+        if not folder.exists():
+            folder.mkdir(parents=True)
+            name = glob.escape(folder.name.rpartition("-")[0]) + "-" + 16 * "[0-9a-f]"
+            for old in sorted(folder.parent.glob(name), key=lambda path: path.stat().st_mtime)[:-_KEPT]:
+                shutil.rmtree(old, ignore_errors=True)
         save(signature, code)
 
 

@@ -172,11 +172,11 @@ def _fit_all(x: PointSets, fit: Estimates, residual: Floats, scatter: Floats, ze
             _append(triangle, rows, m, products)
         _solve(triangle, beta, scatter[t])
         residual[t] = triangle[d + 1, d + 1] ** 2 / n
-        radius_squared = beta[0]
         for i in range(d):
-            half = 0.5 * beta[i + 1]
-            fit.center[t, i] = origin[i] + half
-            radius_squared += half * half
+            fit.center[t, i] = origin[i] + 0.5 * beta[i + 1]
+        radius_squared = beta[0]
+        for i in range(d):  # apart from what is stored: the rule of `study.fits.jit`
+            radius_squared += (0.5 * beta[i + 1]) ** 2
         fit.radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
         fit.noise_variance[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
 
@@ -237,7 +237,8 @@ def _cut(samples: Samples, tolerance: float, origin: Floats) -> Estimates:
     fit = blank(b, d)
     finite = np.isfinite(samples.moments.fourth)
     with np.errstate(all="ignore"):
-        x = np.where(finite[:, None, None], samples.points - origin[:, None, :], 0.0)
+        y = np.subtract(samples.x, origin[:, :, None], order="C")  # one order of adding
+        x = np.where(finite[:, None, None], y, 0.0).swapaxes(1, 2)
         design = np.concatenate([x, np.ones((b, n, 1))], axis=2)
         left, values, right = np.linalg.svd(design, full_matrices=False)
         inverse = np.where(values > tolerance * values[:, :1], 1.0 / values, 0.0)

@@ -155,7 +155,7 @@ ESTIMATORS: dict[str, Estimator] = {
         without_outliers=True,
         version=4,
     ),
-    "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, version=2),
+    "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, version=3),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
     "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
     "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),

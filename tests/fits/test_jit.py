@@ -19,8 +19,10 @@ from numba.core.caching import IndexDataCacheFile
 
 import study
 from study.fits import ESTIMATORS, Estimates, Samples
+from study.fits.bounds import crlb
 from study.fits.jit import BLOCK, COMPILING, LOCK, always_compiled, compiled
 from study.fits.moments import Moments
+from study.simulation.experiment.measures import MEASURES, Truth, attempt
 
 PROGRAM = """
 import numpy as np
@@ -80,6 +82,7 @@ def package(tmp_path):
         return done.stdout.split()
 
     warnings = run.warnings = []
+    run.environment = environment
     return copy, run
 
 
@@ -95,21 +98,50 @@ def test_change_in_a_called_function_reaches_its_caller(package):
     assert run() == ["12.0", "0"]
 
 
-@pytest.mark.parametrize("changed", ["recordings/rigid.py", "simulation/report/page.py"])
-def test_changes_that_discard_the_cache(package, changed):
-    """A change in any folder with compiled code discards that of all such folders; a change elsewhere does not."""
+@pytest.mark.parametrize("kept", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
+def test_change_reaches_callers_wherever_compiled_code_lies(package, kept, tmp_path):
+    """In a folder that the user names, and in the user's own where the installation cannot be written to."""
     copy, run = package
-    used = "from study.fits.jit import total; import numpy; total(numpy.ones(1 << 17))"
-    run(used)
-    stale = copy / "recordings" / "__pycache__" / "rigid.some_kernel.nbi"
-    stale.parent.mkdir(exist_ok=True)
-    stale.touch()
-    run(used)
-    assert stale.exists()
-    with (copy / changed).open("a") as source:
-        source.write("# changed\n")
-    run(used)
-    assert stale.exists() != (changed == "recordings/rigid.py")
+    if kept == "XDG_CACHE_HOME":
+        (copy / "fits" / "__pycache__").touch()  # no folder can be made there, not even by root
+    run.environment[kept] = str(tmp_path / "kept")
+    assert run() == ["4.0", "0"]
+    assert run() == ["4.0", "1"]
+    source = copy / "fits" / "jit.py"
+    source.write_text(source.read_text().replace("result += row[k]", "result += 3.0 * row[k]"))
+    assert run() == ["12.0", "0"]
+    assert list((tmp_path / "kept").rglob("bounds._scatter-*.nbi"))
+    assert not list(copy.rglob("*.nbi"))
+
+
+def test_a_change_elsewhere_keeps_compiled_code(package):
+    """Code is compiled anew after a change in what its file imports, and after no other; going back finds the old."""
+    copy, run = package
+    assert run() == ["4.0", "0"]
+    for changed, again in [("fits/registry.py", False), ("recordings/rigid.py", False), ("fits/linalg.py", True)]:
+        before = (copy / changed).read_bytes()
+        (copy / changed).write_bytes(before + b"# changed\n")
+        assert run() == ["4.0", "0" if again else "1"]
+        (copy / changed).write_bytes(before)
+        assert run() == ["4.0", "1"]
+
+
+def test_code_of_older_sources_goes(package):
+    """The code of the last sources of a file stays, and no more; that of other files is left alone."""
+    copy, run = package
+    run(TWO_LOOPS)
+    folder, source = copy / "fits" / "__pycache__", copy / "fits" / "jit.py"
+    (now,) = folder.glob("jit-*")
+    old = [folder / f"jit-{k:016x}" for k in range(4)] + [folder / f"jit-other-{0:016x}"]
+    for k, path in enumerate(old):
+        path.mkdir()
+        os.utime(path, (k, k))
+    source.write_text(source.read_text() + "# changed\n")
+    run(TWO_LOOPS)
+    left = set(folder.glob("jit-*"))
+    assert left >= {now, old[3], old[4]}
+    assert not left & set(old[:3])
+    assert len(left) == 4
 
 
 def test_code_just_compiled_and_code_from_the_cache_have_the_same_bits(package):
@@ -215,6 +247,23 @@ def test_sums_do_not_depend_on_where_points_are(rng, on_cap, d, n):
                 np.testing.assert_array_equal(one, two, err_msg=name)
 
 
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("n", [20, 700])
+def test_every_estimator_and_measure_has_one_layout(rng, on_cap, estimator, d, n):
+    """Whatever the order of the points in memory, small (copied) or large (read as they are): the same bits."""
+    points = np.ascontiguousarray(on_cap(rng, n, 120.0, d, 0.1, sets=6)[0].swapaxes(1, 2))
+    directions = points / np.linalg.norm(points, axis=1, keepdims=True)
+    truth = Truth(np.zeros(d), 1.0, 0.1, crlb(directions.swapaxes(1, 2), 0.1))
+    answers = []
+    for x in (points, np.asfortranarray(points), np.ascontiguousarray(points.swapaxes(1, 2)).swapaxes(1, 2)):
+        fits = ESTIMATORS[estimator](Samples(x, 0.1))
+        measures = (attempt(name, Samples(x), fits, estimator, truth) for name in MEASURES)
+        answers.append(fits._asdict() | {k: v for values, _ in measures for k, v in values.items()})
+    for other in answers[1:]:
+        for name, values in answers[0].items():
+            np.testing.assert_array_equal(values, other[name], err_msg=name)
+
+
 COMMON = "('x86_64-unknown-linux-gnu', 'x86-64-v3', '')"
 
 COMPILED_FOR = """
@@ -235,7 +284,7 @@ X86 = pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="
 
 def target(code):
     """Name and features of the processor that a program's code is generated for."""
-    unset = {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OPENBLAS_CORETYPE"}
+    unset = {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES"}
     environment = {name: value for name, value in os.environ.items() if name not in unset}
     command = [sys.executable, "-c", code + COMPILED_FOR]
     return subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout.strip()
@@ -255,3 +304,42 @@ def test_compiled_code_knows_nothing_of_the_processor_at_hand(code):
 def test_a_program_that_compiled_before_keeps_its_code():
     """Its functions, compiled before and after the first fit, are for the processor at hand."""
     assert target(NUMBA_BEFORE + LIBRARY) == target(NUMBA_BEFORE) != COMMON
+
+
+NUMPY = """
+import hashlib
+import numpy as np
+from study.simulation.runs.provenance import fingerprint
+x = np.random.default_rng(1).uniform(0.1, 10.0, 100_000)
+every = [np.exp(x), np.log(x), np.tan(x), np.arcsin(0.1 * x), np.arctan2(x, 3.0), x**2.7]
+print(hashlib.sha256(b"".join(numbers.tobytes() for numbers in every)).hexdigest(), fingerprint()["NumPy code for"])
+"""
+
+
+def numpy_code(setting, code=COMMAND):
+    """Digest of functions of NumPy, and the instructions that it uses by the fingerprint; no warning is given."""
+    environment = {name: value for name, value in os.environ.items() if name != "NPY_DISABLE_CPU_FEATURES"}
+    command, environment = [sys.executable, "-W", "error", "-c", code + NUMPY], environment | setting
+    environment.pop("NUMBA_CPU_NAME", None)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout.split(maxsplit=1)
+
+
+@X86
+def test_numpy_uses_the_common_instructions():
+    """Those of AVX-512 are not used by commands, and the fingerprint says so; other settings are seen in it."""
+    assert "AVX512" not in numpy_code({})[-1]
+    assert "X86_V4" not in numpy_code({})[-1]
+    assert numpy_code({"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"})[1:] != numpy_code({})[1:]
+
+
+CPU = Path("/proc/cpuinfo")
+
+
+@pytest.mark.skipif(not CPU.exists() or "avx512f" not in CPU.read_text(), reason="this processor has no AVX-512")
+def test_numpy_has_the_same_bits_with_and_without_wider_instructions():
+    """On a processor with AVX-512 a command computes what one without would; a library's user is told otherwise."""
+    without = numpy_code({"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR"}, "")
+    assert numpy_code({}) == without
+    assert numpy_code({}, "")[1] != without[1]

@@ -62,7 +62,7 @@ def other_version(made: Mapping[str, object]) -> str | None:
 def fingerprint() -> dict[str, str | None]:
     """Everything in this process that determines the bytes of an error table besides its config."""
     import llvmlite.binding
-    import numpy  # noqa: F401  loads the linear algebra whose kernels are listed
+    import numpy  # loads the linear algebra whose kernels are listed
     from numba.core import config
 
     sources = sorted(path for place in _COMPUTING for path in _HOME.glob(place))
@@ -72,6 +72,7 @@ def fingerprint() -> dict[str, str | None]:
         "sources": hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12],
         **{name: _version(name) for name in ("numpy", "scipy", "numba", "llvmlite", "emcee")},
         "code generated for": getattr(config, "CPU_NAME", None) or llvmlite.binding.get_host_cpu_name(),
+        "NumPy code for": ", ".join(numpy.show_config(mode="dicts")["SIMD Extensions"].get("found", [])),
         "BLAS kernels for": ", ".join(sorted(blas)),
     }
 
