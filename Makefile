@@ -139,15 +139,15 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(INSTALL) -e .
 	touch $@
 
-# The loops are compiled once, so that no study waits for the compiler: those of fits and of a small study ...
+# The loops are compiled once, so that no study waits for the compiler: those of a small study ...
 $(VENV)/.run: $(VENV)/.installed
-	@echo "Loops are compiled, once after an installation or an update; most of a minute:"
-	@$(BIN)/study compile --circles configs/smoke.toml
+	@echo "Loops are compiled, once after an installation or an update; some seconds:"
+	@$(BIN)/study compile configs/smoke.toml
 	touch $@
 
 # ... and with them those of the paper's studies, and scalar code for the table of costs.
 $(VENV)/.compiled: $(VENV)/.installed
-	@echo "Loops are compiled, once after an installation or an update; about a minute:"
+	@echo "Loops are compiled, once after an installation or an update; half a minute:"
 	@$(BIN)/study compile --costs configs/smoke.toml $(CONFIGS)
 	touch $(VENV)/.run $@
 

@@ -78,6 +78,9 @@ LOCK = "compiled.lock"
 _PATIENCE = 5.0
 """Seconds to wait for it; storing takes some milliseconds."""
 
+_TURN = 60.0
+"""Seconds to wait for another process that compiles the same function, which takes some seconds."""
+
 COMPILING = "study: compiling loops, once after an installation; it takes seconds, at most a minute"
 """Warning of a process that compiles a function, and does not read it from the cache."""
 
@@ -205,8 +208,13 @@ class Loop:
         kept = dispatcher._cache
         self._load = kept.load_overload
         kept.load_overload = self._stored
+        self._turn: FileLock | None = None
         if kept.cache_path:
-            kept.save_overload = partial(_store, kept.save_overload, _keep_by_sources(kept, function))
+            folder = _keep_by_sources(kept, function)
+            self._turn = FileLock(
+                folder.parent / f"{folder.name.rpartition('-')[0]}.{function.__qualname__}.lock", timeout=_TURN
+            )
+            kept.save_overload = partial(self._store, kept.save_overload, folder)
 
     def __call__(self, *arguments: object) -> object:
         """Run the function."""
@@ -232,7 +240,22 @@ class Loop:
             loop, arguments = _WAY.called
             if loop is self and loop._done + _size(arguments) <= _PLAIN:
                 raise _NotStoredError
+        if code is None and self._turn is not None:  # another process may be compiling it: to wait costs less
+            with contextlib.suppress(OSError, NotImplementedError):
+                Path(self._turn.lock_file).parent.mkdir(parents=True, exist_ok=True)
+                self._turn.acquire()
+                code = self._load(signature, context)
+                if code is not None:
+                    self._turn.release()
         return code
+
+    def _store(self, save: Callable[..., None], folder: Path, signature: object, code: object) -> None:
+        """Store a version of the function, and let another process have its turn."""
+        try:
+            _store(save, folder, signature, code)
+        finally:
+            if self._turn is not None and self._turn.is_locked:
+                self._turn.release()
 
     def _run_plain(self, arguments: tuple[object, ...]) -> object:
         """Run the function as plain Python."""

@@ -398,13 +398,14 @@ def check(
 
 def compile_loops(
     configs: Annotated[list[Path] | None, typer.Argument(metavar="[CONFIG]…", help="studies that will be run")] = None,
-    circles: Annotated[bool, typer.Option("--circles", help="also fits in two dimensions")] = False,
+    circles: Annotated[bool, typer.Option("--circles", help="also fits, in two and three dimensions")] = False,
     costs: Annotated[bool, typer.Option("--costs", help="also what `study cost` times")] = False,
 ) -> None:
     """Compile loops before they are used.
 
-    One fit of up to some thousand points needs no compiled loops. Many fits, large ones and studies compile what they
-    need when they need it, which takes up to a minute, once after an installation.
+    Without CONFIG they are those of fits in three dimensions. One fit of up to some thousand points needs no compiled
+    loops. Many fits, large ones and studies compile what they need when they need it, which takes up to a minute, once
+    after an installation.
     """
     from study.simulation.compile_loops import compile_loops
 

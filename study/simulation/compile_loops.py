@@ -1,7 +1,7 @@
 """Compile the loops that studies and claims use, so that none waits for the compiler: once after an installation.
 
 Numba keeps the compiled code beside the sources. A few trials of a study and a chain of its posteriors compile what
-its run needs. Two processes compile.
+its run needs. Two processes compile, each function once (`study.fits.jit`).
 """
 
 import logging
@@ -50,11 +50,11 @@ class Progress(logging.Handler):
 
 
 def compile_loops(configs: list[Path], circles: bool = False, costs: bool = False) -> None:
-    """Compile the loops of studies, and of fits in three dimensions with their intervals.
+    """Compile the loops of studies; without any, those of fits in three dimensions with their intervals.
 
     Args:
-        configs: files of the studies.
-        circles: true to compile those of fits in two dimensions, too; else the first such fit takes longer.
+        configs: files of the studies, most of which need no intervals.
+        circles: true to compile those of fits in three and in two dimensions, too; else the first fit takes longer.
         costs: true to compile vector and scalar code for the table of costs, too.
     """
     from study.simulation.analysis.cost import timed, timed_scalar
@@ -62,7 +62,8 @@ def compile_loops(configs: list[Path], circles: bool = False, costs: bool = Fals
     context, progress = get_context("spawn"), Progress()
     records: Queue[logging.LogRecord] = context.Queue()
     tasks: list[Callable[[], object]] = [partial(timed_scalar, 3, 20), partial(timed, 3, 20)] if costs else []
-    tasks += [*(partial(_fit, d) for d in (3, 2)[: 1 + circles]), *(partial(_begin, path) for path in configs)]
+    dimensions = (3, 2) if circles else () if configs else (3,)
+    tasks += [*(partial(_fit, d) for d in dimensions), *(partial(_begin, path) for path in configs)]
     listener = QueueListener(records, progress)
     listener.start()
     with progress.status, ProcessPoolExecutor(_PROCESSES, context, _report_to, (records,)) as pool:

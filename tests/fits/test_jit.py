@@ -162,6 +162,14 @@ def test_the_library_and_the_commands_share_the_cache_and_compilation_is_announc
     assert run.warnings == [f"{COMPILING}\n", ""]
 
 
+def test_of_two_processes_one_compiles_a_function(package):
+    """The other waits, and reads the code: whichever comes first, each of two functions is compiled once."""
+    _, run = package
+    with ThreadPoolExecutor(2) as pool:
+        hits = list(pool.map(run, [TWO_LOOPS, TWO_LOOPS]))
+    assert [int(one) + int(other) for one, other in zip(*hits, strict=True)] == [1, 1]
+
+
 def test_a_program_can_silence_the_compiler(package):
     """The line is a warning of the log `study`."""
     _, run = package
@@ -198,7 +206,7 @@ def test_one_process_at_a_time_stores_a_version(monkeypatch):
 
     def watched(file: IndexDataCacheFile, key: object, code: object) -> None:
         try:
-            with FileLock(Path(file._cache_path) / LOCK, blocking=False, is_singleton=False):
+            with FileLock(Path(file._cache_path).parent / LOCK, blocking=False, is_singleton=False):
                 held.append(False)
         except Timeout:
             held.append(True)
