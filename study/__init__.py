@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         Estimates,
         Estimator,
         Fit,
+        GivenFit,
         Incremental,
         JointFit,
         MinimumZone,
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
         register,
     )
     from study.fits.bounds import attainable_bound, crlb
-    from study.fits.given import GivenFit
     from study.fits.plan import plan_fit
     from study.fits.point_files import PointTable, read_points
     from study.fits.spheres import CloudSpheres, fit_spheres
@@ -93,7 +93,6 @@ _PLACES = {
     **dict.fromkeys(["attainable_bound", "crlb"], "study.fits.bounds"),
     "plan_fit": "study.fits.plan",
     **dict.fromkeys(["PointTable", "read_points"], "study.fits.point_files"),
-    "GivenFit": "study.fits.given",
     **dict.fromkeys(["CloudSpheres", "fit_spheres"], "study.fits.spheres"),
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",
