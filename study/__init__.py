@@ -6,6 +6,7 @@
     joint = study.mgdk([marker_a, marker_b])        # points (n, d) of each marker: one common centre
     bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)
     spheres = study.fit_spheres(points, 5)          # several in one cloud (n, d): spheres.center (k, d), spheres.labels
+    circle = study.fit_circle(points)               # in space (n, 3): circle.center, circle.radius, circle.axis
     zone = study.minimum_zone(points)               # two concentric spheres that enclose all points most closely
     best = study.attainable_bound(45, noise=0.3)    # (d+1, d+1), for one sample on the unit sphere
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
         Estimates,
         Estimator,
         Fit,
+        GivenFit,
         Incremental,
         JointFit,
         MinimumZone,
@@ -40,9 +42,9 @@ if TYPE_CHECKING:
         register,
     )
     from study.fits.bounds import attainable_bound, crlb
-    from study.fits.given import GivenFit
     from study.fits.plan import plan_fit
     from study.fits.point_files import PointTable, read_points
+    from study.fits.space_circle import CircleFit, fit_circle
     from study.fits.spheres import CloudSpheres, fit_spheres
     from study.recordings.api import draw_skeleton, find_gait, find_joint, find_joints
     from study.recordings.formats.read import read_recording
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
 __version__ = "2.0.0"
 __all__ = [
     "ESTIMATORS",
+    "CircleFit",
     "CloudSpheres",
     "Estimates",
     "Estimator",
@@ -76,6 +79,7 @@ __all__ = [
     "find_joint",
     "find_joints",
     "fit",
+    "fit_circle",
     "fit_spheres",
     "mgdk",
     "minimum_zone",
@@ -93,7 +97,7 @@ _PLACES = {
     **dict.fromkeys(["attainable_bound", "crlb"], "study.fits.bounds"),
     "plan_fit": "study.fits.plan",
     **dict.fromkeys(["PointTable", "read_points"], "study.fits.point_files"),
-    "GivenFit": "study.fits.given",
+    **dict.fromkeys(["CircleFit", "fit_circle"], "study.fits.space_circle"),
     **dict.fromkeys(["CloudSpheres", "fit_spheres"], "study.fits.spheres"),
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",

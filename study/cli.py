@@ -105,6 +105,7 @@ Columns = Annotated[str | None, typer.Option("--columns", help=_COLUMNS)]
 _DIMENSION = "number of coordinates, if all of more than three columns are coordinates"
 Dimension = Annotated[int | None, typer.Option("--dimension", min=2, help=_DIMENSION)]
 _SPHERES = "number of spheres to look for in each file, each with its points; with -e, --columns, --dimension, --json"
+InSpace = Annotated[bool, typer.Option("--circle", help="Fit a circle in space: centre, radius and axis.")]
 SphereCount = Annotated[int | None, typer.Option("--spheres", min=1, help=_SPHERES)]
 Cell = Annotated[str, typer.Argument(metavar="CELL", help="name of the cell, or its beginning; or CELL/TRIAL")]
 Trial = Annotated[int | None, typer.Argument(metavar="[TRIAL]", min=0, help="number of the trial, from 0")]
@@ -258,6 +259,7 @@ def fit(
     radius_error: RadiusError = None,
     scale: NoiseScale = "given",
     spheres: SphereCount = None,
+    circle: InSpace = False,
     ordered: Ordered = False,
     assume: Assume = None,
     law: NoiseLaw = "isotropic",
@@ -268,7 +270,7 @@ def fit(
     as_json: FitsAsJson = False,
     as_csv: Csv = False,
 ) -> None:
-    """Fit a sphere, or a circle, to the points in each file.
+    """Fit a sphere, or a circle in the plane or in space, to the points in each file.
 
     Columns sigma, or sx, sy and sz, are the noise of each point. Several files make a table, a line each. A file that
     cannot be read costs the others nothing; the exit code is then 2. It is 3 if a fit is not ok.
@@ -297,6 +299,11 @@ def fit(
             raise typer.BadParameter("--spheres goes with --estimator, --columns, --dimension and --json alone")
         _fit_spheres(files, spheres, estimator, columns, dimension, as_json)
         return
+    if circle:
+        if noise is not None or radius is not None or as_csv or sensitivity or assume or law != "isotropic":
+            raise typer.BadParameter("--circle goes with --ordered, --columns, --plot and --json alone")
+        _fit_circles(files, columns, ordered, plot, as_json)
+        return
     chosen = choose(estimator, noise)
     results, complaints = [], []
     for file in files:
@@ -317,6 +324,34 @@ def fit(
         (only,) = results
         _plot(only.table.points, only.fits, only.table.names, ordered, plot)
     _end(complaints, all(result.ok() for result in results), ExitCode.TOO_MANY_FAILURES)
+
+
+def _fit_circles(files: list[Path], columns: str | None, ordered: bool, plot: Path | None, as_json: bool) -> None:
+    """Fit a circle in space to each file, and print it."""
+    from study.fits.point_files import read_points
+    from study.fits.point_formats import PointFileError
+    from study.fits.space_circle import fit_circle
+    from study.style import save_picture
+
+    rows, complaints, good = [], [], True
+    for file in files:
+        try:
+            table = read_points(file, columns or None, 3)
+            circle = fit_circle(table.points, ordered=ordered)
+        except (PointFileError, ValueError) as error:
+            complaints.append(str(error))
+            continue
+        good &= bool(circle.ok)
+        rows.append({"file": str(file)} | circle.to_dict())
+        if not as_json:
+            echo([*[f"{file}:"] * (len(files) > 1), *circle.lines(table.names)])
+        if plot is not None:
+            save_picture(circle.plot(), plot)
+    if not rows:
+        _end(complaints, True, ExitCode.USAGE)
+    if as_json:
+        typer.echo(json_text(rows))
+    _end(complaints, good, ExitCode.TOO_MANY_FAILURES)
 
 
 def _fit_spheres(

@@ -54,7 +54,7 @@ def test_of_a_fit(word, says, known):
     """An attribute that a fit has not is answered by the one that it has."""
     with pytest.raises(AttributeError) as caught:
         getattr(study.fit(POINTS, **known), word)
-    kind = "GivenFit" if known else "Fit"
+    kind = "Fit"
     assert str(caught.value).startswith(f"{kind!r} object has no attribute {word!r}: {says}")
 
 

@@ -1,6 +1,6 @@
 """Sphere estimators: `fit` calls one by name, `ESTIMATORS` lists them."""
 
-from study.fits.answer import Fit
+from study.fits.answer import Fit, GivenFit
 from study.fits.form import MinimumZone, minimum_zone
 from study.fits.markers import Incremental, JointFit, mgdk
 from study.fits.registry import ESTIMATORS, fit, load_installed, register
@@ -11,6 +11,7 @@ __all__ = [
     "Estimates",
     "Estimator",
     "Fit",
+    "GivenFit",
     "Incremental",
     "JointFit",
     "MinimumZone",

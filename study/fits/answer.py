@@ -1,10 +1,10 @@
 """The answer of `study.fit`: spheres, their standard errors and intervals, and how far the points are from them.
 
-`FittedPoints` are the points that a fit stands on, with the structure that its residuals show. The status that a user
-sees follows one rule for every estimator, beside what the estimator says itself.
+One class answers whatever was fitted: points alone, or with a radius, a noise of each point, or its law. What the
+points show is in `study.fits.fitted`, and in `study.fits.given` where something was known beforehand.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -12,171 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from study.arrays import Bools, Floats, Ints, as_number, real_array
-from study.fits.circle import Circle, fit_circles, lowest_radius
+from study.fits.circle import Circle
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
+from study.fits.fitted import FittedPoints
 from study.fits.form import forms_that_move
+from study.fits.given import GivenPoints, RadiusTest, remarks
 from study.fits.goodness import Answer, Goodness
-from study.fits.intervals import Intervals, intervals
-from study.fits.judge import NOTHING, Assumptions, PointEvidence, gather, influence, judge, widened
-from study.fits.robust import Found, find
-from study.fits.samples import Estimates, Samples, Status, plug_in_bound, repeated, semi_axes, unless_missing
+from study.fits.judge import NOTHING, Assumptions
+from study.fits.samples import Estimates, Estimator, Samples, Status, semi_axes
 from study.words import Hinting
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-
-
-class FittedPoints:
-    """The points of a flat batch of fits.
-
-    Args:
-        samples: the points (b, d, n), missing ones as NaN.
-        center: ĉ (b, d).
-        without_outliers: the estimator leaves outliers out.
-        assumed: of the points.
-        spheres: the free fits by `corrected`, if these are its.
-        known: radii (b,), if they are known and outliers are left out.
-    """
-
-    def __init__(
-        self,
-        samples: Samples,
-        center: Floats,
-        without_outliers: bool,
-        assumed: Assumptions,
-        spheres: Estimates | None = None,
-        known: Floats | None = None,
-    ) -> None:
-        self._samples = samples
-        self._center = center
-        self._without_outliers = without_outliers
-        self._assumed = assumed
-        self._spheres = spheres
-        self._known = known
-
-    @property
-    def samples(self) -> Samples:
-        """The points; ValueError if they were lent and have changed."""
-        return self._samples.unchanged()
-
-    @cached_property
-    def outliers(self) -> Bools:
-        """True for the points (b, n) that do not belong to the sphere of the majority."""
-        return self.found.named
-
-    @cached_property
-    def found(self) -> Found:
-        """The outliers, and what leaving them out adds to the errors."""
-        return find(self.samples, known=self._known)
-
-    @property
-    def selection(self) -> Floats:
-        """Factors on the standard errors for the choice of the points (b, d + 1); 1 unless outliers are left out."""
-        return self.found.ratio if self._without_outliers else np.ones((len(self._center), self._center.shape[1] + 1))
-
-    @property
-    def repeated(self) -> Bools:
-        """True for the points (b, n) that repeat an earlier one; ValueError if they were lent and have changed."""
-        self._samples.unchanged()
-        return self._repeated
-
-    @cached_property
-    def _repeated(self) -> Bools:
-        return repeated(self._samples.x)
-
-    @cached_property
-    def present(self) -> Bools:
-        """False for missing points (b, n)."""
-        return np.logical_not(np.isnan(self.samples.x).any(axis=1))
-
-    @property
-    def distance(self) -> Floats:
-        """Distances from ĉ (b, n)."""
-        return self._from_center[0]
-
-    @property
-    def directions(self) -> Floats:
-        """Directions from ĉ (b, d, n)."""
-        return self._from_center[1]
-
-    @cached_property
-    def used(self) -> Bools:
-        """True for the points (b, n) that the fit stands on: those that are not missing, and no outliers left out."""
-        return self.present & ~self.outliers if self._without_outliers else self.present
-
-    @property
-    def different(self) -> Samples:
-        """The points that the fit stands on, copies once; ValueError if they were lent and have changed."""
-        self._samples.unchanged()
-        return self._different
-
-    @cached_property
-    def _different(self) -> Samples:
-        points = self._samples
-        if not self._without_outliers and not self._repeated.any():
-            return points
-        return points.without(~self.used | self._repeated)
-
-    @cached_property
-    def spare(self) -> Ints:
-        """Degrees of freedom of the noise (b,): different points that the fit stands on, less d + 1; at least 1."""
-        b, d, n = self._samples.shape
-        if not self._without_outliers and not self._repeated.any() and np.isfinite(self._samples.moments.fourth).all():
-            return np.full(b, max(n - d - 1, 1))
-        count = (self.used & ~self._repeated).sum(axis=1)
-        return np.asarray(np.maximum(count - self._center.shape[1] - 1, 1))
-
-    @property
-    def evidence(self) -> PointEvidence:
-        """Evidence in the residuals of these points; ValueError if they were lent and have changed."""
-        self._samples.unchanged()
-        return self._evidence
-
-    @cached_property
-    def _evidence(self) -> PointEvidence:
-        different = self._different
-        return gather(different, self._assumed, self._spheres if different is self._samples else None)
-
-    def judged(self, status: Ints, ends: Intervals) -> tuple[Ints, Goodness]:
-        """The status of each fit (b,) after what its residuals show, and the answers of the tests.
-
-        Args:
-            status: by the intervals (b,).
-            ends: the intervals at 95 %.
-        """
-        return judge(self.evidence, self._different, status, ends, self._assumed, self._without_outliers)
-
-    @cached_property
-    def circles(self) -> Circle:
-        """The circles in space of the points, NaN in other than three dimensions."""
-        return fit_circles(self.different)
-
-    def intervals(self, level: float) -> Intervals:
-        """Intervals of a level, with allowance for structure; open along the axis where the points lie on a circle."""
-        different, seen = self.different, self._evidence
-        white, stretch = intervals(different, level), seen.stretch(level, self.spare) * self.selection
-        ends = widened(white, stretch, lambda sets, factors: intervals(different.take(sets), level, factors))
-        return self.open_on_hinges(ends, level)
-
-    def open_on_hinges(self, ends: Intervals, level: float) -> Intervals:
-        """Intervals of a level that are open along the axis where the points lie on a circle."""
-        sets = np.flatnonzero(self._evidence.hinge)
-        if not len(sets):
-            return ends
-        least = lowest_radius(fit_circles(self.different.take(sets)), level, self.spare[sets] + 1)
-        radius, center = ends.radius.copy(), ends.center.copy()
-        center[sets] = -np.inf, np.inf
-        radius[sets] = np.column_stack([least, np.full(len(sets), np.inf)])
-        return Intervals(radius, center, ends.noise_share)
-
-    @cached_property
-    def _from_center(self) -> tuple[Floats, Floats]:
-        """Distances and directions."""
-        with np.errstate(all="ignore"):
-            away = np.subtract(self.samples.x, self._center[:, :, None], order="C")  # one order of adding
-            distance = np.sqrt(np.einsum("bdn,bdn->bn", away, away))
-            return distance, away / distance[:, None]
 
 
 def signed_distances(points: ArrayLike, center: Floats, radius: Floats) -> Floats:
@@ -194,20 +42,6 @@ def signed_distances(points: ArrayLike, center: Floats, radius: Floats) -> Float
         raise ValueError(f"{lead}: leading axes must match; for the same points, pass (m, {d})") from None
 
 
-def ruled_status(estimates: Estimates, ends: Intervals) -> Ints:
-    """Status of each fit (b,) by the intervals of its points at 95 %.
-
-    A rule that admits only fits far from the noise selects those whose curvature came out too large, and intervals of
-    such fits do not cover. Intervals of the fits that are bounded do (theory 10.5). So this rule replaces the
-    estimator's "ok" and "insignificant"; only an estimate outside its own interval stays insignificant. Failures stay.
-    """
-    own, radius = estimates.status.reshape(-1), estimates.radius.reshape(-1)
-    inside = (ends.radius[:, 0] <= radius) & (radius <= ends.radius[:, 1])
-    ruled = (own == Status.OK) | (own == Status.INSIGNIFICANT)
-    accepted = np.where((own == Status.OK) | inside, Status.OK, own)
-    return np.asarray(np.where(ruled, np.where(ends.identified, accepted, Status.WEAKLY_IDENTIFIED), own))
-
-
 class Fit(Hinting):
     """Spheres that an estimator fitted, to one point set or to a batch of them with leading axes `…`.
 
@@ -220,9 +54,7 @@ class Fit(Hinting):
         estimates: the estimator's numbers, with the leading axes.
         samples: the points that were fitted, flat (b, d, n); None if they are not known, which leaves no errors.
         estimator: name of the estimator.
-        covariance_of: covariance of (ĉ, r̂) by the estimator's own rule, from samples without missing ones; None for
-            the Cramér-Rao bound with the estimates plugged in.
-        without_outliers: the estimator leaves ``outliers`` out.
+        entry: the estimator; without it errors are the Cramér-Rao bound with the estimates plugged in.
         assumed: what the user knows of the points.
 
     Examples:
@@ -246,15 +78,13 @@ class Fit(Hinting):
         estimates: Estimates,
         samples: Samples | None = None,
         estimator: str = "",
-        covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
-        without_outliers: bool = False,
+        entry: Estimator | None = None,
         assumed: Assumptions = NOTHING,
     ) -> None:
         self._estimates = estimates
         self._samples = samples
         self._estimator = estimator
-        self._covariance_of = covariance_of
-        self._without_outliers = without_outliers
+        self._entry = entry
         self._assumed = assumed
 
     @property
@@ -307,7 +137,7 @@ class Fit(Hinting):
     def _statuses(self) -> Ints:
         """Numbers of the statuses (…)."""
         if self._samples is not None:
-            return self._settled
+            return self._fitted.judged[0].reshape(self.shape)
         untested = (self._estimates.status == Status.OK) & (not self._assumed.sphere)
         return np.asarray(np.where(untested, Status.UNTESTED, self._estimates.status))
 
@@ -345,7 +175,7 @@ class Fit(Hinting):
         Source: theory §10.
         """
         axis = named_axis(of, self.center.shape[-1])
-        ends = self._intervals(level)
+        ends = self._points.intervals(level)
         if of in ("radius", "diameter"):
             return np.asarray((2.0 if of == "diameter" else 1.0) * ends.radius.reshape(*self.shape, 2))
         return np.asarray(ends.center.reshape(*self.center.shape, 2)[..., slice(None) if axis is None else axis, :])
@@ -363,29 +193,6 @@ class Fit(Hinting):
             ValueError: if the shapes do not match; a TypeError if the points are no real numbers.
         """
         return signed_distances(points, self.center, self.radius)
-
-    @cached_property
-    def _settled(self) -> Ints:
-        """The status by the rule, of a fit that holds its points."""
-        return self._judged[0]
-
-    @cached_property
-    def _judged(self) -> tuple[Ints, Goodness]:
-        """The status and the answers of the tests, of a fit that holds its points."""
-        ends = self._intervals(0.95)
-        status, goodness = self._points.judged(ruled_status(self._estimates, ends), ends)
-        return status.reshape(self.shape), goodness.reshape(*self.shape)
-
-    def _intervals(self, level: float) -> Intervals:
-        """Intervals of the flat batch, computed once for each level."""
-        known: dict[float, Intervals] = self.__dict__.setdefault("_known_intervals", {})
-        if level not in known:
-            known[level] = self._intervals_at(level)
-        return known[level]
-
-    def _intervals_at(self, level: float) -> Intervals:
-        """Intervals of the flat batch, from the points alone; a fit that was given more overrides it."""
-        return self._points.intervals(level)
 
     @property
     def ok(self) -> Bools:
@@ -413,7 +220,7 @@ class Fit(Hinting):
         flat = self._estimates.reshape(-1)
         part = Estimates._make([np.asarray(array[places]) for array in flat])
         samples = None if self._samples is None else self._samples.take(np.atleast_1d(places).ravel())
-        return type(self)(part, samples, self._estimator, self._covariance_of, self._without_outliers, self._assumed)
+        return type(self)(part, samples, self._estimator, self._entry, self._assumed)
 
     def __iter__(self) -> Iterator[Self]:
         return (self[i] for i in range(len(self)))
@@ -459,7 +266,7 @@ class Fit(Hinting):
             ValueError: if there is more than one fit, or the fit does not hold its points.
         """
         numbers = as_dict(self)
-        numbers |= {"outlier_influence": self._influence, "copies": int(self._points.repeated.sum())}
+        numbers |= {"outlier_influence": self._points.influence, "copies": int(self._points.repeated.sum())}
         return numbers | {"ordered": self._assumed.ordered}
 
     def plot(self) -> "Figure":
@@ -492,7 +299,7 @@ class Fit(Hinting):
         """
         points = self._points
         with np.errstate(all="ignore"):
-            signed = np.where(points.present, points.distance - self.radius.reshape(-1, 1), np.nan)
+            signed = np.where(points.present, points.from_center[0] - self.radius.reshape(-1, 1), np.nan)
         return signed.reshape(*self.shape, signed.shape[1])
 
     @cached_property
@@ -521,8 +328,7 @@ class Fit(Hinting):
         """
         if self._samples is None:
             return Goodness.untested(self.shape, Answer.NO_POINTS)
-        self._samples.unchanged()
-        return self._judged[1]
+        return self._points.judged[1].reshape(*self.shape)
 
     @cached_property
     def allowance(self) -> Floats:
@@ -530,11 +336,13 @@ class Fit(Hinting):
 
         They are 1 unless the test of fit speaks by its shape, unequal noise or memory; then errors of white noise would
         be too small. For memory the rows must be `ordered`. What is constant or linear over the directions cannot be
-        seen, and is not allowed for.
+        seen, and is not allowed for; but a known radius that the points refuse is. If that is itself wrong, it moves
+        the centre of a cap along its axis by more.
 
         Source: theory §13.6.
         """
-        return (self._points.evidence.ratio * self._points.selection).reshape(*self.shape, self.center.shape[-1] + 1)
+        points = self._points
+        return (points.allowed.ratio * points.selection).reshape(*self.shape, self.center.shape[-1] + 1)
 
     @cached_property
     def circle(self) -> Circle:
@@ -559,26 +367,15 @@ class Fit(Hinting):
         """Root mean square distance of the points from the sphere (…), in the unit of the points."""
         points = self._points
         with np.errstate(all="ignore"):
-            square = np.where(points.present, (points.distance - self.radius.reshape(-1, 1)) ** 2, 0.0).sum(axis=1)
+            away = points.from_center[0] - self.radius.reshape(-1, 1)
+            square = np.where(points.present, away**2, 0.0).sum(axis=1)
             return as_number(np.sqrt(square / points.present.sum(axis=1)).reshape(self.shape))
 
-    @cached_property
+    @property
     def _own_covariance(self) -> Floats:
-        """Covariance of (ĉ, r̂) (…, d+1, d+1) for white noise, whatever the residuals show, unit squared.
-
-        It is the estimator's own if it has one (`Estimator.covariance`), else the Cramér-Rao bound with the estimates
-        plugged in. These are the noise, given or estimated, and the directions of the points from ĉ, without outliers
-        if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor
-        the excess of one that does not attain it. NaN or infinite where it cannot be formed.
-        """
-        d, points = self.center.shape[-1], self._points
-        if self._covariance_of is not None:
-            found = unless_missing(self._covariance_of, points.samples, self._estimates.reshape(-1))
-        else:
-            away = points.used & (points.distance > 0.0)  # a point at the centre has no direction
-            variance = self._estimates.noise_variance.reshape(-1)
-            found = plug_in_bound(points.directions, away, points.samples.noise, variance)
-        return found.reshape(*self.shape, d + 1, d + 1)
+        """Covariance of (ĉ, r̂) (…, d+1, d+1) for white noise; see `FittedPoints.white_covariance`."""
+        found = self._points.white_covariance
+        return found.reshape(*self.shape, *found.shape[1:])
 
     @cached_property
     def covariance(self) -> Floats:
@@ -612,17 +409,13 @@ class Fit(Hinting):
                    [0.19, 0.18, 0.2 ]])
         """
         points, d = self._points, self.center.shape[-1]
-        weights = np.ones(points.used.shape) if points.samples.weights is None else points.samples.weights
-        weights = np.where(points.used & (points.distance > 0.0), weights, 0.0)
+        distance, directions = points.from_center
+        weights = np.ones(points.used.shape) if points.observed.weights is None else points.observed.weights
+        weights = np.where(points.used & (distance > 0.0), weights, 0.0)
         errors = self.standard_errors.reshape(-1, d + 1)
-        found = forms_that_move(points.directions, weights, errors, self._held)
+        found = forms_that_move(directions, weights, errors, points.held)
         with np.errstate(all="ignore"):
             return np.asarray((found / self.sigma.reshape(-1, 1, 1)).reshape(*self.shape, *found.shape[1:]))
-
-    @property
-    def _held(self) -> Floats:
-        """Noise variance over the squared uncertainty of a radius that is known (b,): of none here."""
-        return np.zeros(self.radius.size)
 
     def ellipsoid(self, level: float = 0.95) -> Floats:
         """Joint confidence ellipsoid of the centre.
@@ -648,31 +441,56 @@ class Fit(Hinting):
         if not 0.0 < level < 1.0:
             raise ValueError(f"level = {level!r}: a coverage must lie between 0 and 1, such as 0.95")
         d = self.center.shape[-1]
-        spare = None if self._noise_is_known else np.maximum(self._points.used.sum(axis=1) - d - 1, 1)
+        spare = None if self._points.noise_is_known else np.maximum(self._points.used.sum(axis=1) - d - 1, 1)
         found = semi_axes(self.covariance[..., :d, :d].reshape(-1, d, d), level, spare)
         return found.reshape(*self.center.shape, d)
 
-    @cached_property
-    def _influence(self) -> float:
-        """Largest change of a single fit without its outliers, in standard errors without them; 0 if it has none."""
-        named = self.outliers[None]
-        if self._without_outliers or not named.any():
-            return 0.0
-        return float(influence(self._points.samples, named)[0])
+    @property
+    def radius_test(self) -> RadiusTest:
+        """The fit with a free radius, as a test of a known one: its r̂ and error, and the p value of the given r (…).
+
+        The p value is that of the radius's score (theory 10.6), or of r̂ over its error if the points have no centre for
+        the given radius. It is small where the radius is wrong, and where the points are no sphere. NaN where no radius
+        was given.
+        """
+        points, nothing = self._points, np.full(self.radius.size, np.nan)
+        test = points.radius_test if isinstance(points, GivenPoints) else RadiusTest(nothing, nothing, nothing)
+        return RadiusTest(*(as_number(part.reshape(self.shape)) for part in test))
 
     @property
-    def _noise_is_known(self) -> bool:
-        """True if the covariance stands on a noise that was given."""
-        return self._samples is not None and self._samples.noise is not None and self._covariance_of is None
+    def noise_scale(self) -> Floats:
+        """The noise that the residuals show over the one that was given (…): about 1 if that is right.
+
+        It is the root of Σ p (R - r̂)²/(N - k), k the number of coordinates fitted: the standard error of unit weight.
+        NaN where no noise was given.
+        """
+        points = self._points
+        scale = points.noise_scale if isinstance(points, GivenPoints) else np.full(self.radius.size, np.nan)
+        return as_number(scale.reshape(self.shape))
+
+    def remarks(self) -> Iterator[str]:
+        """Lines about what was given, and whether the points agree; for a single fit."""
+        points = self._points
+        return remarks(points) if isinstance(points, GivenPoints) else iter(())
 
     @cached_property
-    def _points(self) -> FittedPoints:
-        """The points, flat; ValueError if the fit is not from `study.fit` and does not hold them."""
+    def _fitted(self) -> FittedPoints:
+        """The points, flat, as they were when they were looked at first."""
         if self._samples is None:
             raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
-        flat = self._estimates.reshape(-1)
-        known = flat if self._estimator == "corrected" else None
-        return FittedPoints(self._samples, flat.center, self._without_outliers, self._assumed, known)
+        kind = FittedPoints if self._samples.given is None else GivenPoints
+        return kind(self._estimates.reshape(-1), self._samples, self._entry, self._assumed)
+
+    @property
+    def _points(self) -> FittedPoints:
+        """The points, flat; ValueError if the fit does not hold them, or they were lent and have changed."""
+        points = self._fitted
+        points.samples.unchanged()
+        return points
+
+
+GivenFit = Fit
+"""Former name of the answer where something was given."""
 
 
 def white_covariance(fit: Fit) -> Floats:

@@ -17,12 +17,10 @@ from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
 from study.fits.display import meanings, statuses
 from study.fits.form import FORM_DEGREES
-from study.fits.given import GivenFit
 from study.fits.judge import INFLUENCE, NOTHING, Assumptions
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
-from study.fits.prior import takes
-from study.fits.registry import load
+from study.fits.registry import load, takes
 from study.text import columns, inert, json_text, number, with_error
 from study.words import estimator_remedy
 
@@ -234,7 +232,7 @@ def fit_all(
     known: dict[str, Any] = {"radius": radius, "scale": scale, "ordered": assumed.ordered}
     known |= {"assume": "sphere" if assumed.sphere else None, "law": "radial" if assumed.radial else "isotropic"}
     if len(estimators) > 1 and (radius is not None or isinstance(noise, np.ndarray) or assumed.radial):
-        estimators = [name for name in estimators if takes(name, points.shape, noise, radius, scale, assumed.radial)]
+        estimators = [name for name in estimators if takes(name, points.shape, noise, known)]
     try:
         return {name: fit(points, name, noise, **known) for name in estimators}
     except ValueError as error:
@@ -342,11 +340,11 @@ def as_text(files: list[FileFits], noise: float | None = None, sensitivity: bool
         yield from intervals_in_words(first, only.table.names)
         yield from doubts(first)
         yield answers_in_words(first)
-        known = isinstance(first, GivenFit) and not first.stated_alone
+        given = None if first.samples is None else first.samples.given
+        known = given is not None and not given.sigma_alone
         if first.ok and next(iter(only.fits)) == "corrected" and not known:
             yield from noise_law_in_words(first, fit(only.table.points, "mle"), only.table.names)
-        if isinstance(first, GivenFit):
-            yield from first.remarks()
+        yield from first.remarks()
         if sensitivity:
             yield from sensitivity_in_words(first, only.table.names)
     else:

@@ -2,33 +2,39 @@
 
 `study.fit` hands points here when a radius is given, a noise for each point, or one that lies along the radius. The
 noise of all points comes here, too, for estimators that find it by themselves: it fixes σ, errors, intervals and the
-status, while centre and radius stay. Which estimators take which is in `check_way`. Their answer is a `GivenFit`: a
-`Fit` whose covariances and intervals use what is known.
+status, while centre and radius stay. Which estimators take which is in `Estimator.takes`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.answer import Fit, FittedPoints
+from study.fits.fitted import FittedPoints
 from study.fits.goodness import Goodness, number_of
-from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radius, intervals_of
-from study.fits.judge import NOTHING, Assumptions, PointEvidence, weighted_outliers, widened
-from study.fits.prior import CLOSED, Believed, Given, StatedRadius, check_way
-from study.fits.robust import find
-from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit
-from study.fits.weighted import Spheres, Weighted, along_normals, closed, cost, covariance, solve
+from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radii, intervals_of
+from study.fits.judge import PointEvidence, weighted_outliers, widened
+from study.fits.prior import Believed
+from study.fits.robust import Found, find
+from study.fits.samples import Estimates, Estimator, Given, Samples, StatedRadius, Status, blank, careful_fit
+from study.fits.weighted import (
+    Spheres,
+    Weighted,
+    along_normals,
+    corrected_equations,
+    cost,
+    covariance,
+    least_squares,
+    solve,
+)
 from study.text import number, with_error
 
-_FULLER = 2.0
-"""Fuller's constant where the radius is fitted: bias is removed in full, and tails are short (theory 9.3)."""
 _NOWHERE = 1e-5
 """Level up to which the free radius is taken to lie in its interval, where a stated one is uncertain."""
 _FAR = 1e7
@@ -41,7 +47,7 @@ _SIDES = 3.0
 """Standard errors by which a known radius must fit better on one side of the points than on the other."""
 
 
-def weighted(x: Floats, given: Given, estimator: str) -> Weighted:
+def weighted(x: Floats, given: Given) -> Weighted:
     """The points (b, d, n) with the weights that are given."""
     noise, known = given.noise, not given.relative
     if noise is None:
@@ -50,7 +56,7 @@ def weighted(x: Floats, given: Given, estimator: str) -> Weighted:
     return Weighted.of(x.swapaxes(1, 2), noise, known, given.radius)._replace(radial=given.radial)
 
 
-def estimate(sets: Weighted, estimator: str) -> Estimates:
+def estimate(sets: Weighted, entry: Estimator) -> Estimates:
     """Fit a batch by an estimator that takes what is given, in the unit of the points."""
     b, _, d = sets.points.shape
     result, places = blank(b, d), np.flatnonzero(sets.usable)
@@ -61,11 +67,8 @@ def estimate(sets: Weighted, estimator: str) -> Estimates:
     part = sets.take(places)
     with np.errstate(all="ignore"):
         extent = np.linalg.eigvalsh(np.einsum("bn,bni,bnj->bij", part.weights, part.points, part.points))
-        sphere = closed(part, estimator if estimator in CLOSED else "gdke")
-        if estimator not in CLOSED:
-            sphere = solve(part, sphere, corrected=False)
-        if estimator == "corrected":
-            sphere = solve(part, sphere, corrected=True, fuller=_FULLER)
+        assert entry.given is not None
+        sphere = entry.given(part)
         status = np.where(sphere.found, Status.OK, Status.NOT_CONVERGED)
         status[sphere.radius > _FAR] = Status.AT_BOUND
         flat = ~(extent[:, 0] > _FLAT * extent[:, -1])
@@ -88,93 +91,73 @@ class RadiusTest(NamedTuple):
     p: Floats
 
 
-class GivenFit(Fit):
-    """Spheres that were fitted with a known radius, noise, or law of the noise; see `study.fit`.
+class GivenPoints(FittedPoints):
+    """The points of fits with a known radius, noise, or law of the noise; see `study.fit`.
 
-    It has all that a `Fit` has. Covariances and intervals use what is known. A radius that was given with its standard
-    uncertainty is fitted with it, and has an error and an interval of its own. Where each point has a noise of its own,
-    residuals are tested in units of it, and outliers are points beyond the largest deviation, in units of their own
-    noise, that clean points have once in a hundred data sets.
-
-    Args:
-        estimates: the estimator's numbers, with the leading axes.
-        samples: the points that were fitted, flat (b, d, n).
-        estimator: name of the estimator.
-        given: what was known, flat.
-        assumed: what the user knows of the points.
-        covariance_of: the estimator's own covariance of its numbers, where nothing is known.
-
-    Examples:
-        >>> import numpy as np, study
-        >>> angles = np.linspace(0, 1, 50)
-        >>> arc = np.column_stack([np.cos(angles), np.sin(angles)])
-        >>> noisy = arc + np.random.default_rng(1).normal(0, 0.01, arc.shape)
-        >>> free, known = study.fit(noisy), study.fit(noisy, radius=1.0)
-        >>> free.standard_errors.round(3), known.standard_errors.round(3)
-        (array([0.03 , 0.017, 0.033]), array([0.002, 0.004, 0.   ]))
-        >>> float(known.radius_test.p.round(2))
-        0.94
+    Covariances and intervals use what is known. A radius that was given with its standard uncertainty is fitted with
+    it, and has an error and an interval of its own. Where each point has a noise of its own, residuals are tested in
+    units of it, and outliers are points beyond the largest deviation, in units of their own noise, that clean points
+    have once in a hundred data sets.
     """
 
-    _samples: Samples
-
-    def __init__(
-        self,
-        estimates: Estimates,
-        samples: Samples,
-        estimator: str,
-        given: Given,
-        assumed: Assumptions = NOTHING,
-        covariance_of: Callable[[Samples, Estimates], Floats] | None = None,
-    ) -> None:
-        super().__init__(estimates, samples, estimator, covariance_of, estimator == "robust", assumed)
-        self._given = given
-
-    def __getitem__(self, index: Any) -> Self:
-        if not self.shape:
-            raise TypeError("a single fit cannot be indexed; its arrays are fit.center, fit.radius, fit.status, …")
-        places = np.arange(self.radius.size).reshape(self.shape)[index]
-        part = Estimates._make([np.asarray(array[places]) for array in self._estimates.reshape(-1)])
-        flat = np.atleast_1d(places).ravel()
-        samples, given = self._samples.take(flat), self._given.take(flat)
-        return type(self)(part, samples, self._estimator, given, self._assumed, self._covariance_of)
+    @cached_property
+    def given(self) -> Given:
+        """What was known."""
+        assert self.samples.given is not None
+        return self.samples.given
 
     @cached_property
-    def _points(self) -> FittedPoints:
-        """The points with their weights; what they show is judged by the sphere of the free fit."""
-        center = self.center.reshape(-1, self.center.shape[-1])
-        samples, free = self._samples, None
-        if (self._given.noise is not None or self._given.radial) and not self._nothing_known.all():
-            sets, sphere = self._sets, self._free
-            if self._given.noise is not None:
-                samples = replace(samples, weights=self._along(sphere))
-            with np.errstate(all="ignore"):
-                middle = sets.origin + sphere.center * sets.unit[:, None]
-                numbers = middle, sphere.radius * sets.unit, sphere.scale * sets.unit**2
-            free = blank(*self._samples.shape[:2])
-            for whole, part in zip(free, numbers, strict=False):
-                whole[sphere.found] = part[sphere.found]
-        known = self._given.radius if self._without_outliers else None
-        return FittedPoints(samples, center, self._without_outliers, self._assumed, free, known)
+    def _weighs(self) -> bool:
+        """True if points may weigh differently, or have noise along the radius alone."""
+        return (self.given.noise is not None or self.given.radial) and not bool(self._nothing_known.all())
+
+    @cached_property
+    def observed(self) -> Samples:
+        """The points, with their weights along the directions from the free fit."""
+        if self.given.noise is None or not self._weighs:
+            return self.samples
+        return replace(self.samples, weights=self._along(self._free))
+
+    @cached_property
+    def spheres(self) -> Estimates | None:
+        """The free fits where points weigh differently; NaN where there is none."""
+        if not self._weighs:
+            return None
+        sets, sphere = self._sets, self._free
+        with np.errstate(all="ignore"):
+            middle = sets.origin + sphere.center * sets.unit[:, None]
+            numbers = middle, sphere.radius * sets.unit, sphere.scale * sets.unit**2
+        free = blank(*self.samples.shape[:2])
+        for whole, part in zip(free, numbers, strict=False):
+            whole[sphere.found] = part[sphere.found]
+        return free
+
+    @cached_property
+    def found(self) -> Found:
+        """The outliers, and what leaving them out adds to the errors."""
+        return find(self.samples, known=self.given.radius if self.without_outliers else None)
+
+    @cached_property
+    def outliers(self) -> Bools:
+        """True for the points (b, n) that do not belong to the sphere of the majority; see the class."""
+        if self.given.noise is None or not self._weighs:
+            return self.found.named
+        return weighted_outliers(replace(self.observed, weights=self._along(self._free)))
 
     @cached_property
     def _sets(self) -> Weighted:
-        x = self._samples.x
-        if self._without_outliers:
-            x = np.where(self._points.outliers[:, None], np.nan, x)
-        return weighted(x, self._given, self._estimator)
+        x = self.samples.x
+        return weighted(np.where(self.outliers[:, None], np.nan, x) if self.without_outliers else x, self.given)
 
     @cached_property
     def _different(self) -> Weighted:
         """The points that intervals stand on: copies count once."""
-        if not self._points.repeated.any():
-            return self._sets
-        return weighted(self._points.different.x, self._given, self._estimator)
+        return weighted(self.different.x, self.given) if self.repeated.any() else self._sets
 
     @cached_property
-    def _spheres(self) -> Spheres:
+    def _answers(self) -> Spheres:
         """The answers in the units of the sets."""
-        sets, flat = self._sets, self._estimates.reshape(-1)
+        sets, flat = self._sets, self.estimates
         with np.errstate(all="ignore"):
             center = (flat.center - sets.origin) / sets.unit[:, None]
             scale = flat.noise_variance / sets.unit**2 / sets.mean_variance
@@ -182,41 +165,36 @@ class GivenFit(Fit):
         return Spheres(center, flat.radius / sets.unit, scale, np.isfinite(flat.radius))
 
     @property
-    def stated_alone(self) -> bool:
-        """True if the noise of all points was given, and nothing else."""
-        return self._given.stated_alone
-
-    @property
-    def _noise_is_known(self) -> bool:
+    def noise_is_known(self) -> bool:
         """True if the size of the noise was given."""
         return bool(np.isfinite(self._sets.scale).any())
 
     @cached_property
-    def _own_covariance(self) -> Floats:
-        """Covariance of (ĉ, r̂) for white noise (…, d+1, d+1), unit squared; a known radius has none (theory 9.6)."""
-        result = covariance(self._sets, self._spheres, self._estimator == "corrected")
-        result[~self._spheres.found] = np.nan
-        if self._given.prior is not None:
+    def white_covariance(self) -> Floats:
+        """Covariance of (ĉ, r̂) for white noise (b, d+1, d+1), unit squared; a known radius has none (theory 9.6)."""
+        result = covariance(self._sets, self._answers, self.entry is not None and self.entry.covariance is not None)
+        result[~self._answers.found] = np.nan
+        if self.given.prior is not None:
             deviation, slope = self._believed.spread()
             line = np.column_stack([slope, np.ones(len(slope))])
             added = np.nan_to_num(deviation[:, None, None] ** 2 * line[:, :, None] * line[:, None], nan=0.0)
             result += added
         result *= (self._sets.unit**2)[:, None, None]
-        plain = self._nothing_known | self._given.stated_alone
+        plain = self._nothing_known | self.given.sigma_alone
         if plain.any():
-            result[plain] = super()._own_covariance.reshape(result.shape)[plain]
-        return result.reshape(*self.shape, *result.shape[1:])
+            result[plain] = super().white_covariance[plain]
+        return result
 
     @property
     def _nothing_known(self) -> Bools:
         """True for sets (b,) whose points were given equal noise of unknown size: they are fitted as without it."""
-        return self._sets.alike & np.isnan(self._given.radius)
+        return self._sets.alike & np.isnan(self.given.radius)
 
     @cached_property
     def _believed(self) -> Believed:
         """Radii by points and statement together, in the units of the sets."""
-        assert self._given.prior is not None
-        return believed(self._sets, self._given.prior)
+        assert self.given.prior is not None
+        return believed(self._sets, self.given.prior)
 
     def _along(self, sphere: Spheres) -> Floats:
         """Weights of the points (b, n) by their noise along the directions from the centres of spheres."""
@@ -229,74 +207,58 @@ class GivenFit(Fit):
             return np.where(sets.present, 1.0 / np.einsum("bni,bnij,bnj->bn", e, sets.covariances, e), 0.0)
 
     @cached_property
-    def _evidence(self) -> PointEvidence:
+    def allowed(self) -> PointEvidence:
         """Evidence in the residuals of the free fit, and a known radius that the points refuse.
 
         Such a radius is a coefficient of degree 0, which joins those of degree 2 that measure structure, in units of
         the free fit's noise; the noise of this fit may hold the refused part already (theory 13.6).
         """
-        seen, test, d = self._points.evidence, self.radius_test, self.center.shape[-1]
+        seen, test, d = self.evidence, self.radius_test, self.samples.shape[1]
         with np.errstate(all="ignore"):  # a radius without an error
-            shift = (((test.radius - self.radius) / test.error) ** 2).reshape(-1, 1)
+            shift = (((test.radius - self.estimates.radius) / test.error) ** 2).reshape(-1, 1)
             freedom = np.minimum(seen.freedom, number_of(d, 2))
-            noise = np.sqrt(np.minimum(self._free.scale / self._spheres.scale, 1.0))[:, None]
+            noise = np.sqrt(np.minimum(self._free.scale / self._answers.scale, 1.0))[:, None]
             ratio = np.sqrt((freedom * seen.ratio**2 + shift) / (freedom + 1.0)) * noise
         wider = (test.p < _NOTICED).reshape(-1, 1) & (ratio > seen.ratio) & np.isfinite(ratio)
         ratio, freedom = np.where(wider, ratio, seen.ratio), np.where(wider, freedom + 1.0, seen.freedom)
         return seen._replace(ratio=ratio, freedom=freedom)
 
     @property
-    def allowance(self) -> Floats:
-        """Factors on standard errors for structure in the residuals, and for a known radius that the points refuse.
-
-        A radius that is itself wrong moves the centre of a cap along its axis by more than that (…, d+1).
-        """
-        return (self._evidence.ratio * self._points.selection).reshape(*self.shape, self.center.shape[-1] + 1)
-
-    @property
-    def _held(self) -> Floats:
-        prior, radius = self._given.prior, self._given.radius
+    def held(self) -> Floats:
+        """Noise variance over the squared uncertainty of a known radius (b,)."""
+        prior, radius = self.given.prior, self.given.radius
         if prior is None:
             return np.where(np.isfinite(radius), np.inf, 0.0)
-        return np.asarray(self._estimates.noise_variance.reshape(-1) / prior.uncertainty**2)
+        return np.asarray(self.estimates.noise_variance / prior.uncertainty**2)
 
     @cached_property
     def noise_scale(self) -> Floats:
-        """The noise that the residuals show over the one that was given (…): about 1 if that is right.
-
-        It is the root of Σ p (R - r̂)²/(N - k), k the number of coordinates fitted: the standard error of unit weight.
-        """
-        sets, sphere = self._sets, self._spheres
+        """The noise that the residuals show over the one that was given (b,); see `Fit.noise_scale`."""
+        sets, sphere = self._sets, self._answers
         free = ~np.isfinite(sets.radius)
         with np.errstate(all="ignore"):
             square = cost(sets, sphere.center, sphere.radius) / (sets.size - sphere.center.shape[1] - free)
-            given = np.where(np.isfinite(sets.scale), sets.scale, np.nan if self._given.noise is None else 1.0)
-            known = weighted(self._samples.x, self._given._replace(relative=False), self._estimator)
+            given = np.where(np.isfinite(sets.scale), sets.scale, np.nan if self.given.noise is None else 1.0)
+            known = weighted(self.samples.x, self.given._replace(relative=False))
             size = known.scale * known.unit**2  # of a point of weight 1, as its noise was given
             unit = np.where(np.isfinite(sets.scale), 1.0, sets.unit**2 / size)
-            return np.asarray(np.sqrt(square * unit / given).reshape(self.shape))
+            return np.asarray(np.sqrt(square * unit / given))
 
     @cached_property
     def _free(self) -> Spheres:
         """The corrected fit with a free radius, in the units of the sets."""
         free = self._sets._replace(radius=np.full_like(self._sets.radius, np.nan))
         with np.errstate(all="ignore"):
-            sphere = solve(free, closed(free, "gdke"), corrected=False)
-            return solve(free, sphere, corrected=True, fuller=_FULLER)
+            return corrected_equations(free)
 
     @cached_property
     def radius_test(self) -> RadiusTest:
-        """The fit with a free radius, as a test of a known one: its r̂ and error, and the p value of the given r (…).
-
-        The p value is that of the radius's score (theory 10.6), or of r̂ over its error if the points have no centre for
-        the given radius. It is small where the radius is wrong, and where the points are no sphere. NaN where no radius
-        was given.
-        """
-        known, start, sphere, prior = self._sets, self._spheres, self._free, self._given.prior
+        """The fit with a free radius, as a test of a known one (b,); see `Fit.radius_test`."""
+        known, start, sphere, prior = self._sets, self._answers, self._free, self.given.prior
         with np.errstate(all="ignore"):
             if prior is not None:
                 known = known._replace(radius=prior.radius / known.unit)
-            score = _at_radius(known, start).score
+            score = _at_radii(known, start, known.radius[:, None]).score[:, 0]
             error = np.sqrt(covariance(known._replace(radius=np.full_like(known.radius, np.nan)), sphere)[:, -1, -1])
             score = np.where(np.isnan(score), (known.radius - sphere.radius) / error, score)
             if prior is not None:  # the statement errs, too
@@ -306,54 +268,25 @@ class GivenFit(Fit):
             tail = np.where(exact, scipy.special.ndtr(-np.abs(score)), scipy.special.stdtr(spare, -np.abs(score)))
         numbers = [sphere.radius * known.unit, error * known.unit, 2.0 * tail]
         lost = ~np.isfinite(known.radius)
-        return RadiusTest(*(np.where(lost, np.nan, array).reshape(self.shape) for array in numbers))
-
-    def remarks(self) -> Iterator[str]:
-        """Lines about what was given, and whether the points agree; for a single fit."""
-        if np.isfinite(self._given.radius).all():
-            test, prior, given = self.radius_test, self._given.prior, f"radius {float(self.radius):.6g} is given"
-            if prior is not None:
-                given = f"radius {with_error(float(prior.radius[0]), float(prior.uncertainty[0]))} is given"
-            p = "p < 1e-9" if test.p < 1e-9 else f"p = {number(float(test.p), '.2g')}"
-            agrees = ": the points do not agree with it" if test.p < _NOTICED else ""
-            free = with_error(float(test.radius), float(test.error))
-            yield f"{given}; with a free one the points have {free} ({p}){agrees}"
-        if self._given.noise is not None:
-            times = number(float(self.noise_scale), ".3g")
-            scaled = "its scale is found in them" if self._given.relative else "± stands on the noise as it is given"
-            yield f"each point has a noise of its own, and the residuals are {times} times as large; {scaled}"
-        elif self._given.sigma is not None:
-            times, given = number(float(self.noise_scale), ".3g"), f"noise {self._given.sigma:g} is given"
-            yield f"{given}, and the residuals are {times} times as large; ± stands on the noise as it is given"
-        if self._given.radial:
-            yield "the noise is taken to be along the radius alone"
-
-    @cached_property
-    def outliers(self) -> Bools:
-        """True for each point (…, n) that does not belong to the sphere of the majority; see the class."""
-        samples = self._points.samples
-        if samples.weights is None:
-            return np.asarray(super().outliers)
-        named = weighted_outliers(samples)
-        return np.asarray(named.reshape(*self.shape, named.shape[1]))
+        return RadiusTest(*(np.where(lost, np.nan, array) for array in numbers))
 
     def _intervals_at(self, level: float) -> Intervals:
         """Intervals of the flat batch, with what was given."""
-        sets, stretch = self._different, self._evidence.stretch(level, self._points.spare) * self._points.selection
-        if self._given.prior is not None:
+        sets, stretch = self._different, self.allowed.stretch(level, self.spare) * self.selection
+        if self.given.prior is not None:
             return self._uncertain_intervals(level, stretch)
-        stretch[np.isfinite(self._given.radius), -1] = 1.0
+        stretch[np.isfinite(self.given.radius), -1] = 1.0
 
         def again(some: Ints, factors: Floats) -> Intervals:
             return given_intervals(sets.take(some), level, factors)
 
-        intervals = widened(given_intervals(sets, level, np.ones(len(stretch))), stretch, again)
-        if self._given.stated_alone:
-            intervals = self._points.open_on_hinges(intervals, level)
+        ends = widened(given_intervals(sets, level, np.ones(len(stretch))), stretch, again)
+        if self.given.sigma_alone:
+            ends = self.open_on_hinges(ends, level)
         if (plain := self._nothing_known).any():
-            for whole, part in zip(intervals, self._points.intervals(level), strict=True):
+            for whole, part in zip(ends, super()._intervals_at(level), strict=True):
                 whole[plain] = part[plain]
-        return intervals
+        return ends
 
     def _uncertain_intervals(self, level: float, stretch: Floats) -> Intervals:
         """Intervals for a radius stated with an uncertainty; they hold those of the known radius that is likeliest.
@@ -377,18 +310,40 @@ class GivenFit(Fit):
         return Intervals(radius, center, given.noise_share)
 
     @cached_property
-    def _judged(self) -> tuple[Ints, Goodness]:
+    def judged(self) -> tuple[Ints, Goodness]:
         """The status by the rule for every fit, which a known radius must pass, and a noise that is given, by χ²."""
-        status, goodness = super()._judged
+        status, goodness = super().judged
         refused = self.radius_test.p < _NOTICED
-        if self._noise_is_known:
-            sets, sphere = self._sets, self._spheres
-            spare = np.maximum(sets.size - self.center.shape[-1] - ~np.isfinite(sets.radius), 1.0)
+        if self.noise_is_known:
+            sets, sphere = self._sets, self._answers
+            spare = np.maximum(sets.size - self.samples.shape[1] - ~np.isfinite(sets.radius), 1.0)
             with np.errstate(all="ignore"):
                 distance = np.linalg.norm(sets.points - sphere.center[:, None], axis=2)
                 square = (self._along(sphere) * (distance - sphere.radius[:, None]) ** 2).sum(axis=1) / sphere.scale
-            refused |= (scipy.special.chdtrc(spare, square) < _NOTICED).reshape(self.shape)
+            refused = refused | (scipy.special.chdtrc(spare, square) < _NOTICED)
         return np.where((status == Status.OK) & refused, Status.MISFIT, status), goodness
+
+
+def remarks(points: GivenPoints) -> Iterator[str]:
+    """Lines about what was given, and whether the points agree; of a single fit."""
+    known = points.given
+    if np.isfinite(known.radius).all():
+        (free,), (error,), (p,) = points.radius_test
+        given = f"radius {float(points.estimates.radius[0]):.6g} is given"
+        if known.prior is not None:
+            given = f"radius {with_error(float(known.prior.radius[0]), float(known.prior.uncertainty[0]))} is given"
+        words = "p < 1e-9" if p < 1e-9 else f"p = {number(float(p), '.2g')}"
+        agrees = ": the points do not agree with it" if p < _NOTICED else ""
+        yield f"{given}; with a free one the points have {with_error(float(free), float(error))} ({words}){agrees}"
+    times = number(float(points.noise_scale[0]), ".3g")
+    if known.noise is not None:
+        scaled = "its scale is found in them" if known.relative else "± stands on the noise as it is given"
+        yield f"each point has a noise of its own, and the residuals are {times} times as large; {scaled}"
+    elif known.sigma is not None:
+        given = f"noise {known.sigma:g} is given"
+        yield f"{given}, and the residuals are {times} times as large; ± stands on the noise as it is given"
+    if known.radial:
+        yield "the noise is taken to be along the radius alone"
 
 
 def _spare(sets: Weighted) -> Floats:
@@ -407,13 +362,13 @@ def believed(sets: Weighted, prior: StatedRadius) -> Believed:
         stated = StatedRadius(prior.radius[places] / part.unit, prior.uncertainty[places] / part.unit)
         open_ = part._replace(radius=np.full(len(places), np.nan))
 
-        def fit_at(radius: Floats) -> AtRadius:
-            at = part._replace(radius=radius)
-            return _at_radius(at, solve(at, closed(at, "gdke"), corrected=False))
+        def fits_at(radii: Floats) -> AtRadius:
+            middle = part._replace(radius=radii[:, radii.shape[1] // 2])
+            return _at_radii(middle, least_squares(middle), radii)
 
         with np.errstate(all="ignore"):
             ends = _without_radius(open_, _quantile(open_, _spare(open_), 1.0 - _NOWHERE)).radius
-            found = Believed.of(stated, ends, fit_at, _spare(part))
+            found = Believed.of(stated, ends, fits_at, _spare(part))
         for whole, values in zip(result, found, strict=True):
             whole[places] = values
     return result
@@ -477,21 +432,21 @@ def _for_kernels(sets: Weighted, spheres: Spheres) -> Iterator[tuple[Ints, Point
         yield places, PointSets(dense(part.points), sphere.center, sphere.radius, weights)
 
 
-def _at_radius(sets: Weighted, start: Spheres) -> AtRadius:
-    """The centre at the known radius, and its score, from spheres of that radius, in the units of the sets."""
-    b, _, d = sets.points.shape
-    result = AtRadius(*(np.full(shape, np.nan) for shape in (b, (b, d), (b, d), b)))
-    for places, part in _for_kernels(sets, start._replace(radius=sets.radius)):
-        for whole, values in zip(result, at_radius(part), strict=True):
+def _at_radii(sets: Weighted, start: Spheres, radii: Floats) -> AtRadius:
+    """The centres at radii (b, g), and their scores, from spheres of the middle one, in the units of the sets."""
+    result = AtRadius.unknown(radii, sets.points.shape[2])
+    for places, part in _for_kernels(sets, start._replace(radius=radii[:, radii.shape[1] // 2])):
+        for whole, values in zip(result, at_radii(part, radii[places]), strict=True):
             whole[places] = values
     return result
 
 
 def _with_radius(sets: Weighted, quantile: Floats) -> Intervals:
     """Intervals of the centre for a known radius, in the units of the sets."""
-    least = solve(sets, closed(sets, "gdke"), corrected=False)
+    least = least_squares(sets)
     other = solve(sets, least._replace(center=-least.center), corrected=False)
-    at, second = (_at_radius(sets, sphere) for sphere in (least, other))
+    both = (_at_radii(sets, sphere, sets.radius[:, None]) for sphere in (least, other))
+    at, second = (AtRadius(*(array[:, 0] for array in one)) for one in both)
     steps = quantile[:, None, None] * [-1.0, 1.0]
     center, mirrored = (one.center[..., None] + one.errors[..., None] * steps for one in (at, second))
     apart = np.linalg.norm(other.center - least.center, axis=1) > 1e-3 * sets.radius
@@ -508,8 +463,8 @@ def _with_radius(sets: Weighted, quantile: Floats) -> Intervals:
 
 def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     """Intervals of radius and centre where the points weigh differently, in the units of the sets."""
-    start = solve(sets, closed(sets, "gdke"), corrected=False)
-    sphere = solve(sets, start, corrected=True, fuller=_FULLER)
+    start = least_squares(sets)
+    sphere = corrected_equations(sets, start)
     fine = sphere.found & (sphere.radius < _FAR)
     for part, better in zip(start, sphere, strict=True):
         part[fine] = better[fine]
@@ -520,30 +475,31 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     return result
 
 
-def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, assumed: Assumptions = NOTHING) -> Fit:
-    """`study.fit` with a known radius or a noise for each point; see there."""
-    *lead, n, d = points.shape
-    x = np.array(points.reshape(-1, n, d).swapaxes(1, 2), dtype=float, order="C")
-    if given.stated_alone and given.sigma is not None:
-        samples = Samples(x, given.sigma)
-        answer = careful_fit(estimator, samples)
+def fit_given(points: Floats, entry: Estimator, given: Given) -> tuple[Estimates, Samples]:
+    """Fit points (…, n, d) with a known radius or a noise for each point: the numbers and the samples, flat.
+
+    See `study.fit`.
+    """
+    x = np.array(points.reshape(-1, *points.shape[-2:]).swapaxes(1, 2), dtype=float, order="C")
+    if given.sigma_alone and given.sigma is not None:
+        samples = Samples(x, given.sigma, given=given)
+        answer = careful_fit(entry, samples)
         answer.noise_variance[np.isfinite(answer.noise_variance)] = given.sigma**2
-        return GivenFit(answer.reshape(*lead), samples, name, given, assumed, estimator.covariance)
-    check_way(name, given)
+        return answer, samples
     if given.noise is not None:  # a point without a noise is missing
         unknown = given.noise <= 0.0 if given.noise.ndim == 2 else np.einsum("bnii->bn", given.noise) <= 0.0
         x[np.broadcast_to(unknown[:, None], x.shape)] = np.nan
     infinite = np.isinf(x).any(axis=(1, 2))
-    found = find(Samples(x), known=given.radius) if estimator.without_outliers else None
+    found = find(Samples(x), known=given.radius) if entry.without_outliers else None
     left = infinite[:, None] if found is None else infinite[:, None] | found.named
-    sets = weighted(np.where(left[:, None], np.nan, x), given, name)
+    sets = weighted(np.where(left[:, None], np.nan, x), given)
     if given.prior is not None:
         radius = believed(sets, given.prior).quantile(0.5)
         sets = sets._replace(radius=np.where(np.isfinite(radius), radius, sets.radius))
         given = given._replace(radius=np.where(np.isfinite(radius), radius * sets.unit, given.radius))
-    answer, plain = estimate(sets, name), np.flatnonzero(sets.alike & np.isnan(given.radius) & ~infinite)
+    answer, plain = estimate(sets, entry), np.flatnonzero(sets.alike & np.isnan(given.radius) & ~infinite)
     if len(plain):
-        for whole, part in zip(answer, careful_fit(estimator, Samples(x[plain])), strict=True):
+        for whole, part in zip(answer, careful_fit(entry, Samples(x[plain])), strict=True):
             whole[plain] = part
     if found is not None:
         weighed = np.isfinite(found.radius) & (answer.status == Status.OK)
@@ -551,4 +507,4 @@ def fit_given(points: Floats, name: str, estimator: Estimator, given: Given, ass
     answer.status[infinite] = Status.NOT_FINITE
     fitted = np.isfinite(answer.radius) & np.isfinite(given.radius)
     answer.radius[fitted] = given.radius[fitted]
-    return GivenFit(answer.reshape(*lead), Samples(x), name, given, assumed, estimator.covariance)
+    return answer, Samples(x, given=given)

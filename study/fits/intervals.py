@@ -174,13 +174,13 @@ def intervals_of(sets: PointSets, quantiles: Floats) -> Intervals:
 
 
 class AtRadius(NamedTuple):
-    """Centres of a batch at a radius for each set, and what the points say of that radius; NaN where there is none.
+    """Centres of a batch at radii (b, g), and what the points say of each radius; NaN where there is none.
 
     Attributes:
-        score: T (b,), positive where the points lie further out than the radius.
-        center: centres (b, d).
-        errors: standard errors of their coordinates, given the radius (b, d).
-        variance: noise variance s (b,), of a point of weight 1.
+        score: T (b, g), positive where the points lie further out than the radius.
+        center: centres (b, g, d).
+        errors: standard errors of their coordinates, given the radius (b, g, d).
+        variance: noise variance s (b, g), of a point of weight 1.
     """
 
     score: Floats
@@ -188,12 +188,18 @@ class AtRadius(NamedTuple):
     errors: Floats
     variance: Floats
 
+    @classmethod
+    def unknown(cls, radii: Floats, dimension: int) -> "AtRadius":
+        """Places to be filled in."""
+        b, g = radii.shape
+        return cls(*(np.full(shape, np.nan) for shape in ((b, g), (b, g, dimension), (b, g, dimension), (b, g))))
 
-def at_radius(sets: PointSets) -> AtRadius:
-    """Centre and score at the radius of each set, from its first centre."""
-    b, d, _ = sets.x.shape
-    result = AtRadius(*(np.full(shape, np.nan) for shape in (b, (b, d), (b, d), b)))
-    _compute_at(sets, result, zeros(d), zeros(d, d))
+
+def at_radii(sets: PointSets, radii: Floats) -> AtRadius:
+    """Centres and scores at radii (b, g), from the first centre at the middle one, and from there to both ends."""
+    d = sets.x.shape[1]
+    result = AtRadius.unknown(radii, d)
+    _compute_at(sets, radii, result, zeros(d), zeros(d, d))
     return result
 
 
@@ -539,11 +545,13 @@ def _weights_of(weights: BatchWeights | None, t: int, unit: float) -> Weights | 
 
 
 @compiled
-def _compute_at(sets: PointSets, result: AtRadius, zero: Sums, square: Sums) -> None:
-    """Fill in the centres at the radii."""
-    x, centers, radii, weights, markers = sets
+def _compute_at(sets: PointSets, radii: Floats, result: AtRadius, zero: Sums, square: Sums) -> None:
+    """Fill in the centres at radii (b, g); each begins at the one next to it, moved along its derivative."""
+    x, centers, _, weights, markers = sets
     b, d, n = x.shape
+    g, middle = radii.shape[1], radii.shape[1] // 2
     rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
+    first, bends, variances = np.empty(d), np.empty((g, d)), np.empty(g)
     for t in range(b):
         unit, rounding = _load(x, t, rows, origin)
         least, distance = rounding * rounding, 0.0
@@ -551,18 +559,31 @@ def _compute_at(sets: PointSets, result: AtRadius, zero: Sums, square: Sums) -> 
         for i in range(d):
             start[i] = (centers[t, i] - origin[i]) / unit
             distance += start[i] * start[i]
-        r = radii[t] / unit
-        if not (unit > 0.0 and 0.0 < r < math.inf and distance < math.inf):
-            continue
-        profile.sphere[2] = max(_first_variance(rows, start, r), least)
-        place(profile, r, start)
-        converged, means = solve_profile(points, profile, least)
-        if converged:
-            result.score[t] = score(points, profile, means)[0]
-            result.variance[t] = profile.sphere[2] * unit * unit
-            for i in range(d):
-                result.center[t, i] = origin[i] + unit * r * profile.toward[i]
-                result.errors[t, i] = unit * profile.errors[i]
+        for step in range(g):
+            m = middle + step if step < g - middle else g - 1 - step
+            near = m - 1 if m > middle else m + 1
+            r = radii[t, m] / unit
+            if not (unit > 0.0 and 0.0 < r < math.inf and distance < math.inf):
+                continue
+            if m != middle and result.score[t, near] == result.score[t, near]:
+                for i in range(d):
+                    away = (result.center[t, near, i] - origin[i]) / unit
+                    first[i] = away - bends[near, i] * (r - radii[t, near] / unit)
+                profile.sphere[2] = variances[near]
+            else:
+                for i in range(d):
+                    first[i] = start[i]
+                profile.sphere[2] = max(_first_variance(rows, start, r), least)
+            place(profile, r, first)
+            converged, means = solve_profile(points, profile, least)
+            if converged:
+                result.score[t, m] = score(points, profile, means)[0]
+                variances[m] = profile.sphere[2]
+                result.variance[t, m] = profile.sphere[2] * unit * unit
+                for i in range(d):
+                    bends[m, i] = profile.bend[i]
+                    result.center[t, m, i] = origin[i] + unit * r * profile.toward[i]
+                    result.errors[t, m, i] = unit * profile.errors[i]
 
 
 @compiled

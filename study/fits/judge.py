@@ -332,7 +332,7 @@ def judge(
     evidence: PointEvidence,
     samples: Samples,
     status: Ints,
-    ends: Intervals,
+    ends: Intervals | None,
     assumed: Assumptions,
     without_outliers: bool,
 ) -> tuple[Ints, Goodness]:
@@ -342,7 +342,7 @@ def judge(
         evidence: of the points.
         samples: the points that the fits stand on (b, d, n), copies left out.
         status: by the intervals (b,).
-        ends: the intervals at 95 %.
+        ends: the intervals at 95 %; None where the points need not bound a sphere alone.
         assumed: of the points.
         without_outliers: the estimator has left outliers out.
     """
@@ -352,7 +352,8 @@ def judge(
     result[(result == Status.OK) & evidence.doubted] = Status.MISFIT
     if not without_outliers:
         _search(evidence, samples, assumed, result, answers)
-        _remove_farthest(evidence, samples, ends, result)
+        if ends is not None:
+            _remove_farthest(evidence, samples, ends, result)
     weak = (result == Status.WEAKLY_IDENTIFIED) | (result == Status.INSIGNIFICANT)  # maybe by what is allowed for
     result[weak & evidence.doubted] = Status.MISFIT
     shape = answers[SHAPE]

@@ -25,10 +25,11 @@ from scipy.linalg import orth
 from scipy.special import fdtrc, stdtrit
 
 from study.arrays import Floats, Ints, real_array
-from study.fits.answer import Fit, FittedPoints
+from study.fits.answer import Fit
 from study.fits.bounds import NOISY, noise_covariance
 from study.fits.circle import fit_circles, parallel
 from study.fits.display import named_axis
+from study.fits.fitted import FittedPoints
 from study.fits.goodness import HINGE, LEVEL, Answer, Goodness
 from study.fits.intervals import Intervals, PointSets, intervals_of
 from study.fits.judge import NOTHING, Assumptions, PointEvidence, gather, judge
@@ -114,10 +115,8 @@ class JointFit(Hinting):
             untested = (Goodness.untested((), Answer.NO_POINTS),) * len(self.radii)
             return (Status.UNTESTED if unknown else self.own_status), untested
         statuses, tests = list[Status](), list[Goodness]()
-        nothing = Intervals.unbounded(1, len(self.center), 0.95)
-        nothing.radius[:] = 0.0  # no marker need bound the centre alone
         for samples, evidence in zip(self._samples, self._evidence, strict=True):
-            ruled, goodness = judge(evidence, samples, np.zeros(1, dtype=np.int64), nothing, self.assumed, False)
+            ruled, goodness = judge(evidence, samples, np.zeros(1, dtype=np.int64), None, self.assumed, False)
             statuses.append(Status(int(ruled[0])))
             tests.append(goodness.take(0))
         ends = self.intervals(0.95)
@@ -276,7 +275,7 @@ class JointFit(Hinting):
         if len(places) == 1 or self._hinge:
             for p in places:
                 alone = Samples(np.ascontiguousarray(arrays[p].T)[None])
-                own = FittedPoints(alone, self.center[None], False, self.assumed).intervals(level)
+                own = FittedPoints(blank(1, d), alone, None, self.assumed).intervals(level)
                 result.radius[p], result.noise_share[p] = own.radius[0], own.noise_share[0]
                 result.center[:] = own.center if len(places) == 1 else result.center
             return result

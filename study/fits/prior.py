@@ -8,20 +8,23 @@ it. For τ → 0 this is the fit with the radius r₀, for τ → ∞ the radius
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from study.arrays import Floats, Ints, real_array
+from study.arrays import Floats, real_array
 from study.fits.bounds import is_per_point, noise_covariance, point_noise
 from study.fits.intervals import AtRadius
+from study.fits.samples import Estimator, Given, StatedRadius
 
-CLOSED = ("als", "ugdk", "gdke")
-ITERATED = ("corrected", "mle")
-"""Estimators that take what is known beforehand: all of it, while the closed forms do not take every covariance."""
+RADIUS, UNCERTAIN = "known radius", "uncertain radius"
+NOISE, COVARIANCE, LAW = "noise for each point", "covariance for each point", "law = 'radial'"
+RADIUS_AND_COVARIANCE = "known radius and a covariance for each point"
+ALL_GIVEN = frozenset([RADIUS, UNCERTAIN, NOISE, COVARIANCE, LAW, RADIUS_AND_COVARIANCE])
+"""Knowledge that `Estimator.takes` names, as messages name it."""
 _EXACT = 1e-9
 """Uncertainty of a radius, in radii, below which rounding leaves no less of it."""
 _GRID = 101
@@ -30,46 +33,6 @@ _WIDE = 5.0
 _FURTHER = 0.5
 """Share of the free interval's extent by which the radius may lie beyond it, as where points and statement disagree."""
 _HALVINGS = 60
-
-
-class StatedRadius(NamedTuple):
-    """Stated radii r₀ (b,), and their standard uncertainties τ (b,)."""
-
-    radius: Floats
-    uncertainty: Floats
-
-
-class Given(NamedTuple):
-    """Knowledge beforehand of a flat batch: a radius, or the noise of each point.
-
-    Attributes:
-        radius: r of each set (b,), NaN where it is not known.
-        noise: variance of each point (b, n), or its covariance (b, n, d, d); None where all points have the same.
-        relative: only ratios of the noise are known.
-        sigma: σ of all points; None if it is not known.
-        prior: stated radii with their uncertainties, of which ``radius`` is what points and statement give together;
-            None where a radius is exact or not known.
-        radial: the noise is along the radius alone.
-    """
-
-    radius: Floats
-    noise: Floats | None
-    relative: bool
-    sigma: float | None
-    prior: StatedRadius | None = None
-    radial: bool = False
-
-    @property
-    def stated_alone(self) -> bool:
-        """True if the noise of all points is known, and nothing else."""
-        return self.sigma is not None and not self.radial and not np.isfinite(self.radius).any()
-
-    def take(self, places: Ints) -> "Given":
-        """Part of the batch."""
-        part = self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])
-        return (
-            part if self.prior is None else part._replace(prior=StatedRadius(*(array[places] for array in self.prior)))
-        )
 
 
 def given_of(
@@ -115,45 +78,34 @@ def given_of(
     return Given(known, variance, scale == "estimated", None, stated)
 
 
-def check_way(estimator: str, given: Given) -> None:
-    """Raise a ValueError, which names those that can, if an estimator does not take what is known."""
-    if given.radial and estimator not in ITERATED:
-        raise ValueError(f"estimator = {estimator!r}: takes no law = 'radial'; corrected and mle do")
+def check_way(estimator: str, given: Given, entries: Mapping[str, Estimator]) -> None:
+    """Raise a ValueError, which names those that can, if an estimator does not take what is known.
+
+    Args:
+        estimator: its name.
+        given: what is known.
+        entries: the estimators by their names.
+    """
+    entry, radius = entries[estimator], bool(np.isfinite(given.radius).any())
     if given.radial and given.noise is not None and given.noise.ndim == 4:
         raise ValueError("law = 'radial': the noise has one size at a point, no covariance; give σ of each, (n,)")
-    able, known = [*ITERATED, *CLOSED], ["known radius"] * bool(np.isfinite(given.radius).any())
-    if estimator == "robust" and given.prior is not None:
-        raise ValueError("estimator = 'robust': takes no uncertain radius; give an exact one, as one number")
-    if given.noise is None:
-        able.insert(2, "robust")
-    if given.noise is not None and given.noise.ndim == 4:
-        able = [*ITERATED] if known else [name for name in able if name != "als"]
-        known.append("covariance for each point")
-    elif given.noise is not None:
-        known.append("noise for each point")
-    if estimator not in able:
-        names = f"{', '.join(able[:-1])} and {able[-1]}"
-        raise ValueError(f"estimator = {estimator!r}: takes no {' and a '.join(known)}; {names} do")
-    if estimator == "ugdk" and given.relative:
-        raise ValueError("estimator = 'ugdk': subtracts the noise, so that its scale must be given; als finds it")
-    if estimator == "ugdk" and given.noise is None and given.sigma is None:
-        raise ValueError("estimator = 'ugdk': subtracts the known noise: pass noise=σ, or use als, which finds it")
-
-
-def takes(
-    estimator: str,
-    shape: tuple[int, ...],
-    noise: ArrayLike | None,
-    radius: ArrayLike | tuple[ArrayLike, ArrayLike] | None,
-    scale: str,
-    radial: bool,
-) -> bool:
-    """True for an estimator that takes what is known: noise, radius and scale as `study.fit` has them, and the law."""
-    try:
-        check_way(estimator, given_of(shape, noise, radius, scale)._replace(radial=radial))
-    except ValueError:
-        return False
-    return True
+    wanted = [LAW] if given.radial else []
+    if radius:
+        wanted.append(RADIUS if given.prior is None else UNCERTAIN)
+    if given.noise is not None:
+        wanted += [RADIUS_AND_COVARIANCE] * (radius and given.noise.ndim == 4)
+        wanted.append(NOISE if given.noise.ndim == 2 else COVARIANCE)
+    if not entry.takes.issuperset(wanted):
+        able = [name for name, other in entries.items() if other.takes.issuperset(wanted)]
+        names = " and ".join([", ".join(able[:-1]), able[-1]])
+        if given.radial and LAW not in entry.takes:
+            wanted = [LAW]
+        said = " and ".join(word for word in wanted if word != RADIUS_AND_COVARIANCE)
+        raise ValueError(f"estimator = {estimator!r}: takes no {said}; {names} do")
+    if entry.needs == "noise" and given.relative:
+        raise ValueError(f"estimator = {estimator!r}: subtracts the noise, whose scale must be given; als finds it")
+    if entry.needs == "noise" and given.noise is None and given.sigma is None:
+        raise ValueError(f"estimator = {estimator!r}: subtracts the known noise: pass noise=σ, or use als")
 
 
 class Believed(NamedTuple):
@@ -178,13 +130,13 @@ class Believed(NamedTuple):
         return cls(*(np.full((*shape, *more), np.nan) for more in ((), (), (dimension,), (dimension,))))
 
     @classmethod
-    def of(cls, prior: StatedRadius, free: Floats, fit_at: Callable[[Floats], AtRadius], spare: Floats) -> "Believed":
+    def of(cls, prior: StatedRadius, free: Floats, fits_at: Callable[[Floats], AtRadius], spare: Floats) -> "Believed":
         """The product of the points' own distribution and the prior.
 
         Args:
             prior: r₀ and τ.
             free: ends of a wide interval of the free radius (b, 2).
-            fit_at: the fits at a radius for each set (b,).
+            fits_at: the fits at radii (b, g).
             spare: degrees of freedom of the noise (b,); infinite where it is known.
         """
         ends = free + _FURTHER * (free - free[:, ::-1])
@@ -194,8 +146,7 @@ class Believed(NamedTuple):
         apart = ~(near < far)  # the points refuse the radius; the status says so
         low, high = np.where(apart, low, near), np.where(apart, high, far)
         radius = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _GRID)
-        fits = [fit_at(radius[:, k]) for k in range(_GRID)]
-        score, center, errors = (np.stack([one[i] for one in fits], axis=1) for i in range(3))
+        score, center, errors, _ = fits_at(radius)
         with np.errstate(all="ignore"):
             slope = np.stack([np.abs(np.gradient(*pair)) for pair in zip(score, radius, strict=True)])
             normal = np.isinf(spare)[:, None]

@@ -19,7 +19,7 @@ import threading
 import traceback
 import types
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import entry_points
@@ -38,9 +38,18 @@ from study.fits.geometric import mle, mle_centroid, mle_early, mle_mirror
 from study.fits.given import fit_given
 from study.fits.judge import NOTHING, Assumptions
 from study.fits.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
-from study.fits.prior import given_of
+from study.fits.prior import (
+    ALL_GIVEN,
+    COVARIANCE,
+    NOISE,
+    RADIUS,
+    UNCERTAIN,
+    check_way,
+    given_of,
+)
 from study.fits.robust import robust
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
+from study.fits.weighted import closed, corrected_equations, least_squares
 from study.words import estimator_remedy, hinting
 
 if TYPE_CHECKING:
@@ -134,10 +143,19 @@ def _moments(d: int) -> float:
     return d * d + 8 * d + 2
 
 
+_CLOSED = frozenset([RADIUS, UNCERTAIN, NOISE])
+"""What closed forms take of what is known beforehand."""
 _BIASED = "biased towards the points by the noise, which its standard errors do not include; als has no such bias"
 
 ESTIMATORS: dict[str, Estimator] = {
-    "mle": Estimator(mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass"),
+    "mle": Estimator(
+        mle,
+        "paper §4.3; Shakarji 1998",
+        flops=lambda d: d * d + 10 * d + 6,
+        flops_of="a pass",
+        given=least_squares,
+        takes=ALL_GIVEN,
+    ),
     "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points"),
     "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points"),
     "mle_early": Estimator(mle_early, "mle by Levenberg and Marquardt's method with the stop of Numerical Recipes"),
@@ -145,6 +163,8 @@ ESTIMATORS: dict[str, Estimator] = {
         corrected,
         "theory §9: geometric, without its bias, for every law of directions",
         covariance=corrected_covariance,
+        given=corrected_equations,
+        takes=ALL_GIVEN,
     ),
     "corrected_01": Estimator(corrected_01, "theory §9, with ν = 0", covariance=partial(sandwich, pair=0.0)),
     "corrected_02": Estimator(corrected_02, "theory §9, with ν = ½", covariance=partial(sandwich, pair=0.5)),
@@ -154,14 +174,39 @@ ESTIMATORS: dict[str, Estimator] = {
         "Torr & Zisserman 2000; Hadi & Simonoff 1993: mle, each point by its probability to be no clutter",
         without_outliers=True,
         version=4,
+        given=least_squares,
+        takes=frozenset([RADIUS]),
     ),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, version=3),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
     "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
     "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),
-    "gdke": Estimator(gdke, "paper eqs 2-6; Kåsa 1976", flops=_moments, moments_suffice=True, caution=_BIASED),
-    "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True),
-    "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", flops=_moments, moments_suffice=True),
+    "gdke": Estimator(
+        gdke,
+        "paper eqs 2-6; Kåsa 1976",
+        flops=_moments,
+        moments_suffice=True,
+        caution=_BIASED,
+        given=closed,
+        takes=_CLOSED | {COVARIANCE},
+    ),
+    "ugdk": Estimator(
+        ugdk,
+        "paper eqs 15-21",
+        needs="noise",
+        flops=_moments,
+        moments_suffice=True,
+        given=partial(closed, subtract=True),
+        takes=_CLOSED | {COVARIANCE},
+    ),
+    "als": Estimator(
+        als,
+        "Kukush, Markovsky & Van Huffel 2004",
+        flops=_moments,
+        moments_suffice=True,
+        given=partial(closed, find=True),
+        takes=_CLOSED,
+    ),
     "fuller": Estimator(fuller, "Fuller 1987, for als", flops=_moments, moments_suffice=True),
     "hinge": Estimator(
         hinge,
@@ -221,10 +266,9 @@ def fit(
             a scanner at the centre. Then ``corrected`` and ``mle`` are one, and other estimators refuse.
 
     Returns:
-        A `Fit` whose arrays have the leading axes of ``points``; a `GivenFit` where the radius or the noise of each
-        point was given, which corrected, mle, als, ugdk and gdke take, where the law is radial, and where corrected
-        and robust have a noise. Look at ``fit.ok`` before using the numbers: data that determine no sphere have a
-        status, and raise nothing.
+        A `Fit` whose arrays have the leading axes of ``points``. A radius or a noise of each point is taken by
+        corrected, mle, als, ugdk and gdke; `Fit.radius_test` and `Fit.noise_scale` say whether the points agree. Look
+        at ``fit.ok`` before using the numbers: data that determine no sphere have a status, and raise nothing.
 
     Raises:
         TypeError: if the points or the noise are not real numbers, or the estimator is no name.
@@ -262,7 +306,10 @@ def fit(
         stated = entry.covariance is not None or (entry.without_outliers and np.ndim(noise) == 0)
     if radius is not None or scale != "given" or stated or assumed.radial:
         given = given_of(array.shape, noise, radius, scale)._replace(radial=assumed.radial)
-        return fit_given(array, estimator, entry, given, assumed)
+        if not given.sigma_alone:
+            check_way(estimator, given, ESTIMATORS)
+        estimates, samples = fit_given(array, entry, given)
+        return as_fit(estimates.reshape(*lead), samples, estimator, assumed)
     if noise is not None:
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
     x = array.reshape(-1, n, d).swapaxes(1, 2)
@@ -292,8 +339,17 @@ def fit_samples(samples: Samples, estimator: str) -> Fit:
 
 def as_fit(estimates: Estimates, samples: Samples, estimator: str, assumed: Assumptions = NOTHING) -> Fit:
     """The answer of a named estimator, from its numbers, with the leading axes, and the flat samples."""
-    entry = ESTIMATORS[estimator]
-    return Fit(estimates, samples, estimator, entry.covariance, entry.without_outliers, assumed)
+    return Fit(estimates, samples, estimator, ESTIMATORS[estimator], assumed)
+
+
+def takes(estimator: str, shape: tuple[int, ...], noise: ArrayLike | None, known: Mapping[str, Any]) -> bool:
+    """True for an estimator that takes what is known of points of a shape (…, n, d), as `study.fit` has it."""
+    try:
+        given = given_of(shape, noise, known["radius"], known["scale"])._replace(radial=known["law"] == "radial")
+        check_way(estimator, given, ESTIMATORS)
+    except ValueError:
+        return False
+    return True
 
 
 IN_PROGRAM = "this program"

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy.special import chdtri, fdtri
@@ -78,15 +78,57 @@ def remove(fit: Estimates, lost: Bools) -> Estimates:
     return fit
 
 
-@dataclass(frozen=True)
+class StatedRadius(NamedTuple):
+    """Stated radii r₀ (b,), and their standard uncertainties τ (b,)."""
+
+    radius: Floats
+    uncertainty: Floats
+
+
+class Given(NamedTuple):
+    """Knowledge beforehand of a flat batch: a radius, or the noise of each point.
+
+    Attributes:
+        radius: r of each set (b,), NaN where it is not known.
+        noise: variance of each point (b, n), or its covariance (b, n, d, d); None where all points have the same.
+        relative: only ratios of the noise are known.
+        sigma: σ of all points; None if it is not known.
+        prior: stated radii with their uncertainties, of which ``radius`` is what points and statement give together;
+            None where a radius is exact or not known.
+        radial: the noise is along the radius alone.
+    """
+
+    radius: Floats
+    noise: Floats | None
+    relative: bool
+    sigma: float | None
+    prior: StatedRadius | None = None
+    radial: bool = False
+
+    @property
+    def sigma_alone(self) -> bool:
+        """True if the noise of all points is known, and nothing else."""
+        return self.sigma is not None and not self.radial and not np.isfinite(self.radius).any()
+
+    def take(self, places: Ints) -> "Given":
+        """Part of the batch."""
+        part = self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])
+        return (
+            part if self.prior is None else part._replace(prior=StatedRadius(*(array[places] for array in self.prior)))
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Samples:
-    """A batch of point sets.
+    """A batch of point sets, with what is known of them.
 
     Attributes:
         x: the points, coordinates first (b, d, n), float64, any memory layout.
         noise: σ, one for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
         lent: True if the points are in an array of the caller's, who may have changed them since.
         weights: one over the noise variance of each point, but for a factor of each set (b, n); None if all are equal.
+        given: knowledge of the radius, of the noise of each point or of its law; None if there is none.
+        formed: their moments or regression, if these are known already.
 
     Examples:
         A batched estimator of one's own reads them; see `study.register`.
@@ -101,13 +143,13 @@ class Samples:
     noise: float | Floats | None = None
     lent: bool = False
     weights: Floats | None = None
+    given: Given | None = None
+    formed: Moments | Regression | None = None
 
     @classmethod
     def of_regression(cls, regression: Regression, noise: float | Floats | None = None) -> "Samples":
         """Samples of which only the regression is known, as from their moments: enough for every closed form."""
-        samples = cls(np.empty((*regression.mean.shape, 0)), noise)
-        samples.__dict__["regression"] = regression  # in place of the cached property
-        return samples
+        return cls(np.empty((*regression.mean.shape, 0)), noise, formed=regression)
 
     def only(self, index: int) -> "Samples":
         """One set of the batch."""
@@ -116,15 +158,16 @@ class Samples:
     def take(self, places: Ints) -> "Samples":
         """Sets of the batch, by their places (k,); if the points are lent, with the moments that they had."""
         noise = self._noise_of(places)
-        if not self.shape[2] and "regression" in self.__dict__:
-            return Samples.of_regression(self.regression.take(places), noise)
+        if isinstance(self.formed, Regression):
+            return Samples.of_regression(self.formed.take(places), noise)
         one = len(places) == 1  # of which the array need not be copied
         weights = None if self.weights is None else self.weights[places]
-        part = Samples(self.x[int(places[0]) :][:1] if one else self.x[places], noise, self.lent, weights)
+        given, moments = None if self.given is None else self.given.take(places), None
         if self.lent:
             numbers, vectors, second = self.moments
-            part.__dict__["moments"] = Moments(numbers[:, places], vectors[:, places], second[places])
-        return part
+            moments = Moments(numbers[:, places], vectors[:, places], second[places])
+        x = self.x[int(places[0]) :][:1] if one else self.x[places]
+        return Samples(x, noise, self.lent, weights, given, moments)
 
     def rows_at(self, places: Ints) -> "Samples":
         """Some points of every set, by their places (k,)."""
@@ -200,12 +243,12 @@ class Samples:
     @cached_property
     def moments(self) -> Moments:
         """Centred moments of each set."""
-        return Moments.of(self.x)
+        return self.formed if isinstance(self.formed, Moments) else Moments.of(self.x)
 
     @cached_property
     def regression(self) -> Regression:
         """Covariances from which the closed forms are computed, with the eigenbasis of C."""
-        return Regression.about_centroids(self.moments)
+        return self.formed if isinstance(self.formed, Regression) else Regression.about_centroids(self.moments)
 
 
 @dataclass(frozen=True)
@@ -225,6 +268,8 @@ class Estimator:
             and with the noise that they show; None for the Cramér-Rao bound with the estimates plugged in.
         without_outliers: the function leaves out the points that `study.fits.robust.outliers` names, so
             that intervals are to be formed without them.
+        given: fits points of which something is known, from a `study.fits.weighted.Weighted`; None if it cannot.
+        takes: what it takes of that: words of `study.fits.prior.ALL_GIVEN`.
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones; a digest
             of its code, for an estimator that is not shipped.
 
@@ -247,6 +292,8 @@ class Estimator:
     without_outliers: bool = False
     version: int | str = 1
     takes_noise: bool = False
+    given: Callable[[Any], Any] | None = None
+    takes: frozenset[str] = frozenset()
 
     def __call__(self, samples: Samples) -> Estimates:
         """Fit each set of the batch."""

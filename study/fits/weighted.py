@@ -41,6 +41,8 @@ from study.fits.corrected import RadialMeans, corrected, radial_means
 from study.fits.jit import compiled
 from study.fits.samples import Estimates, Samples
 
+FULLER = 2.0
+"""Fuller's constant where the radius is fitted: bias is removed in full, and tails are short (theory 9.3)."""
 _STEPS = 50
 _TOLERANCE = 1e-12
 """A step below this share of the radius ends the iteration."""
@@ -368,16 +370,32 @@ def covariance(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Floa
     return result
 
 
-def closed(sets: Weighted, estimator: str) -> Spheres:
-    """The closed forms: unbiased linear equations, or one equation in θ for a known radius (theory 9.8)."""
+def least_squares(sets: Weighted) -> Spheres:
+    """The minimum of Σ p (R - r)²."""
+    return solve(sets, closed(sets), corrected=False)
+
+
+def corrected_equations(sets: Weighted, start: Spheres | None = None) -> Spheres:
+    """The root of the corrected equations (theory 9.6), from least squares or another start."""
+    return solve(sets, least_squares(sets) if start is None else start, corrected=True, fuller=FULLER)
+
+
+def closed(sets: Weighted, subtract: bool = False, find: bool = False) -> Spheres:
+    """The closed forms: unbiased linear equations, or one equation in θ for a known radius (theory 9.8).
+
+    Args:
+        sets: the points.
+        subtract: subtract the known noise, as `ugdk` does.
+        find: subtract the noise that the points show, as `als` does.
+    """
     b, _, d = sets.points.shape
     y, p, n = sets.points, sets.weights, sets.size
-    scale = np.where(np.isfinite(sets.scale) & (estimator == "ugdk"), sets.scale, 0.0)
+    scale = np.where(np.isfinite(sets.scale) & subtract, sets.scale, 0.0)
     known = np.isfinite(sets.radius)
     square = np.einsum("bni,bni->bn", y, y)
-    if estimator == "als":
+    if find:
         scale[~known] = _least_root(sets.take(np.flatnonzero(~known)))
-    if estimator == "ugdk":  # the centroid takes one degree of freedom
+    if subtract:  # the centroid takes one degree of freedom
         scale = np.where(known, scale, scale * (n - 1.0) / n)
     noise = sets.variances[..., None, None] * np.eye(d) if sets.covariances is None else sets.covariances
     trace, share = np.einsum("bnii->bn", noise), p / n[:, None]
@@ -391,11 +409,11 @@ def closed(sets: Weighted, estimator: str) -> Spheres:
     radius = np.sqrt(np.einsum("bi,bi->b", center, center) + level)
     if known.any():
         part = sets.take(np.flatnonzero(known))
-        center[known], scale[known] = _on_known_radius(part, scale[known], estimator == "als")
+        center[known], scale[known] = _on_known_radius(part, scale[known], find)
         radius[known] = sets.radius[known]
     spare = np.maximum(n - d - ~known, 1.0)
     deviation = cost(sets, np.nan_to_num(center), np.nan_to_num(radius)) / spare
-    if estimator == "als":  # a fit of d + 1 parameters leaves so much of the variance
+    if find:  # a fit of d + 1 parameters leaves so much of the variance
         deviation = np.where(known, scale, scale * n / spare)
     scale = np.where(np.isfinite(sets.scale), sets.scale, deviation)
     return Spheres(center, radius, scale, np.isfinite(center).all(axis=1) & np.isfinite(radius))
@@ -486,7 +504,7 @@ def free_sphere(samples: Samples) -> Estimates:
         sphere = Spheres(
             center, start.radius / sets.unit, start.noise_variance / sets.unit**2, np.isfinite(start.radius)
         )
-        sphere = solve(sets, sphere, corrected=True, fuller=2.0)
+        sphere = corrected_equations(sets, sphere)
         scale = sphere.scale * sets.unit**2 * samples.weights.mean(axis=1)
     fields = [sets.origin + sphere.center * sets.unit[:, None], sphere.radius * sets.unit, scale]
     for whole, part in zip(start, fields, strict=False):

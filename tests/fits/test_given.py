@@ -401,10 +401,13 @@ def test_sets_without_a_sphere_have_a_status(rng):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"estimator": "taubin", "radius": 2.0}, "'taubin': takes no known radius; corrected, mle, robust, als, ugdk"),
+        (
+            {"estimator": "taubin", "radius": 2.0},
+            "'taubin': takes no known radius; mle, corrected, robust, gdke, ugdk",
+        ),
         (
             {"estimator": "als", "noise": np.ones((9, 3)) * [1, 1, 2]},
-            "'als': takes no covariance for each point; corrected, mle",
+            "'als': takes no covariance for each point; mle, corrected",
         ),
         ({"estimator": "ugdk", "radius": 2.0}, "'ugdk': subtracts the known noise: pass noise=σ, or use als"),
         ({"estimator": "ugdk", "noise": np.ones(9), "scale": "estimated"}, "'ugdk': .* scale must be given; als finds"),
@@ -414,7 +417,7 @@ def test_sets_without_a_sphere_have_a_status(rng):
         ({"noise": np.full((9, 3, 3), 1.0)}, r"noise\[0\]: the covariance of a point must be finite, symmetric and p"),
         ({"noise": np.ones((4, 9))}, r"noise has shape \(4, 9\): its leading axes must be those of the points, \(\)"),
         ({"radius": 2.0, "noise": np.ones(3)}, r"noise has shape \(3,\): give a standard deviation, or a \(3, 3\)"),
-        ({"estimator": "als", "law": "radial"}, "estimator = 'als': takes no law = 'radial'; corrected and mle do"),
+        ({"estimator": "als", "law": "radial"}, "estimator = 'als': takes no law = 'radial'; mle and corrected do"),
         ({"law": "radial", "noise": np.ones((9, 3)) * [1, 1, 2]}, "law = 'radial': the noise has one size at a point"),
         ({"law": "along"}, "law = 'along': 'isotropic' for noise alike in all directions, 'radial' along the radius"),
         ({"scale": "estimated"}, r"scale = 'estimated' needs a noise for each point: \(n,\), \(n, d\) or \(n, d, d\)"),

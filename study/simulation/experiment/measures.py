@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -90,13 +91,10 @@ def _described(function: Function) -> str:
     return " ".join((function.__doc__ or "").partition("\n\n")[0].split())
 
 
+@lru_cache(maxsize=1)
 def _known_interval(samples: Samples) -> Intervals:
     """Intervals of the samples, which are the same for every estimator and so computed once."""
-    known = vars(samples)
-    if "interval" not in known:
-        known["interval"] = intervals(samples, LEVEL)
-    result: Intervals = known["interval"]
-    return result
+    return intervals(samples, LEVEL)
 
 
 def _quantile(spare: float) -> float:
