@@ -42,7 +42,7 @@ from study.recordings.joints.find import Calibration, JointPlace, moved_along_ax
 from study.recordings.markersets import MarkerSet, landmarks, side, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import across, to_local, to_world
-from study.recordings.skeleton.draw import Flag, Skeleton
+from study.recordings.skeleton.draw import Flag, Skeleton, draw_skeleton
 
 Hips = Literal["motion", "regression"]
 """Centres of hips: by motion alone, or for those that motion leaves in doubt by regression."""
@@ -174,7 +174,7 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
         top, error = above[segment].in_child, above[segment].standard_error
         lateral, medial, heel, toe = (points.get(f"{one} {end}") for end in (*_POINTS[part][-2:], "heel", "toe"))
         if lateral is None or medial is None:
-            if part == "foot" and heel is not None and toe is not None and error <= LANDMARK:
+            if part == "foot" and heel is not None and toe is not None and error <= LANDMARK and above[segment].known:
                 result[segment] = _frame(0, toe - heel, 1, top - heel)
             continue
         middle, outwards = 0.5 * (lateral + medial), _MIRROR[one] * (lateral - medial)  # to the right on both sides
@@ -215,18 +215,36 @@ def with_anatomy(calibration: Calibration, trial: DrawnTrial, source: Recording,
     points, segments = points_of_the_body(trial.skeleton, source), legs(calibration.markerset)
     places = {place.joint.child: place for place in calibration.joints}
     regressed = {child: _with_regression(place, trial, points) for child, place in places.items()}
-    places = regressed if hips == "regression" else places
-    for one, part in itertools.product(_MIRROR, _ENDS):  # knees first: ankles follow from them
-        name, above = (segments.get(f"{one} {own}") for own in (part, _ENDS[part][0]))
-        if name is not None and above is not None:
-            top = (regressed if part == "shank" else places)[above]
-            by_width = _medial_by_width(f"{one} {part}", top, points, source.widths)
-            points |= by_width
-            places[name] = _with_landmarks(places[name], f"{one} {part}", trial, points, bool(by_width))
-    calibration = replace(calibration, joints=tuple(places.values()))
+    medial: dict[str, Floats] = {}
+    if hips == "regression":
+        places = regressed
+    for part, (upper, *_) in _ENDS.items():  # what follows from a joint is drawn with it, so that its frame is its own
+        calibration, trial = _redrawn(calibration, places, trial)
+        points = points_of_the_body(trial.skeleton, source) | medial
+        for one in _MIRROR:
+            name, above = (segments.get(f"{one} {own}") for own in (part, upper))
+            if name is not None and above is not None:
+                top = (regressed if part == "shank" else places)[above]
+                by_width = _medial_by_width(f"{one} {part}", top, points, source.widths)
+                medial |= by_width
+                place = _with_landmarks(places[name], f"{one} {part}", trial, points | medial, bool(by_width))
+                places = places | {name: place}
+    calibration, trial = _redrawn(calibration, places, trial)
+    points = points_of_the_body(trial.skeleton, source) | medial
     axes = anatomical_axes(calibration, points)
     shapes = (replace(s, anatomy=axes.get(s.segment, s.anatomy)) for s in calibration.shapes)
     return replace(calibration, shapes=tuple(shapes))
+
+
+def _redrawn(
+    calibration: Calibration, places: Mapping[str, JointPlace], trial: DrawnTrial
+) -> tuple[Calibration, DrawnTrial]:
+    """The calibration with these joints, by the segment below each, and the trial drawn with it, if one is new."""
+    joints = tuple(places.values())
+    if all(new is old for new, old in zip(joints, calibration.joints, strict=True)):
+        return calibration, trial
+    calibration = replace(calibration, joints=joints)
+    return calibration, trial._replace(skeleton=draw_skeleton(calibration, trial.markers))
 
 
 _ENDS = {"shank": ("thigh", "knee", "epicondyles"), "foot": ("shank", "ankle", "malleoli")}
@@ -340,7 +358,7 @@ def _placed(
     local = to_local(skeleton.rotations[j], skeleton.origins[j], world)
     shown = skeleton.segment_flags[[i, j]] == Flag.SEEN
     both = shown.all(axis=0) & ~np.isnan(local[0])
-    in_child = np.median(local[:, both], axis=1) if both.any() else center
+    in_child = np.median(local[:, both], axis=1) if both.any() else np.full(3, np.nan)
     two = not shape.has_own_pose and len(shape.markers) == 2 and {*shape.markers} <= {*trial.markers.markers}
     if two and shown[0].any():
         x = trial.markers.select(shape.markers, np.flatnonzero(shown[0])).positions
