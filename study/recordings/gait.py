@@ -251,7 +251,7 @@ def gait_lines(gait: Gait) -> Iterator[str]:
             texts.append("-" if np.isnan(low) else f"{low:.0f}° to {high:.0f}°, ± {own['error'].median():.1f}°")
         rows.append([f"{joint} {angle}", *texts])
     yield from columns(rows, ["mean over the cycles", "left", "right"], "<>>")
-    yield "±: median standard error of the pose in a frame"
+    yield "±: median standard error in a frame, from the poses and from the anatomical axes"
     yield from (f"note: {note}" for note in gait.notes)
 
 

@@ -28,17 +28,17 @@ axis; Harrington's own, left out one by one, are 5.2, 3.6 and 3.2 mm. A centre t
 taken before the regression; it comes without an error and gets the same.
 """
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from study.arrays import Floats
 from study.recordings.joints.estimate import ANATOMICAL, SHORT_TEXTS, JointStatus
-from study.recordings.joints.find import Calibration, JointPlace, moved_along_axis
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, moved_along_axis
 from study.recordings.markersets import MarkerSet, landmarks, side, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import across, to_local, to_world
@@ -186,6 +186,27 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
     return {name: axes for name, axes in result.items() if axes is not None}
 
 
+def axes_errors(calibration: Calibration, points: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Covariance of the rotation of anatomical axes (3, 3), rad², in the segments' axes, from errors of their points.
+
+    Each point is moved by its standard error along each axis: by `LANDMARK`, or a joint by its own.
+    """
+    axes, leg = anatomical_axes(calibration, points), set(legs(calibration.markerset).values())
+    squares = {name: np.zeros((3, 3)) for name in axes}
+    moved = [(calibration, {**points, name: x + LANDMARK * e}) for name, x in points.items() for e in np.eye(3)]
+    for k, place in enumerate(calibration.joints):
+        if place.joint.child in leg and place.known:
+            for e in np.eye(3):
+                other = replace(place, in_child=place.in_child + place.standard_error * e)
+                joints = (*calibration.joints[:k], other, *calibration.joints[k + 1 :])
+                moved.append((replace(calibration, joints=joints), {**points}))
+    for each in moved:
+        for name, changed in anatomical_axes(*each).items():
+            turn = Rotation.from_matrix(changed @ axes[name].T).as_rotvec()
+            squares[name] += np.outer(turn, turn)
+    return squares
+
+
 def hip_by_regression(points: Mapping[str, Floats], one: str) -> Floats | None:
     """Centre of the left or right hip (3,) in the axes of the pelvis' segment, metres; None without the points."""
     pelvis = _pelvis(points)
@@ -231,8 +252,11 @@ def with_anatomy(calibration: Calibration, trial: DrawnTrial, source: Recording,
                 places = places | {name: place}
     calibration, trial = _redrawn(calibration, places, trial)
     points = points_of_the_body(trial.skeleton, source) | medial
-    axes = anatomical_axes(calibration, points)
-    shapes = (replace(s, anatomy=axes.get(s.segment, s.anatomy)) for s in calibration.shapes)
+    axes, errors = anatomical_axes(calibration, points), axes_errors(calibration, points)
+    shapes = (
+        replace(s, anatomy=axes[s.segment], anatomy_covariance=errors[s.segment]) if s.segment in axes else s
+        for s in calibration.shapes
+    )
     return replace(calibration, shapes=tuple(shapes))
 
 
@@ -243,8 +267,23 @@ def _redrawn(
     joints = tuple(places.values())
     if all(new is old for new, old in zip(joints, calibration.joints, strict=True)):
         return calibration, trial
-    calibration = replace(calibration, joints=joints)
+    placed = {p.joint.child for p in joints if p.status in ANATOMICAL and p.known}
+    shapes = tuple((s.segment in placed and _of_two(s, trial)) or s for s in calibration.shapes)
+    calibration = replace(calibration, joints=joints, shapes=shapes)
     return calibration, trial._replace(skeleton=draw_skeleton(calibration, trial.markers))
+
+
+def _of_two(shape: SegmentShape, trial: DrawnTrial) -> SegmentShape | None:
+    """The shape of a segment of two markers without a pose, for a joint to fix it; None for any other."""
+    markers = trial.skeleton.calibration.markerset.segment(shape.segment).markers
+    if shape.has_pose or len(markers) != 2 or not {*markers} <= {*trial.markers.markers}:
+        return None
+    one, two = trial.markers.select(markers).positions
+    apart = np.linalg.norm(two - one, axis=0)
+    if np.isnan(apart).all():
+        return None
+    places = np.array([[0.0, 0.0, 0.0], [np.nanmedian(apart), 0.0, 0.0]])
+    return SegmentShape(shape.segment, markers, places, np.zeros(2), False, "")
 
 
 _ENDS = {"shank": ("thigh", "knee", "epicondyles"), "foot": ("shank", "ankle", "malleoli")}
@@ -359,6 +398,7 @@ def _placed(
     shown = skeleton.segment_flags[[i, j]] == Flag.SEEN
     both = shown.all(axis=0) & ~np.isnan(local[0])
     in_child = np.median(local[:, both], axis=1) if both.any() else np.full(3, np.nan)
+    shape = _of_two(shape, trial) or shape
     two = not shape.has_own_pose and len(shape.markers) == 2 and {*shape.markers} <= {*trial.markers.markers}
     if two and shown[0].any():
         x = trial.markers.select(shape.markers, np.flatnonzero(shown[0])).positions

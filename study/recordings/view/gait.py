@@ -130,8 +130,8 @@ def page(gait: Gait, title: str) -> str:
 <table><tr><th></th><th>left</th><th>right</th></tr>{rows}</table>
 <p class="key">{key} &emsp; line: mean over the cycles; band: ± one standard deviation; upright line: toes off</p>
 <div class="panels">{"".join(_panels(gait))}</div>
-<p>The median standard error of an angle in one frame, from markers and skin, is {error:.1f}°. It does not include
-the error of the axes, the same in all frames. Strikes and toe-offs come from the feet's markers (Zeni et al. 2008).</p>
+<p>The median standard error of an angle in one frame, from markers, skin and anatomical axes, is {error:.1f}°.
+Strikes and toe-offs come from the feet's markers (Zeni et al. 2008).</p>
 <ul>{notes}</ul>
 </body></html>
 """
