@@ -39,7 +39,7 @@ from scipy.special import chdtri
 from study.arrays import Floats
 from study.recordings.joints.estimate import ANATOMICAL, SHORT_TEXTS, JointStatus
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, moved_along_axis
-from study.recordings.markersets import MarkerSet, landmarks, side, side_of
+from study.recordings.markersets import MarkerSet, MarkerSetError, landmarks, side, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import across, to_local, to_world
 from study.recordings.skeleton.draw import Flag, Skeleton, draw_skeleton
@@ -91,6 +91,37 @@ def legs(markerset: MarkerSet) -> dict[str, str]:
                 break
             result[f"{one} {part}"] = above = own[0]
     return result
+
+
+def part_of(markerset: MarkerSet, wanted: str) -> MarkerSet:
+    """Some segments of a marker set, and the joints between them.
+
+    Args:
+        markerset: the whole set.
+        wanted: names of segments with commas between them, or "legs" for pelvis and legs.
+
+    Raises:
+        MarkerSetError: if it has no such segment.
+    """
+    known = [segment.name for segment in markerset.segments]
+    names = list(legs(markerset).values()) if wanted == "legs" else [name.strip() for name in wanted.split(",")]
+    listed = f"its segments are {', '.join(known)}"
+    if not names:
+        raise MarkerSetError(f"marker set {markerset.name} has no pelvis with both spines, so no legs; {listed}")
+    if unknown := [name for name in names if name not in known]:
+        raise MarkerSetError(f"--segments {wanted}: marker set {markerset.name} has no {unknown[0]}; {listed}")
+    segments = [s.model_copy(update={"parent": s.parent if s.parent in names else None}) for s in markerset.segments]
+    segments = [s for s in segments if s.name in names]
+    markers = {marker for segment in segments for marker in segment.markers}
+    joints = [joint for joint in markerset.joints if {joint.parent, joint.child} <= {*names}]
+    known_points = markers | {point for joint in joints for point in joint.across}
+    parts = {
+        "segments": tuple(segments),
+        "joints": tuple(joints),
+        "optional": tuple(marker for marker in markerset.optional if marker in markers),
+        "aliases": {marker: others for marker, others in markerset.aliases.items() if marker in known_points},
+    }
+    return MarkerSet.model_validate({"name": markerset.name, "about": markerset.about} | parts)
 
 
 def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Floats]:
@@ -174,7 +205,13 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
         top, error = above[segment].in_child, above[segment].standard_error
         lateral, medial, heel, toe = (points.get(f"{one} {end}") for end in (*_POINTS[part][-2:], "heel", "toe"))
         if lateral is None or medial is None:
-            if part == "foot" and heel is not None and toe is not None and error <= LANDMARK and above[segment].known:
+            if (
+                part == "foot"
+                and heel is not None
+                and toe is not None
+                and round(error, 9) <= LANDMARK
+                and above[segment].known
+            ):
                 result[segment] = _frame(0, toe - heel, 1, top - heel)
             continue
         middle, outwards = 0.5 * (lateral + medial), _MIRROR[one] * (lateral - medial)  # to the right on both sides
