@@ -467,7 +467,7 @@ def skeleton(
     drawn = gated(draw.draw_skeleton(used, match.recording, largest_error=largest_error), source)
     shown = scene.skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
-        echo([*(found.text for found in drawn.barred), *scene.skeleton_lines(shown), *tree.angle_lines(used)])
+        echo([*(found.text for found in drawn.barred), *scene.skeleton_lines(shown, used), *tree.angle_lines(used)])
     motion = tree.ExportedMotion(drawn, match.source, shown, file, tree.RestPose(rest), largest_angle_error)
 
     def written() -> Iterator[Path]:

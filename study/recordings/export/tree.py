@@ -318,7 +318,7 @@ def angle_lines(calibration: Calibration) -> list[str]:
     clinical = clinical_joints(calibration)
     others = [place.joint.name for place in calibration.joints if place.joint.name not in clinical]
     lines = [f"angles of {', '.join(clinical)}: Grood and Suntay, between anatomical axes"] * bool(clinical)
-    words = "zero in a standing pose, for want of points of the body that show anatomical axes"
+    words = "zero where bones hang straight down, for want of points of the body that show anatomical axes"
     return [*lines, *[f"angles of {', '.join(others)}: {words}"] * bool(others)]
 
 

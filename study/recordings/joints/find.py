@@ -32,7 +32,6 @@ from study.recordings.joints.estimate import (
     CENTIMETRE,
     COMPARABLE,
     DOUBTED,
-    SHORT_TEXTS,
     USABLE,
     Estimate,
     JointStatus,
@@ -50,7 +49,6 @@ from study.recordings.joints.skin import SkinErrors
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording, RecordingError, written
 from study.recordings.rigid import across, mean_rotated_covariance, nearest_rotation, relative_rotation
-from study.text import columns, number
 
 
 def _array(*shape: int) -> pydantic.BeforeValidator:
@@ -144,8 +142,8 @@ class JointPlace:
         floor: standard error from skin that no marker shows, metres (see `Estimate`); part of no covariance.
         allowance: covariance of what skin hides in a trial that hardly moved it (3, 3), m², in the same axes (see
             `study.recordings.session`); part of the covariance only if no trial moved the joint.
-        beside: of a knee, its distance from the middle of its epicondyles, across its axis, metres; NaN if the file has
-            none, or the joint is there.
+        beside: of a hinge, its distance from the middle of its epicondyles or malleoli, across its axis, metres; NaN if
+            the file has none, or the joint is there.
         warnings: reasons why it is unlike any body's joint (see `plausibility`).
         estimates: from its sides, the chosen one first; none in a calibration that was read or merged.
     """
@@ -254,22 +252,15 @@ class Calibration:
         doubted = (place for place in self.joints if place.status not in USABLE)
         return by_words((place.joint.name, words) for place in doubted for words in place.reason.split("; "))
 
-    def beside(self) -> Iterator[str]:
-        """Lay out the distances of knees from the middle of their epicondyles, if the file has these."""
-        far = [f"{p.joint.name} {1000 * p.beside:.0f} mm" for p in self.joints if not np.isnan(p.beside)]
-        if far:
-            yield f"across their axes from the middle of the epicondyles: {', '.join(far)}"
-
     def warnings(self) -> Iterator[str]:
         """Lay out what is unlike any body's, a line for each warning with the joints that it holds for."""
         return by_words((place.joint.name, f"warning: {words}") for place in self.joints for words in place.warnings)
 
     def lines(self) -> Iterator[str]:
-        """Lay out status, error and floor of each joint as phase 1 left them, in millimetres, then the warnings."""
-        errors = [[number(1000 * x, ".1f") for x in (p.standard_error, p.floor)] for p in self.joints]
-        rows = [[p.joint.name, SHORT_TEXTS[p.status], *own] for p, own in zip(self.joints, errors, strict=True)]
-        yield from columns(rows, [f"joint in {self.source}", "status", "error / mm", "floor / mm"], "<<>")
-        yield from self.beside()
+        """Lay out how far hinges are from the middle of their two points of the body, if known, and the warnings."""
+        far = [f"{p.joint.name} {1000 * p.beside:.0f} mm" for p in self.joints if not np.isnan(p.beside)]
+        if far:
+            yield f"across their axes from the middle of their epicondyles or malleoli: {', '.join(far)}"
         yield from self.warnings()
 
 

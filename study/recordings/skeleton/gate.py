@@ -25,14 +25,14 @@ from study.recordings.skeleton.draw import LARGEST_ERROR, Finding, Flag, Skeleto
 from study.recordings.skeleton.scene import up_of
 
 KNEE = -20.0, 160.0
-"""Degrees: least and greatest mean flexion of a knee. Men reach 144 ± 6.5°, and overextend by 1.6 ± 2.9° (Roaas &
-Andersson 1982, Acta Orthop Scand 53:205-208); a full squat reaches 150 to 165° (Hemmerich et al. 2006)."""
+"""Degrees: least and greatest mean flexion of a knee. Knees of men bend to 144 ± 6° and overextend by 2 ± 3° (Roaas &
+Andersson 1982, Acta Orthop Scand 53:205-208); the mean of a motion stays within."""
 _FLIPPED = np.radians(90.0)
 """Angle by which a pose must be nearer to the mean one with two labels exchanged. An exchange turns a plane cluster by
-180°; a thigh rotates by ± 33° about its long axis (Roaas & Andersson 1982)."""
+180°; hips rotate by 30° inwards and 39° outwards (Kouyoumdjian et al. 2012, Orthop Traumatol Surg Res 98:17-23)."""
 _AS_WELL = 0.01
-"""Metres: misfit of a cluster with two labels exchanged up to which skin hides the exchange (Peters et al. 2010, Gait &
-Posture 31:1-8: 10 mm and more on the thigh)."""
+"""Metres: misfit of a cluster with two labels exchanged up to which skin may hide the exchange: it moves markers by a
+centimetre against each other in a session (see `study.recordings.skeleton.calibrate`)."""
 _UPRIGHT = float(np.cos(np.radians(45.0)))
 """Cosine of the greatest angle between up and the line from the heels to the pelvis of who stands or walks."""
 
@@ -180,12 +180,15 @@ def _lying(body: Body) -> Iterator[Finding]:
 
 
 RULES: dict[str, Callable[[Body], Iterator[Finding]]] = {
-    "a joint's two segments put it at most 5 cm apart (skin moves by 1 to 3 cm: Peters et al. 2010)": _apart,
-    "markers show each segment of a leg in some frame: one that its neighbours alone place has no angles": _unseen,
-    "a thigh's medio-lateral axis is within 90° of the pelvis' (hips rotate by ± 33°: Roaas 1982)": _backwards,
-    "a knee's mean flexion is from -20° to 160° (Roaas & Andersson 1982; Hemmerich et al. 2006)": _bent,
-    "no cluster of a leg is nearer to its mean pose by 90° with two labels exchanged, and fits as well": _exchanged,
-    "the pelvis is above the heels, within 45°; else the angles to the floor and gait are missing": _lying,
+    # a thigh's skin slides by 18 mm in fluoroscopy (PMC8631460)
+    "the two segments of a joint put it at most 5 cm apart": _apart,
+    "markers show each segment of a leg in some frame; its neighbours alone do not place it": _unseen,
+    # Kouyoumdjian et al. 2012, as above
+    "the medio-lateral axis of a thigh is within 90° of that of the pelvis": _backwards,
+    # Roaas & Andersson 1982, as above
+    "the mean flexion of a knee is from -20° to 160°": _bent,
+    "no cluster fits as well with two labels exchanged, and is nearer to its mean pose so": _exchanged,
+    "the pelvis is above the heels, within 45°; else angles to the floor, and gait, are missing": _lying,
 }
 """What every leg must be, in the order in which it is asked; `study.recordings.gait` asks that feet strike in turn."""
 

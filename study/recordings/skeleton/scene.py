@@ -18,8 +18,8 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bytes, Floats
-from study.recordings.joints.estimate import ANATOMICAL, USABLE
-from study.recordings.joints.find import JointPlace
+from study.recordings.joints.estimate import ANATOMICAL, SHORT_TEXTS, USABLE
+from study.recordings.joints.find import Calibration, JointPlace
 from study.recordings.markersets import Joint, MarkerSet, is_output, landmarks, mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import quaternions
@@ -210,7 +210,7 @@ def make_scene(
     Raises:
         RecordingError: if no joint is known in any frame.
     """
-    calibration, (upright, up) = skeleton.calibration, up_of(recording)
+    calibration, upright = skeleton.calibration, up_of(recording)[0]
     joints, segments = calibration.joints, calibration.markerset.segments
     known = [i for i, center in enumerate(skeleton.centers) if not np.isnan(center).all()]
     lost = [(joints[i], doubts[i]) for i in range(len(joints)) if i not in known]
@@ -223,7 +223,6 @@ def make_scene(
         f"{share:.1%} of {name}" for name, share in zip(skeleton.segments, skeleton.left_out, strict=True) if share
     ]
     notes += [f"samples left out, as far from their places: {', '.join(rejected)}"] * bool(rejected)
-    notes.append(up)
     if not known:
         raise RecordingError(f"{recording.name}: none of its joints is known in any frame; there is nothing to show")
     centers, shown = skeleton.centers[known], [joints[i] for i in known]
@@ -376,30 +375,33 @@ _LEFT_OUT = 0.05
 """Share of a segment's samples that are left out above which its joints are doubted."""
 
 
-def skeleton_lines(scene: Scene) -> Iterator[str]:
-    """Lay out bones, distances of joints from the markers' hull, shares of bridged frames, and reasons to doubt."""
+def skeleton_lines(scene: Scene, calibration: Calibration) -> Iterator[str]:
+    """Lay out the joints, a line each, and the reasons to doubt some of them, then the bones and the notes."""
+    places, kinds = {place.joint.name: place for place in calibration.joints}, defaultdict(list)
+    rows = []
+    for k, (name, share, by) in enumerate(zip(scene.joints, *hull_distances(scene.places, scene.centers), strict=True)):
+        place, lacking = places[name], [(scene.flags[k] == flag).mean() for flag in (Flag.BRIDGED, Flag.UNKNOWN)]
+        lengths = map(_millimetres, (place.standard_error, place.floor))
+        row = [name, SHORT_TEXTS[place.status], *lengths, number(share, ".0%"), _millimetres(by) if by > 0.0 else "-"]
+        rows.append([*row, _millimetres(scene.gaps[k]), *(f"{part:.1%}" if part else "-" for part in lacking)])
+        if place.status in ANATOMICAL:
+            kinds[place.reason].append(name)
+    titles = ["joint", "status", "error", "floor", "outside", "by", "gap", "bridged", "unknown"]
+    yield from columns(rows, titles, "<<>")
+    yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
+    yield "gap: distance between the joint in its child and in its parent, root mean square; bones vary by it"
+    yield "bridged: share of frames without the segments' own markers; unknown: share in which nothing shows it"
+    doubts = defaultdict(list)  # each reason once, with the joints that it holds for
+    for name, doubt in zip(scene.joints, scene.doubts, strict=True):
+        doubts[doubt].append(name)
+    yield from (f"{', '.join(names)}: not reliable: {doubt}" for doubt, names in doubts.items() if doubt)
+    yield from (f"{', '.join(names)}: {kind}" for kind, names in kinds.items())
     bones = []
     for start, end, length, spread, error, uneven in bone_table(scene).itertuples(index=False):
         difference = "" if np.isnan(uneven) else f"{round(100 * uneven, 1) + 0.0:+.1f} %"  # no minus before zero
         sizes = f"{length:.3f} m", _millimetres(error), _millimetres(spread)
         bones.append([f"{start} - {end}", *sizes, difference, "uneven" if abs(uneven) > UNEVEN else ""])
     yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
-    hulls = zip(scene.joints, *hull_distances(scene.places, scene.centers), scene.gaps, strict=True)
-    rows = [
-        [name, number(share, ".0%"), _millimetres(by) if by > 0.0 else "-", _millimetres(gap)]
-        for name, share, by, gap in hulls
-    ]
-    yield from columns(rows, ["joint", "outside", "by", "gap"], "<>>")
-    yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
-    yield "gap: distance between the joint in its child and in its parent, root mean square; bones vary by it"
-    for name, flags in zip(scene.joints, scene.flags, strict=True):
-        shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]
-        if lacking := [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]:
-            yield f"{name}: {', '.join(lacking)}"
-    doubts = defaultdict(list)  # each reason once, with the joints that it holds for
-    for name, doubt in zip(scene.joints, scene.doubts, strict=True):
-        doubts[doubt].append(name)
-    yield from (f"{', '.join(names)}: not reliable: {doubt}" for doubt, names in doubts.items() if doubt)
     yield from (f"note: {note}" for note in scene.notes)
 
 
@@ -452,4 +454,6 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
             if left_out[segment] > _LEFT_OUT:
                 reasons.append(f"{left_out[segment]:.0%} of the samples of {segment} are far from their places")
         doubts.append("; ".join(filter(None, reasons)))
-    return make_scene(skeleton, recording, doubts, f"joints found in {found}", (*recording.notes, *notes))
+    return make_scene(
+        skeleton, recording, doubts, f"joints found in {found}", (*recording.notes, up_of(recording)[1], *notes)
+    )

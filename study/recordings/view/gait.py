@@ -1,6 +1,7 @@
 """The gait report: curves of hips, knees and ankles over the cycle, as a figure and as one page without a network."""
 
 import html
+import textwrap
 from pathlib import Path
 
 import pandas as pd
@@ -44,7 +45,9 @@ def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, joint: str, angle: str) -> 
     ax.set(xlim=(0, 100), xticks=(0, 20, 40, 60, 80, 100))
     ax.set_title(_WORDS[joint, angle], fontsize=style.SMALL + 0.5)
     if not drawn:
-        ax.text(0.5, 0.5, "not known", transform=ax.transAxes, ha="center", va="center", color=style.FAINT)
+        reasons = dict.fromkeys(text for (_, own), text in gait.missing.items() if own == joint)
+        words = "\n".join(textwrap.fill(text, 34) for text in reasons) or "not known"
+        ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center", color=style.FAINT, fontsize=5)
         ax.set_yticks([])
     return drawn
 
