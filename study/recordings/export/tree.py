@@ -235,8 +235,8 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     places = dict(zip([f"{root}_{axis}" for axis in ("tx", "ty", "tz")], world @ skeleton.origins[0], strict=True))
     columns: dict[str, Floats | Ints] = {"time": np.arange(skeleton.frames) / skeleton.rate}
     columns |= places
-    tilts, of_axes = dict(zip(names, _zxy(turn), strict=True)), _axes_errors(skeleton.calibration, turn, None, root)
-    columns |= _flagged(motion, root, tilts, errors, skeleton.segment_flags[0], of_axes)
+    tilts, of_root = dict(zip(names, _zxy(turn), strict=True)), _axes_errors(skeleton.calibration, turn, None, root)
+    columns |= _flagged(motion, root, tilts, errors, skeleton.segment_flags[0], of_root)
     between, segments = clinical_joints(skeleton.calibration), legs(skeleton.calibration.markerset)
     shanks = {segments.get("left shank"), segments.get("right shank")}
     for place in skeleton.calibration.joints:

@@ -212,8 +212,8 @@ def gated(skeleton: Skeleton, recording: Recording) -> Skeleton:
 
 def _without(skeleton: Skeleton, finding: Finding) -> Skeleton:
     """The skeleton without a joint or a segment in some frames."""
-    keys = ("rotations", "origins", "segment_flags", "turning", "centers", "flags")
-    rotations, origins, segment_flags, turning, centers, flags = (np.array(getattr(skeleton, key)) for key in keys)
+    rotations, origins, turning = skeleton.rotations.copy(), skeleton.origins.copy(), skeleton.turning.copy()
+    centers, flags, segment_flags = skeleton.centers.copy(), skeleton.flags.copy(), skeleton.segment_flags.copy()
     joints = [k for k, p in enumerate(skeleton.calibration.joints) if finding.name in (p.joint.name, p.joint.parent)]
     for k in joints:
         centers[k][:, finding.frames], flags[k][finding.frames] = np.nan, Flag.UNKNOWN
@@ -221,5 +221,5 @@ def _without(skeleton: Skeleton, finding: Finding) -> Skeleton:
         k = skeleton.segments.index(finding.name)
         rotations[k][:, :, finding.frames], origins[k][:, finding.frames] = np.nan, np.nan
         segment_flags[k][finding.frames], turning[k][finding.frames] = Flag.UNKNOWN, np.nan
-    parts = dict(zip(keys, (rotations, origins, segment_flags, turning, centers, flags), strict=True))
-    return replace(skeleton, barred=(*skeleton.barred, finding), **parts)
+    poses = replace(skeleton, rotations=rotations, origins=origins, segment_flags=segment_flags, turning=turning)
+    return replace(poses, centers=centers, flags=flags, barred=(*skeleton.barred, finding))

@@ -127,7 +127,8 @@ def with_cluster(walk, calibration):
         joint.model_copy(update={"markers": names}) if joint.child == "left_thigh" else joint
         for joint in calibration.markerset.joints
     )
-    return recording, calibration.markerset.model_copy(update={"segments": tuple(segments), "joints": joints})
+    parts = {"segments": tuple(segments), "joints": joints, "optional": (), "aliases": {}}
+    return recording, calibration.markerset.model_copy(update=parts)
 
 
 def test_exchanged_labels_of_a_symmetric_cluster_are_named(clean):
