@@ -155,8 +155,8 @@ def _in_world(rotations: Floats, covariance: Floats, sizes: Floats) -> Floats:
     return result
 
 
-class Finding(NamedTuple):
-    """What the gate bars (see `study.recordings.skeleton.gate`).
+class Barred(NamedTuple):
+    """A joint or a segment that no body has so (see `study.recordings.skeleton.gate`).
 
     Attributes:
         name: of a joint or a segment, or "up".
@@ -213,7 +213,7 @@ class Skeleton:
     flags: Bytes
     posed: Floats
     gaps: Floats
-    barred: tuple[Finding, ...] = ()
+    barred: tuple[Barred, ...] = ()
 
     @property
     def segments(self) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from study.recordings.markersets import landmarks
 from study.recordings.recording import Recording
 from study.recordings.rigid import fit_rigid_motion, relative_rotation, to_world, zxy_angles
 from study.recordings.skeleton.anatomy import legs
-from study.recordings.skeleton.draw import LARGEST_ERROR, Finding, Flag, Skeleton
+from study.recordings.skeleton.draw import LARGEST_ERROR, Barred, Flag, Skeleton
 from study.recordings.skeleton.scene import up_of
 
 KNEE = -20.0, 160.0
@@ -62,9 +62,9 @@ class Body:
         turned = np.einsum("ijt,jk->ikt", self.skeleton.rotation(self.segments[part]), anatomy)
         return None if np.isnan(turned).all() else turned
 
-    def always(self, name: str, reason: str) -> Finding:
+    def always(self, name: str, reason: str) -> Barred:
         """The finding that bars a joint or a segment in all frames."""
-        return Finding(name, np.ones(self.skeleton.frames, dtype=np.bool_), reason)
+        return Barred(name, np.ones(self.skeleton.frames, dtype=np.bool_), reason)
 
     def joint_above(self, part: str) -> str:
         """Name of the joint above a part."""
@@ -72,7 +72,7 @@ class Body:
         return next(place.joint.name for place in joints if place.joint.child == self.segments[part])
 
 
-def _apart(body: Body) -> Iterator[Finding]:
+def _apart(body: Body) -> Iterator[Barred]:
     """Joints that their segments put more than 5 cm apart, in the median."""
     skeleton = body.skeleton
     for place in skeleton.calibration.joints:
@@ -86,7 +86,7 @@ def _apart(body: Body) -> Iterator[Finding]:
             yield body.always(place.joint.name, f"its two segments put it {1000 * far:.0f} mm apart")
 
 
-def _unseen(body: Body) -> Iterator[Finding]:
+def _unseen(body: Body) -> Iterator[Barred]:
     """Segments of legs that no frame shows, for their neighbours alone place them, and what has its zero from them."""
     skeleton, above = body.skeleton, {place.joint.child: place for place in body.skeleton.calibration.joints}
     for part, name in body.segments.items():
@@ -100,7 +100,7 @@ def _unseen(body: Body) -> Iterator[Finding]:
                 yield body.always(body.joint_above(foot), f"its zero follows from {name}, which no frame shows")
 
 
-def _backwards(body: Body) -> Iterator[Finding]:
+def _backwards(body: Body) -> Iterator[Barred]:
     """Thighs whose lateral side is medial: z of their axes is more than 90° from that of the pelvis, in the median."""
     pelvis = body.axes("pelvis")
     for one in ("left", "right"):
@@ -114,7 +114,7 @@ def _backwards(body: Body) -> Iterator[Finding]:
             yield body.always(body.segments[f"{one} thigh"], reason)
 
 
-def _bent(body: Body) -> Iterator[Finding]:
+def _bent(body: Body) -> Iterator[Barred]:
     """Knees whose mean flexion no knee has."""
     for one in ("left", "right"):
         thigh, shank = body.axes(f"{one} thigh"), body.axes(f"{one} shank")
@@ -130,7 +130,7 @@ def _bent(body: Body) -> Iterator[Finding]:
             yield body.always(body.joint_above(f"{one} shank"), reason)
 
 
-def _exchanged(body: Body) -> Iterator[Finding]:
+def _exchanged(body: Body) -> Iterator[Barred]:
     """Segments of legs whose pose is far from the mean one, and near to it with two labels exchanged."""
     skeleton, above = body.skeleton, {p.joint.child: p for p in body.skeleton.calibration.joints}
     for name in body.segments.values():
@@ -146,7 +146,7 @@ def _exchanged(body: Body) -> Iterator[Finding]:
             frames[known[given - better > _FLIPPED]] = True
             if frames.any():
                 reason = f"{shape.markers[i]} and {shape.markers[j]} are exchanged: its cluster fits as well so"
-                yield Finding(name, frames, reason)
+                yield Barred(name, frames, reason)
 
 
 def exchanges(shape: SegmentShape) -> Iterator[tuple[int, int, Floats]]:
@@ -166,7 +166,7 @@ def _angle(rotations: Floats) -> Floats:
     return np.asarray(Rotation.from_matrix(rotations).magnitude())
 
 
-def _lying(body: Body) -> Iterator[Finding]:
+def _lying(body: Body) -> Iterator[Barred]:
     """Up, if the heels are not below the pelvis: who lies down shows none, or labels are wrong."""
     points, name = landmarks(body.recording.markers), body.segments.get("pelvis")
     heels = [body.recording.of(label) for point, label in points.items() if point.endswith("heel")]
@@ -179,7 +179,7 @@ def _lying(body: Body) -> Iterator[Finding]:
         yield body.always("up", reason)
 
 
-RULES: dict[str, Callable[[Body], Iterator[Finding]]] = {
+RULES: dict[str, Callable[[Body], Iterator[Barred]]] = {
     # a thigh's skin slides by 18 mm in fluoroscopy (PMC8631460)
     "the two segments of a joint put it at most 5 cm apart": _apart,
     "markers show each segment of a leg in some frame; its neighbours alone do not place it": _unseen,
@@ -210,7 +210,7 @@ def gated(skeleton: Skeleton, recording: Recording) -> Skeleton:
     return skeleton
 
 
-def _without(skeleton: Skeleton, finding: Finding) -> Skeleton:
+def _without(skeleton: Skeleton, finding: Barred) -> Skeleton:
     """The skeleton without a joint or a segment in some frames."""
     rotations, origins, turning = skeleton.rotations.copy(), skeleton.origins.copy(), skeleton.turning.copy()
     centers, flags, segment_flags = skeleton.centers.copy(), skeleton.flags.copy(), skeleton.segment_flags.copy()

@@ -23,7 +23,7 @@ from study.recordings.joints.find import Calibration, JointPlace
 from study.recordings.markersets import Joint, MarkerSet, is_output, landmarks, mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import quaternions
-from study.recordings.skeleton.calibrate import UNEVEN, hull_distances, hull_doubt
+from study.recordings.skeleton.calibrate import UNEVEN, gap_doubt, hull_distances, hull_doubt
 from study.recordings.skeleton.draw import LARGEST_ERROR, Flag, Skeleton
 from study.text import columns, number
 
@@ -447,9 +447,13 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
     found = "this recording" if calibration.source == skeleton.name else calibration.source
     doubts, left_out = [], dict(zip(skeleton.segments, skeleton.left_out, strict=True))
     hulls = hull_distances(recording.positions, skeleton.centers)
-    for place, *hull in zip(calibration.joints, *hulls, strict=True):
+    for place, gap, *hull in zip(calibration.joints, skeleton.gaps, *hulls, strict=True):
         kind = place.status in (*USABLE, *ANATOMICAL)  # by motion, or by points of the body: no doubt
-        reasons = ["" if kind else place.reason, hull_doubt(*hull), skeleton.barred_at(place.joint)[1]]
+        reasons = [
+            "" if kind else place.reason,
+            hull_doubt(*hull),
+            skeleton.barred_at(place.joint)[1] or gap_doubt(gap),
+        ]
         for segment in (place.joint.parent, place.joint.child):
             if left_out[segment] > _LEFT_OUT:
                 reasons.append(f"{left_out[segment]:.0%} of the samples of {segment} are far from their places")
