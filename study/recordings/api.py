@@ -13,6 +13,7 @@ from study.recordings.session import fit_session
 from study.recordings.skeleton import draw
 from study.recordings.skeleton.anatomy import Hips
 from study.recordings.skeleton.calibrate import require_same_subject, with_joints
+from study.recordings.skeleton.gate import gated
 from study.recordings.skeleton.scene import skeleton_scene
 
 Source = str | Path | Recording
@@ -25,6 +26,7 @@ def find_joints(
     *,
     static: Source | None = None,
     hips: Hips = "motion",
+    segments: str = "",
 ) -> Calibration:
     """Find the joints of a recording, or of several trials of one session: phase 1, as `study joints` does.
 
@@ -35,6 +37,7 @@ def find_joints(
         static: a trial that gives the shapes of the segments, and their anatomical axes.
         hips: "regression" for hips that motion leaves in doubt by the pelvis' width and depth (Harrington 2007), or
             from the file's own LHJC and RHJC; their status is ``REGRESSION``.
+        segments: names of the segments to use with commas between them, or "legs" for pelvis and legs; all if "".
 
     Returns:
         The joints by their names, ``joints["left_hip"]``, and all in ``joints.joints``. Each has a ``status`` and the
@@ -64,8 +67,8 @@ def find_joints(
     if not every:
         raise RecordingError("no recording is given; give one, or several of one session")
     if len(every) == 1:
-        return with_joints(every[0], None, markerset, hips)[1]
-    return fit_session(every, static is not None, markerset, hips)[1].calibration
+        return with_joints(every[0], None, markerset, hips, segments)[1]
+    return fit_session(every, static is not None, markerset, hips, segments)[1].calibration
 
 
 def find_joint(
@@ -115,6 +118,7 @@ def draw_skeleton(
     joints: Calibration | str | Path | None = None,
     *,
     markerset: str | None = None,
+    segments: str = "",
     force: bool = False,
     largest_error: float = draw.LARGEST_ERROR,
 ) -> draw.Skeleton:
@@ -125,13 +129,14 @@ def draw_skeleton(
         joints: of the same subject with the same markers, as `find_joints` returns them or in a calibration.json; found
             in this recording if None.
         markerset: for joints that are found here; the shipped one that fits best if None.
+        segments: as in `find_joints`.
         force: True to use ``joints`` even if they seem to be another subject's.
         largest_error: standard error above which a joint is unknown in a frame, metres.
 
     Returns:
         The skeleton: ``center("left_hip")`` is a joint's centre (3, frames), metres, NaN where unknown, ``flags``
         (joints, frames) tell if markers show it, and ``rotation("left_thigh")`` is the rotation of a segment (3, 3,
-        frames).
+        frames). ``barred`` is what no body can do, with the reason; it is missing.
 
     Raises:
         RecordingError: if the recording cannot be read, or the joints seem to be another subject's.
@@ -148,9 +153,9 @@ def draw_skeleton(
         >>> bool(np.linalg.norm(off, axis=0).max() < 0.01)
         True
     """
-    placed, calibration = with_joints(_read(recording), joints, markerset)
+    placed, calibration = with_joints(_read(recording), joints, markerset, segments=segments)
     require_same_subject(calibration, placed.recording, force=force)
-    return draw.draw_skeleton(calibration, placed.recording, largest_error=largest_error)
+    return gated(draw.draw_skeleton(calibration, placed.recording, largest_error=largest_error), placed.source)
 
 
 def find_gait(
@@ -164,6 +169,8 @@ def find_gait(
     largest_angle_error: float = LARGEST_ANGLE_ERROR,
 ) -> Gait:
     """Find the gait cycles of walks, and the angles of hips, knees and ankles over them, as `study gait` does.
+
+    Pelvis and legs alone are used: the rest of the body has no say.
 
     Args:
         walks: a `Recording` or its file; or several of one subject.
@@ -192,12 +199,12 @@ def find_gait(
     """
     every = [_read(walk) for walk in _several(walks)]
     if joints is None:
-        joints = find_joints(every, markerset, static=static, hips=hips)
+        joints = find_joints(every, markerset, static=static, hips=hips, segments="legs")
     motions = []
     for walk in every:
-        placed, calibration = with_joints(walk, joints, None)
+        placed, calibration = with_joints(walk, joints, None, segments="legs")
         require_same_subject(calibration, placed.recording, force=force)
-        drawn = draw.draw_skeleton(calibration, placed.recording)
+        drawn = gated(draw.draw_skeleton(calibration, placed.recording), walk)
         scene = skeleton_scene(drawn, placed.recording)
         motions.append(ExportedMotion(drawn, walk, scene, largest_angle_error=largest_angle_error))
     return gait_of(motions)

@@ -44,6 +44,8 @@ _HIPS = (
 HipCentres = Annotated[Literal["motion", "regression"], typer.Option("--hips", help=_HIPS)]
 _WIDTHS = "widths of knees and ankles, mm, if the file lacks them, for the chord method of Plug-in Gait"
 Widths = Annotated[str, typer.Option("--widths", metavar="LKneeWidth=105,...", help=_WIDTHS)]
+_SEGMENTS = "use these segments alone, with commas between them, or legs for pelvis and legs [default: all]"
+Segments = Annotated[str, typer.Option("--segments", metavar="A,B", help=_SEGMENTS)]
 _ERROR = "standard error above which a joint is missing in a frame, metres"
 LargestError = Annotated[float, typer.Option("--largest-error", help=_ERROR)]
 _ANGLE = "standard error above which an angle is missing in a frame, degrees"
@@ -221,6 +223,7 @@ def joints(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=_FILES)],
     static: Annotated[Path | None, typer.Option(help=_STATIC)] = None,
     force: Annotated[bool, typer.Option("--force", help=_MERGE)] = False,
+    segments: Segments = "",
     hips: HipCentres = "motion",
     widths: Widths = "",
     markerset: MarkerSetName = None,
@@ -254,10 +257,10 @@ def joints(
     recordings = [_read(file, unit, rate, subject, frames, widths) for file in every]
     folder, further = results_folder("-".join(one.name for one in recordings), out), dict[str, object]()
     if len(recordings) > 1:
-        match, session = fit_session(recordings, static is not None, markerset, hips, force)
+        match, session = fit_session(recordings, static is not None, markerset, hips, segments, force)
         calibration, table, lines = session.calibration, session_table(session), session_lines(session)
     else:
-        match, calibration = with_joints(recordings[0], None, markerset, hips)
+        match, calibration = with_joints(recordings[0], None, markerset, hips, segments)
         compared = report.agreement_table(calibration, match.recording)
         lines = chain(report.joint_lines(calibration), report.agreement_lines(compared), calibration.warnings())
         table = report.joint_table(calibration).merge(compared, on="joint")
@@ -406,6 +409,7 @@ def skeleton(
     calibration: Annotated[Path | None, typer.Option(help=_CALIBRATION)] = None,
     force: Annotated[bool, typer.Option("--force", help=_FORCE)] = False,
     refit: Annotated[bool, typer.Option("--refit", help=_REFIT)] = False,
+    segments: Segments = "",
     hips: HipCentres = "motion",
     widths: Widths = "",
     markerset: MarkerSetName = None,
@@ -435,6 +439,7 @@ def skeleton(
     from study.recordings.recording import printable
     from study.recordings.session import refit_shapes
     from study.recordings.skeleton import anatomy, calibrate, draw, scene
+    from study.recordings.skeleton.gate import gated
     from study.recordings.view.figure import encoder
 
     if calibration is None and force:
@@ -453,16 +458,16 @@ def skeleton(
     folder = results_folder(name, out)
     further = export.planned_files(write or "", folder, name, file)
     source = _read(file, unit, rate, subject, frames, widths)
-    match, used = calibrate.with_joints(source, calibration, markerset, hips)
+    match, used = calibrate.with_joints(source, calibration, markerset, hips, segments)
     if not as_json:
         _print_match(match, calibration is not None)
         echo([*used.lines(), *(anatomy.regression_hint(used, source) if calibration is None else [])])
     remarks = [] if calibration is None else calibrate.require_same_subject(used, match.recording, refit, force)
     used = refit_shapes(used, match.recording) if refit else used
-    drawn = draw.draw_skeleton(used, match.recording, largest_error=largest_error)
+    drawn = gated(draw.draw_skeleton(used, match.recording, largest_error=largest_error), source)
     shown = scene.skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
-        echo([*scene.skeleton_lines(shown), *tree.angle_lines(used)])
+        echo([*(found.text for found in drawn.barred), *scene.skeleton_lines(shown, used), *tree.angle_lines(used)])
     motion = tree.ExportedMotion(drawn, match.source, shown, file, tree.RestPose(rest), largest_angle_error)
 
     def written() -> Iterator[Path]:

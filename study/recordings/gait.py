@@ -10,8 +10,8 @@ Source: Zeni, Richards & Higginson 2008, Gait & Posture 27:710-714; Wu et al. 20
 """
 
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -39,6 +39,9 @@ _FASTEST, _SLOWEST = 0.5, 2.5
 """Seconds: shortest and longest cycle."""
 _SWING = 0.4
 """Least excursion of a foot to a peak, as a share of its range of 5 to 95 %."""
+_TOGETHER = 0.15
+"""Share of a cycle between strikes of both feet below which they strike together. In gait it is 0.5 (Perry & Burnfield
+2010, Gait Analysis), and 0 in jumps with both feet; the limit leaves room for a limp of a third of a cycle."""
 _TRAVEL = 0.5
 """Metres: least distance from which the direction of a walk is known."""
 _HELD = 0.05
@@ -56,11 +59,13 @@ class Gait:
         curves: a row per cycle, joint, angle and per cent: value, and error, its standard error, degrees; NaN where
             they are missing.
         notes: what a reader should know: kinds of angles, walks without a cycle, reasons to doubt the legs' joints.
+        missing: for a side and a joint, the reason why no body has it so, and why it is missing.
     """
 
     cycles: pd.DataFrame
     curves: pd.DataFrame
     notes: tuple[str, ...]
+    missing: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     def means(self) -> pd.DataFrame:
         """Average the curves over the cycles of all walks.
@@ -83,8 +88,15 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
     Raises:
         RecordingError: if no walk has a cycle, or the marker set has no legs.
     """
-    cycles, curves, notes = [], [], []
+    cycles, curves, notes, missing = [], [], [], {}
     for motion in motions:
+        notes += [f"{motion.skeleton.name}: {found.text}" for found in motion.skeleton.barred]
+        places = {place.joint.name: place.joint for place in motion.skeleton.calibration.joints}
+        for key, name in _joints(motion).items():
+            if reason := motion.skeleton.barred_at(places[name])[1]:
+                missing[key] = reason
+        if any(found.name == "up" for found in motion.skeleton.barred):
+            continue
         rows = list(_cycles(motion))
         if not rows:
             notes.append(f"{motion.skeleton.name}: no whole cycle: two strikes of one heel are never seen in a row")
@@ -95,18 +107,18 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
         raise RecordingError("; ".join(notes))
     calibration = motions[0].skeleton.calibration
     clinical, legs_of = clinical_joints(calibration), set(_joints(motions[0]).values())
-    others = sorted(legs_of - set(clinical))
+    others = sorted(legs_of - set(clinical) - {_joints(motions[0])[key] for key in missing})
     if others:
-        words = "no anatomical axes, so that zero is a standing pose, and curves of two subjects do not compare"
+        words = "no anatomical axes: zero is where bones hang straight, and curves of two subjects do not compare"
         notes.append(f"{', '.join(others)}: {words}")
     doubted = [place for place in calibration.joints if place.joint.name in legs_of and not place.usable]
     notes += by_words((p.joint.name, "doubted: " * (p.status not in ANATOMICAL) + p.reason) for p in doubted)
     every = pd.concat(curves, ignore_index=True)
     known = every.groupby(["side", "joint", "angle"], sort=False)["value"].count()
-    if missing := [" ".join(key) for key in known.index[known == 0].tolist()]:
+    if lost := [" ".join(key) for key in known.index[known == 0].tolist() if key[:2] not in missing]:
         limit = f"the error is above {motions[0].largest_angle_error:g}° in every frame"
-        notes.append(f"{', '.join(missing)}: missing: {limit}, or a segment is unknown")
-    return Gait(pd.concat(cycles, ignore_index=True), every, tuple(notes))
+        notes.append(f"{', '.join(lost)}: missing: {limit}, or a segment is unknown")
+    return Gait(pd.concat(cycles, ignore_index=True), every, tuple(notes), missing)
 
 
 def _joints(motion: ExportedMotion) -> dict[tuple[str, str], str]:
@@ -124,6 +136,9 @@ def _cycles(motion: ExportedMotion) -> Iterator[tuple[dict[str, object], pd.Data
     if not joints:
         raise RecordingError(f"{skeleton.name}: its marker set has no pelvis with both spines, or no leg on it")
     places, events = _pelvis(motion), gait_events(motion)
+    if (phase := _opposite(events["left"][0], events["right"][0])) < _TOGETHER:
+        words = f"feet strike together, {phase:.0%} of a cycle apart in the median: no walk, or labels or up are wrong"
+        raise RecordingError(f"{skeleton.name}: {words}")
     for side in SIDES:
         strikes, offs = events[side]
         for count, (first, last) in enumerate(itertools.pairwise(strikes), start=1):
@@ -143,6 +158,16 @@ def _cycles(motion: ExportedMotion) -> Iterator[tuple[dict[str, object], pd.Data
             ]
             table = pd.concat(tables, ignore_index=True)
             yield row, table.assign(recording=skeleton.name, side=side, cycle=count)
+
+
+def _opposite(left: Ints, right: Ints) -> float:
+    """Median share of the left foot's cycles between a strike of the right one and the nearest of the left; or 0.5."""
+    inside = right[(right > left[0]) & (right < left[-1])] if len(left) > 1 else right[:0]
+    if not len(inside):
+        return 0.5
+    after = left.searchsorted(inside, side="right")
+    share = (inside - left[after - 1]) / (left[after] - left[after - 1])
+    return float(np.median(np.minimum(share, 1.0 - share)))
 
 
 def _curve(angles: pd.DataFrame, name: str, first: int, last: int) -> dict[str, Floats]:
@@ -241,6 +266,7 @@ def _peaks(ahead: Floats, rate: float) -> Ints:
 
 def gait_lines(gait: Gait) -> Iterator[str]:
     """Lay out the cycles by side: means and standard deviations, then the ranges of the mean curves, and the notes."""
+    yield from (f"{side} {joint}: {reason}" for (side, joint), reason in gait.missing.items())
     yield from columns(list(parameter_rows(gait)), ["", "left", "right"], "<>>")
     means, rows = gait.means(), []
     for (joint, angle), part in means.groupby(["joint", "angle"], sort=False):
@@ -251,7 +277,7 @@ def gait_lines(gait: Gait) -> Iterator[str]:
             texts.append("-" if np.isnan(low) else f"{low:.0f}° to {high:.0f}°, ± {own['error'].median():.1f}°")
         rows.append([f"{joint} {angle}", *texts])
     yield from columns(rows, ["mean over the cycles", "left", "right"], "<>>")
-    yield "±: median standard error of the pose in a frame"
+    yield "±: median standard error in a frame, from the poses and from the anatomical axes"
     yield from (f"note: {note}" for note in gait.notes)
 
 

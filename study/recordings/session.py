@@ -42,7 +42,7 @@ from study.recordings.joints.report import joint_table, millimetres
 from study.recordings.markersets import MarkerSet, Match, match, place_markerset
 from study.recordings.recording import Recording, RecordingError, one_after_another
 from study.recordings.rigid import across, fit_rigid_motion
-from study.recordings.skeleton.anatomy import DrawnTrial, Hips, points_of_the_body, with_anatomy
+from study.recordings.skeleton.anatomy import DrawnTrial, Hips, part_of, points_of_the_body, with_anatomy
 from study.recordings.skeleton.calibrate import hull_distances, require_same_subject, with_checks, with_doubts
 from study.recordings.skeleton.draw import draw_skeleton
 from study.text import columns
@@ -317,7 +317,12 @@ def calibrate_session(
 
 
 def fit_session(
-    trials: Sequence[Recording], static: bool, markerset: str | None, hips: Hips = "motion", force: bool = False
+    trials: Sequence[Recording],
+    static: bool,
+    markerset: str | None,
+    hips: Hips = "motion",
+    segments: str = "",
+    force: bool = False,
 ) -> tuple[Match, Session]:
     """Find the joints of several trials of one session.
 
@@ -326,9 +331,11 @@ def fit_session(
         static: True if the last of them gives the shapes of the segments.
         markerset: as in `place_markerset`, for all trials together.
         hips: as in `find_joints`. Points of the body come from the last trial that shows the pelvis' spines.
+        segments: those to use, as in `part_of`; all if "".
         force: True to merge trials that seem to show different subjects.
     """
     together = place_markerset(one_after_another(trials, ", ".join(trial.name for trial in trials)), markerset)
+    together = match(part_of(together.whole, segments), together.source) if segments else together
     named = [match(together.whole, trial).recording for trial in trials]
     still = named[-1] if static else None
     merged = calibrate_session(together.markerset, named[: len(named) - static], still, force=force)

@@ -87,8 +87,8 @@ USABLE = (JointStatus.OK, JointStatus.HINGE)
 """A joint that a skeleton can be built on without reservation."""
 ANATOMICAL = (JointStatus.REGRESSION, JointStatus.LANDMARK)
 """A joint that points of the body place, and not its motion."""
-DOUBTED = (*(status for status in JointStatus if USABLE[-1] < status < JointStatus.UNSURE), *ANATOMICAL)
-"""A joint that is drawn, and doubted: its estimates, or a body, contradict it, it moved about one axis only, or not."""
+DOUBTED = tuple(status for status in JointStatus if USABLE[-1] < status < JointStatus.UNSURE)
+"""A joint that is drawn, and doubted: its estimates, or a body, contradict it, or it moved about one axis only."""
 
 
 def largest_error(covariance: Floats, axis: Floats | None) -> float:

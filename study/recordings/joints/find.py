@@ -33,7 +33,6 @@ from study.recordings.joints.estimate import (
     CENTIMETRE,
     COMPARABLE,
     DOUBTED,
-    SHORT_TEXTS,
     USABLE,
     Estimate,
     JointStatus,
@@ -51,7 +50,6 @@ from study.recordings.joints.skin import SkinErrors
 from study.recordings.markersets import Joint, MarkerSet
 from study.recordings.recording import Recording, RecordingError, written
 from study.recordings.rigid import across, mean_rotated_covariance, nearest_rotation, relative_rotation
-from study.text import columns, number
 
 
 def _array(*shape: int) -> pydantic.BeforeValidator:
@@ -101,6 +99,7 @@ class SegmentShape:
         misfit: root mean square distance of its markers from their places in phase 2 of the recording that it was
             fitted to, metres; NaN if that showed it fully in no frame, or if it was not drawn.
         anatomy: anatomical axes (3, 3), columns x, y, z, in the segment's axes; NaN if their points are not known.
+        anatomy_covariance: of the error of their rotation (3, 3), rad², in the segment's axes, alike.
     """
 
     segment: str
@@ -111,6 +110,7 @@ class SegmentShape:
     reason: Annotated[str, pydantic.Field(alias="why")]
     misfit: Number = float("nan")
     anatomy: Matrix = field(default_factory=_unknown(3, 3))
+    anatomy_covariance: Matrix = field(default_factory=_unknown(3, 3))
 
     @pydantic.model_validator(mode="after")
     def _fits(self) -> Self:
@@ -143,8 +143,8 @@ class JointPlace:
         floor: standard error from skin that no marker shows, metres (see `Estimate`); part of no covariance.
         allowance: covariance of what skin hides in a trial that hardly moved it (3, 3), m², in the same axes (see
             `study.recordings.session`); part of the covariance only if no trial moved the joint.
-        beside: of a knee, its distance from the middle of its epicondyles, across its axis, metres; NaN if the file has
-            none, or the joint is there.
+        beside: of a hinge, its distance from the middle of its epicondyles or malleoli, across its axis, metres; NaN if
+            the file has none, or the joint is there.
         warnings: reasons why it is unlike any body's joint (see `plausibility`).
         estimates: from its sides, the chosen one first; none in a calibration that was read or merged.
     """
@@ -253,22 +253,15 @@ class Calibration:
         doubted = (place for place in self.joints if place.status not in USABLE)
         return by_words((place.joint.name, words) for place in doubted for words in place.reason.split("; "))
 
-    def beside(self) -> Iterator[str]:
-        """Lay out the distances of knees from the middle of their epicondyles, if the file has these."""
-        far = [f"{p.joint.name} {1000 * p.beside:.0f} mm" for p in self.joints if not np.isnan(p.beside)]
-        if far:
-            yield f"across their axes from the middle of the epicondyles: {', '.join(far)}"
-
     def warnings(self) -> Iterator[str]:
         """Lay out what is unlike any body's, a line for each warning with the joints that it holds for."""
         return by_words((place.joint.name, f"warning: {words}") for place in self.joints for words in place.warnings)
 
     def lines(self) -> Iterator[str]:
-        """Lay out status, error and floor of each joint as phase 1 left them, in millimetres, then the warnings."""
-        errors = [[number(1000 * x, ".1f") for x in (p.standard_error, p.floor)] for p in self.joints]
-        rows = [[p.joint.name, SHORT_TEXTS[p.status], *own] for p, own in zip(self.joints, errors, strict=True)]
-        yield from columns(rows, [f"joint in {self.source}", "status", "error / mm", "floor / mm"], "<<>")
-        yield from self.beside()
+        """Lay out how far hinges are from the middle of their two points of the body, if known, and the warnings."""
+        far = [f"{p.joint.name} {1000 * p.beside:.0f} mm" for p in self.joints if not np.isnan(p.beside)]
+        if far:
+            yield f"across their axes from the middle of their epicondyles or malleoli: {', '.join(far)}"
         yield from self.warnings()
 
 

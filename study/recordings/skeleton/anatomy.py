@@ -28,21 +28,21 @@ axis; Harrington's own, left out one by one, are 5.2, 3.6 and 3.2 mm. A centre t
 taken before the regression; it comes without an error and gets the same.
 """
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from study.arrays import Floats
 from study.recordings.joints.estimate import ANATOMICAL, SHORT_TEXTS, JointStatus
-from study.recordings.joints.find import Calibration, JointPlace, moved_along_axis
-from study.recordings.markersets import MarkerSet, landmarks, side, side_of
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, moved_along_axis
+from study.recordings.markersets import MarkerSet, MarkerSetError, landmarks, side, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import across, to_local, to_world
-from study.recordings.skeleton.draw import Flag, Skeleton
+from study.recordings.skeleton.draw import Flag, Skeleton, draw_skeleton
 
 Hips = Literal["motion", "regression"]
 """Centres of hips: by motion alone, or for those that motion leaves in doubt by regression."""
@@ -91,6 +91,37 @@ def legs(markerset: MarkerSet) -> dict[str, str]:
                 break
             result[f"{one} {part}"] = above = own[0]
     return result
+
+
+def part_of(markerset: MarkerSet, wanted: str) -> MarkerSet:
+    """Some segments of a marker set, and the joints between them.
+
+    Args:
+        markerset: the whole set.
+        wanted: names of segments with commas between them, or "legs" for pelvis and legs.
+
+    Raises:
+        MarkerSetError: if it has no such segment.
+    """
+    known = [segment.name for segment in markerset.segments]
+    names = list(legs(markerset).values()) if wanted == "legs" else [name.strip() for name in wanted.split(",")]
+    listed = f"its segments are {', '.join(known)}"
+    if not names:
+        raise MarkerSetError(f"marker set {markerset.name} has no pelvis with both spines, so no legs; {listed}")
+    if unknown := [name for name in names if name not in known]:
+        raise MarkerSetError(f"--segments {wanted}: marker set {markerset.name} has no {unknown[0]}; {listed}")
+    segments = [s.model_copy(update={"parent": s.parent if s.parent in names else None}) for s in markerset.segments]
+    segments = [s for s in segments if s.name in names]
+    markers = {marker for segment in segments for marker in segment.markers}
+    joints = [joint for joint in markerset.joints if {joint.parent, joint.child} <= {*names}]
+    known_points = markers | {point for joint in joints for point in joint.across}
+    parts = {
+        "segments": tuple(segments),
+        "joints": tuple(joints),
+        "optional": tuple(marker for marker in markerset.optional if marker in markers),
+        "aliases": {marker: others for marker, others in markerset.aliases.items() if marker in known_points},
+    }
+    return MarkerSet.model_validate({"name": markerset.name, "about": markerset.about} | parts)
 
 
 def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Floats]:
@@ -174,7 +205,13 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
         top, error = above[segment].in_child, above[segment].standard_error
         lateral, medial, heel, toe = (points.get(f"{one} {end}") for end in (*_POINTS[part][-2:], "heel", "toe"))
         if lateral is None or medial is None:
-            if part == "foot" and heel is not None and toe is not None and error <= LANDMARK:
+            if (
+                part == "foot"
+                and heel is not None
+                and toe is not None
+                and round(error, 9) <= LANDMARK
+                and above[segment].known
+            ):
                 result[segment] = _frame(0, toe - heel, 1, top - heel)
             continue
         middle, outwards = 0.5 * (lateral + medial), _MIRROR[one] * (lateral - medial)  # to the right on both sides
@@ -184,6 +221,27 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
             tilted = error > _STEEP * np.linalg.norm(top - middle)
             result[segment] = None if tilted else _frame(1, top - middle, 2, outwards)
     return {name: axes for name, axes in result.items() if axes is not None}
+
+
+def axes_errors(calibration: Calibration, points: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Covariance of the rotation of anatomical axes (3, 3), rad², in the segments' axes, from errors of their points.
+
+    Each point is moved by its standard error along each axis: by `LANDMARK`, or a joint by its own.
+    """
+    axes, leg = anatomical_axes(calibration, points), set(legs(calibration.markerset).values())
+    squares = {name: np.zeros((3, 3)) for name in axes}
+    moved = [(calibration, {**points, name: x + LANDMARK * e}) for name, x in points.items() for e in np.eye(3)]
+    for k, place in enumerate(calibration.joints):
+        if place.joint.child in leg and place.known:
+            for e in np.eye(3):
+                other = replace(place, in_child=place.in_child + place.standard_error * e)
+                joints = (*calibration.joints[:k], other, *calibration.joints[k + 1 :])
+                moved.append((replace(calibration, joints=joints), {**points}))
+    for each in moved:
+        for name, changed in anatomical_axes(*each).items():
+            turn = Rotation.from_matrix(changed @ axes[name].T).as_rotvec()
+            squares[name] += np.outer(turn, turn)
+    return squares
 
 
 def hip_by_regression(points: Mapping[str, Floats], one: str) -> Floats | None:
@@ -215,18 +273,54 @@ def with_anatomy(calibration: Calibration, trial: DrawnTrial, source: Recording,
     points, segments = points_of_the_body(trial.skeleton, source), legs(calibration.markerset)
     places = {place.joint.child: place for place in calibration.joints}
     regressed = {child: _with_regression(place, trial, points) for child, place in places.items()}
-    places = regressed if hips == "regression" else places
-    for one, part in itertools.product(_MIRROR, _ENDS):  # knees first: ankles follow from them
-        name, above = (segments.get(f"{one} {own}") for own in (part, _ENDS[part][0]))
-        if name is not None and above is not None:
-            top = (regressed if part == "shank" else places)[above]
-            by_width = _medial_by_width(f"{one} {part}", top, points, source.widths)
-            points |= by_width
-            places[name] = _with_landmarks(places[name], f"{one} {part}", trial, points, bool(by_width))
-    calibration = replace(calibration, joints=tuple(places.values()))
-    axes = anatomical_axes(calibration, points)
-    shapes = (replace(s, anatomy=axes.get(s.segment, s.anatomy)) for s in calibration.shapes)
+    medial: dict[str, Floats] = {}
+    if hips == "regression":
+        places = regressed
+    for part, (upper, *_) in _ENDS.items():  # what follows from a joint is drawn with it, so that its frame is its own
+        calibration, trial = _redrawn(calibration, places, trial)
+        points = points_of_the_body(trial.skeleton, source) | medial
+        for one in _MIRROR:
+            name, above = (segments.get(f"{one} {own}") for own in (part, upper))
+            if name is not None and above is not None:
+                top = (regressed if part == "shank" else places)[above]
+                by_width = _medial_by_width(f"{one} {part}", top, points, source.widths)
+                medial |= by_width
+                place = _with_landmarks(places[name], f"{one} {part}", trial, points | medial, bool(by_width))
+                places = places | {name: place}
+    calibration, trial = _redrawn(calibration, places, trial)
+    points = points_of_the_body(trial.skeleton, source) | medial
+    axes, errors = anatomical_axes(calibration, points), axes_errors(calibration, points)
+    shapes = (
+        replace(s, anatomy=axes[s.segment], anatomy_covariance=errors[s.segment]) if s.segment in axes else s
+        for s in calibration.shapes
+    )
     return replace(calibration, shapes=tuple(shapes))
+
+
+def _redrawn(
+    calibration: Calibration, places: Mapping[str, JointPlace], trial: DrawnTrial
+) -> tuple[Calibration, DrawnTrial]:
+    """The calibration with these joints, by the segment below each, and the trial drawn with it, if one is new."""
+    joints = tuple(places.values())
+    if all(new is old for new, old in zip(joints, calibration.joints, strict=True)):
+        return calibration, trial
+    placed = {p.joint.child for p in joints if p.status in ANATOMICAL and p.known}
+    shapes = tuple((s.segment in placed and _of_two(s, trial)) or s for s in calibration.shapes)
+    calibration = replace(calibration, joints=joints, shapes=shapes)
+    return calibration, trial._replace(skeleton=draw_skeleton(calibration, trial.markers))
+
+
+def _of_two(shape: SegmentShape, trial: DrawnTrial) -> SegmentShape | None:
+    """The shape of a segment of two markers without a pose, for a joint to fix it; None for any other."""
+    markers = trial.skeleton.calibration.markerset.segment(shape.segment).markers
+    if shape.has_pose or len(markers) != 2 or not {*markers} <= {*trial.markers.markers}:
+        return None
+    one, two = trial.markers.select(markers).positions
+    apart = np.linalg.norm(two - one, axis=0)
+    if np.isnan(apart).all():
+        return None
+    places = np.array([[0.0, 0.0, 0.0], [np.nanmedian(apart), 0.0, 0.0]])
+    return SegmentShape(shape.segment, markers, places, np.zeros(2), False, "")
 
 
 _ENDS = {"shank": ("thigh", "knee", "epicondyles"), "foot": ("shank", "ankle", "malleoli")}
@@ -340,7 +434,8 @@ def _placed(
     local = to_local(skeleton.rotations[j], skeleton.origins[j], world)
     shown = skeleton.segment_flags[[i, j]] == Flag.SEEN
     both = shown.all(axis=0) & ~np.isnan(local[0])
-    in_child = np.median(local[:, both], axis=1) if both.any() else center
+    in_child = np.median(local[:, both], axis=1) if both.any() else np.full(3, np.nan)
+    shape = _of_two(shape, trial) or shape
     two = not shape.has_own_pose and len(shape.markers) == 2 and {*shape.markers} <= {*trial.markers.markers}
     if two and shown[0].any():
         x = trial.markers.select(shape.markers, np.flatnonzero(shown[0])).positions

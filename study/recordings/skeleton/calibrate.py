@@ -37,7 +37,7 @@ from study.recordings.joints.poses import fit_template
 from study.recordings.markersets import MarkerSet, Match, match, mirrored, place_markerset, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import nearest_rotation
-from study.recordings.skeleton.anatomy import DrawnTrial, Hips, with_anatomy
+from study.recordings.skeleton.anatomy import DrawnTrial, Hips, part_of, with_anatomy
 from study.recordings.skeleton.draw import LARGEST_ERROR, Skeleton, draw_skeleton
 
 _THICKNESS = 0.05
@@ -236,7 +236,11 @@ def _checked(calibration: Calibration, recording: Recording) -> tuple[Calibratio
 
 
 def with_joints(
-    recording: Recording, joints: Calibration | str | Path | None, markerset: str | None, hips: Hips = "motion"
+    recording: Recording,
+    joints: Calibration | str | Path | None,
+    markerset: str | None,
+    hips: Hips = "motion",
+    segments: str = "",
 ) -> tuple[Match, Calibration]:
     """Place the marker set of given joints on a recording, or find joints in the recording itself.
 
@@ -245,19 +249,27 @@ def with_joints(
         joints: given ones, or their file or its folder; None to find them here.
         markerset: name or file of a marker set for joints that are found here.
         hips: as in `calibrate`.
+        segments: those to use, as in `part_of`; all if "".
 
     Raises:
         RecordingError: if the joints cannot be read, or ``markerset`` is given, too.
-        MarkerSetError: if no joint can be found with the marker set.
+        MarkerSetError: if no joint can be found with the marker set, or it has not these segments.
     """
     if joints is None:
         placed = place_markerset(recording, markerset)
+        placed = match(part_of(placed.whole, segments), recording) if segments else placed
         return placed, calibrate(placed.recording, placed.markerset, recording, hips)
     if markerset is not None:
         raise RecordingError(f"markerset = {markerset!r}: joints have their own marker set; leave it out")
     if not isinstance(joints, Calibration):
         path = named_path(joints, "joints")
         joints = load_calibration(path / "calibration.json" if path.is_dir() else path)
+    if segments:
+        part = part_of(joints.markerset, segments)
+        names, kept = {segment.name for segment in part.segments}, {joint.name for joint in part.joints}
+        shapes = tuple(shape for shape in joints.shapes if shape.segment in names)
+        places = tuple(place for place in joints.joints if place.joint.name in kept)
+        joints = replace(joints, markerset=part, shapes=shapes, joints=places)
     return match(joints.markerset, recording), joints
 
 
@@ -308,7 +320,9 @@ def other_subject(calibration: Calibration, recording: Recording, refit: bool = 
         listed = "; ".join(f"{segment}: {words}" for segment, words in apart.items())
         reasons.append(f"{len(apart)} of {len(rows)} segments do not fit ({listed})")
     if abs(scale - 1.0) > max(_SCALE, _SIGNIFICANT * error):
-        reasons.append(f"its segments are {abs(scale - 1.0):.0%} {'larger' if scale > 1.0 else 'smaller'}")
+        sizes = {name: part / extent - 1.0 for name, part, extent in zip(rows, along, extents, strict=True)}
+        listed = ", ".join(f"{name} {size:+.0%}" for name, size in sizes.items() if abs(size) > _SCALE)
+        reasons.append(f"its segments are {abs(scale - 1.0):.0%} {'larger' if scale > 1.0 else 'smaller'} ({listed})")
     subject = f"{recording.name} does not show the subject calibrated in {calibration.source}"
     return f"{subject}: {'; '.join(reasons)}" if reasons else ""
 
@@ -350,6 +364,6 @@ def require_same_subject(
     """
     words = other_subject(calibration, recording, refit)
     if words and not force:
-        remedy = "calibrate on a recording of the same session, or use --force to draw with this one"
+        remedy = "calibrate on a recording of the same session, leave segments out with --segments, or use --force"
         raise RecordingError(f"{words}; {remedy}")
     return [f"--force overrules: {words}"] if words else []

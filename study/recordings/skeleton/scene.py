@@ -18,9 +18,9 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bytes, Floats
-from study.recordings.joints.estimate import USABLE
-from study.recordings.joints.find import JointPlace
-from study.recordings.markersets import Joint, MarkerSet, mirrored, side
+from study.recordings.joints.estimate import ANATOMICAL, SHORT_TEXTS, USABLE
+from study.recordings.joints.find import Calibration, JointPlace
+from study.recordings.markersets import Joint, MarkerSet, is_output, landmarks, mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import quaternions
 from study.recordings.skeleton.calibrate import UNEVEN, gap_doubt, hull_distances, hull_doubt
@@ -138,19 +138,50 @@ class Scene:
         return tuple(map(side, (*self.joints, *self.tips)))
 
 
-_Y_UP = 1.3
-"""The recording's y points up if its markers' mean places extend along it by this factor more than along z."""
+_FEET = ("heel", "toe", "malleolus", "metatarsal")
+"""Words in the names of points that are below all others."""
 
 
-def upright_rotation(recording: Recording) -> Floats:
-    """Rotation (3, 3) after which z points up: the identity, or (z, x, y) of a recording whose y points up."""
-    middle = known_mean(recording.positions, axis=0)
+def up_of(recording: Recording) -> tuple[Floats, str]:
+    """Rotation (3, 3) after which z points up, and the words that say how that is known.
+
+    Up is the direction along y or z of the recording in which the pelvis' spines, or else all other labelled markers,
+    are above the feet's, in the median of the frames. Without labels of feet it is z, or y if the labelled markers'
+    mean places extend along it by a third more. What a program computed, and points without a label, do not count.
+    """
+    labels = [m for m in recording.markers if not (m.startswith(("*", "point ")) or m.isdigit() or is_output(m))]
+    points = {point: label for point, label in landmarks(recording.markers).items() if label in labels}
+    feet = [label for point, label in points.items() if point.endswith(_FEET)]
+    high = [label for point, label in points.items() if point.endswith(("asis", "psis", "sacrum"))]
+    high = high or [label for label in labels if label not in points.values()]
+    if feet and high:
+        above, below = (known_mean(np.array([recording.of(m) for m in names]), axis=0) for names in (high, feet))
+        apart = (above - below)[:, ~np.isnan(above - below)[0]]
+        if apart.size:
+            up = np.median(apart, axis=1)
+            axis = 1 + int(np.abs(up[1:]).argmax())
+            name = "-" * bool(up[axis] < 0.0) + "xyz"[axis]
+            words = f"up is {name} of the recording, in which {high[0]} is above {feet[0]}"
+            return _to_z(axis, up[axis] < 0.0), words
+    labels = labels or list(recording.markers)
+    positions = np.array([recording.of(label) for label in labels])
     # a body that rotates about the vertical has little mean extent to the sides; that from foot to head stays
-    mean = known_mean(recording.positions - middle, axis=2)
+    mean = known_mean(positions - known_mean(positions, axis=0), axis=2)
     _, y, z = np.nanstd(mean[~np.isnan(mean[:, 0])], axis=0)
-    if y > _Y_UP * z:
-        return np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    return np.eye(3)
+    axis = 1 if y > _Y_UP * z else 2
+    return _to_z(
+        axis, False
+    ), f"up is {'xyz'[axis]} of the recording, along which the markers extend; no label is a foot's"
+
+
+_Y_UP = 1.3
+"""Without labels of feet y points up if the markers' mean places extend along it by this factor more than along z."""
+
+
+def _to_z(axis: int, downwards: bool) -> Floats:
+    """Rotation (3, 3) of an axis of the recording, or its opposite, to z."""
+    rotation = np.roll(np.eye(3), axis - 2, axis=1)
+    return np.diag([-1.0, 1.0, -1.0]) @ rotation if downwards else rotation
 
 
 def known_mean(x: Floats, axis: int) -> Floats:
@@ -179,7 +210,7 @@ def make_scene(
     Raises:
         RecordingError: if no joint is known in any frame.
     """
-    calibration, upright = skeleton.calibration, upright_rotation(recording)
+    calibration, upright = skeleton.calibration, up_of(recording)[0]
     joints, segments = calibration.joints, calibration.markerset.segments
     known = [i for i, center in enumerate(skeleton.centers) if not np.isnan(center).all()]
     lost = [(joints[i], doubts[i]) for i in range(len(joints)) if i not in known]
@@ -192,7 +223,6 @@ def make_scene(
         f"{share:.1%} of {name}" for name, share in zip(skeleton.segments, skeleton.left_out, strict=True) if share
     ]
     notes += [f"samples left out, as far from their places: {', '.join(rejected)}"] * bool(rejected)
-    notes += ["the recording's y is shown as up"] * bool(upright[2, 1])
     if not known:
         raise RecordingError(f"{recording.name}: none of its joints is known in any frame; there is nothing to show")
     centers, shown = skeleton.centers[known], [joints[i] for i in known]
@@ -345,30 +375,33 @@ _LEFT_OUT = 0.05
 """Share of a segment's samples that are left out above which its joints are doubted."""
 
 
-def skeleton_lines(scene: Scene) -> Iterator[str]:
-    """Lay out bones, distances of joints from the markers' hull, shares of bridged frames, and reasons to doubt."""
+def skeleton_lines(scene: Scene, calibration: Calibration) -> Iterator[str]:
+    """Lay out the joints, a line each, and the reasons to doubt some of them, then the bones and the notes."""
+    places, kinds = {place.joint.name: place for place in calibration.joints}, defaultdict(list)
+    rows = []
+    for k, (name, share, by) in enumerate(zip(scene.joints, *hull_distances(scene.places, scene.centers), strict=True)):
+        place, lacking = places[name], [(scene.flags[k] == flag).mean() for flag in (Flag.BRIDGED, Flag.UNKNOWN)]
+        lengths = map(_millimetres, (place.standard_error, place.floor))
+        row = [name, SHORT_TEXTS[place.status], *lengths, number(share, ".0%"), _millimetres(by) if by > 0.0 else "-"]
+        rows.append([*row, _millimetres(scene.gaps[k]), *(f"{part:.1%}" if part else "-" for part in lacking)])
+        if place.status in ANATOMICAL:
+            kinds[place.reason].append(name)
+    titles = ["joint", "status", "error", "floor", "outside", "by", "gap", "bridged", "unknown"]
+    yield from columns(rows, titles, "<<>")
+    yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
+    yield "gap: distance between the joint in its child and in its parent, root mean square; bones vary by it"
+    yield "bridged: share of frames without the segments' own markers; unknown: share in which nothing shows it"
+    doubts = defaultdict(list)  # each reason once, with the joints that it holds for
+    for name, doubt in zip(scene.joints, scene.doubts, strict=True):
+        doubts[doubt].append(name)
+    yield from (f"{', '.join(names)}: not reliable: {doubt}" for doubt, names in doubts.items() if doubt)
+    yield from (f"{', '.join(names)}: {kind}" for kind, names in kinds.items())
     bones = []
     for start, end, length, spread, error, uneven in bone_table(scene).itertuples(index=False):
         difference = "" if np.isnan(uneven) else f"{round(100 * uneven, 1) + 0.0:+.1f} %"  # no minus before zero
         sizes = f"{length:.3f} m", _millimetres(error), _millimetres(spread)
         bones.append([f"{start} - {end}", *sizes, difference, "uneven" if abs(uneven) > UNEVEN else ""])
     yield from columns(bones, ["bone", "length", "error", "varies", "left to right"], "<>>>><")
-    hulls = zip(scene.joints, *hull_distances(scene.places, scene.centers), scene.gaps, strict=True)
-    rows = [
-        [name, number(share, ".0%"), _millimetres(by) if by > 0.0 else "-", _millimetres(gap)]
-        for name, share, by, gap in hulls
-    ]
-    yield from columns(rows, ["joint", "outside", "by", "gap"], "<>>")
-    yield "outside: share of frames outside the markers' hull; by: 95 % quantile of the distance outside it"
-    yield "gap: distance between the joint in its child and in its parent, root mean square; bones vary by it"
-    for name, flags in zip(scene.joints, scene.flags, strict=True):
-        shares = [(flag, (flags == flag).mean()) for flag in Flag if flag != Flag.SEEN]
-        if lacking := [f"{flag.name.lower()} in {share:.1%} of the frames" for flag, share in shares if share]:
-            yield f"{name}: {', '.join(lacking)}"
-    doubts = defaultdict(list)  # each reason once, with the joints that it holds for
-    for name, doubt in zip(scene.joints, scene.doubts, strict=True):
-        doubts[doubt].append(name)
-    yield from (f"{', '.join(names)}: not reliable: {doubt}" for doubt, names in doubts.items() if doubt)
     yield from (f"note: {note}" for note in scene.notes)
 
 
@@ -415,9 +448,16 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
     doubts, left_out = [], dict(zip(skeleton.segments, skeleton.left_out, strict=True))
     hulls = hull_distances(recording.positions, skeleton.centers)
     for place, gap, *hull in zip(calibration.joints, skeleton.gaps, *hulls, strict=True):
-        reasons = ["" if place.status in USABLE else place.reason, hull_doubt(*hull), gap_doubt(gap)]
+        kind = place.status in (*USABLE, *ANATOMICAL)  # by motion, or by points of the body: no doubt
+        reasons = [
+            "" if kind else place.reason,
+            hull_doubt(*hull),
+            skeleton.barred_at(place.joint)[1] or gap_doubt(gap),
+        ]
         for segment in (place.joint.parent, place.joint.child):
             if left_out[segment] > _LEFT_OUT:
                 reasons.append(f"{left_out[segment]:.0%} of the samples of {segment} are far from their places")
         doubts.append("; ".join(filter(None, reasons)))
-    return make_scene(skeleton, recording, doubts, f"joints found in {found}", (*recording.notes, *notes))
+    return make_scene(
+        skeleton, recording, doubts, f"joints found in {found}", (*recording.notes, up_of(recording)[1], *notes)
+    )

@@ -1,6 +1,7 @@
 """The gait report: curves of hips, knees and ankles over the cycle, as a figure and as one page without a network."""
 
 import html
+import textwrap
 from pathlib import Path
 
 import pandas as pd
@@ -44,7 +45,9 @@ def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, joint: str, angle: str) -> 
     ax.set(xlim=(0, 100), xticks=(0, 20, 40, 60, 80, 100))
     ax.set_title(_WORDS[joint, angle], fontsize=style.SMALL + 0.5)
     if not drawn:
-        ax.text(0.5, 0.5, "not known", transform=ax.transAxes, ha="center", va="center", color=style.FAINT)
+        reasons = dict.fromkeys(text for (_, own), text in gait.missing.items() if own == joint)
+        words = "\n".join(textwrap.fill(text, 34) for text in reasons) or "not known"
+        ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center", color=style.FAINT, fontsize=5)
         ax.set_yticks([])
     return drawn
 
@@ -130,8 +133,8 @@ def page(gait: Gait, title: str) -> str:
 <table><tr><th></th><th>left</th><th>right</th></tr>{rows}</table>
 <p class="key">{key} &emsp; line: mean over the cycles; band: ± one standard deviation; upright line: toes off</p>
 <div class="panels">{"".join(_panels(gait))}</div>
-<p>The median standard error of an angle in one frame, from markers and skin, is {error:.1f}°. It does not include
-the error of the axes, the same in all frames. Strikes and toe-offs come from the feet's markers (Zeni et al. 2008).</p>
+<p>The median standard error of an angle in one frame, from markers, skin and anatomical axes, is {error:.1f}°.
+Strikes and toe-offs come from the feet's markers (Zeni et al. 2008).</p>
 <ul>{notes}</ul>
 </body></html>
 """

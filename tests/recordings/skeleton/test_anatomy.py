@@ -218,7 +218,7 @@ def test_angles_are_those_of_grood_and_suntay(known, tmp_path):
     np.testing.assert_allclose(table["pelvis_tilt"], np.degrees(np.unwrap(tilt)), atol=0.5)
     lines = angle_lines(joints)
     assert lines[0].startswith("angles of left_hip, left_knee, left_ankle, right_hip, right_knee, right_ankle: Grood")
-    assert lines[1].startswith("angles of waist: zero in a standing pose")
+    assert lines[1].startswith("angles of waist: zero where bones hang straight down")
     write_mot(motion, tmp_path / "a.mot")
     assert (tmp_path / "a.mot").read_text().splitlines()[0] == "; ".join([recording.name, *lines])
 

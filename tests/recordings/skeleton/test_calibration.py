@@ -23,7 +23,7 @@ from study.recordings.skeleton.calibrate import (
     with_doubts,
 )
 from study.recordings.skeleton.draw import draw_skeleton
-from study.recordings.skeleton.scene import skeleton_scene
+from study.recordings.skeleton.scene import skeleton_lines, skeleton_scene
 from study.recordings.synthetic.make import Recipe, synthesize
 
 
@@ -186,11 +186,10 @@ def test_both_phases_say_the_same(figure, tmp_path):
         assert place.floor == table.loc[place.joint.name, "floor"]
         assert 0.001 < place.floor < 0.05
         assert place.warnings == ()
-    lines = list(calibration.lines())
-    assert len(lines) == 1 + len(calibration.joints)
+    scene = skeleton_scene(draw_skeleton(calibration, recording), recording)
     neck = table.loc["neck"]
-    row = next(line for line in lines if line.startswith("neck")).split()
-    assert row == ["neck", "ok", f"{1000 * neck['error']:.1f}", f"{1000 * neck['floor']:.1f}"]
+    row = next(line for line in skeleton_lines(scene, calibration) if line.startswith("neck")).split()
+    assert row[:6] == ["neck", "ok", f"{1000 * neck['error']:.1f}", "mm", f"{1000 * neck['floor']:.1f}", "mm"]
 
 
 def test_older_calibrations_are_read(figure_calibration, tmp_path):

@@ -16,7 +16,7 @@ from study.recordings.joints.report import agreement_lines, joint_lines
 from study.recordings.markersets import mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.skeleton.draw import Flag
-from study.recordings.skeleton.scene import bone_table, bones, make_scene, skeleton_lines, skeleton_table
+from study.recordings.skeleton.scene import bone_table, bones, make_scene, skeleton_lines, skeleton_table, up_of
 from study.recordings.synthetic.make import Recipe, synthesize
 
 
@@ -112,16 +112,16 @@ def test_limbs_end_at_markers(scene):
 
 
 def test_y_up(body, shown):
-    """A recording whose y points up is rotated as a whole, and a note says so."""
+    """A recording whose y points up is rotated as a whole, and the words say so."""
     recording, (skeleton, upright) = body[0], shown("left_hip")
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # z to y
     lying = Recording("lying", recording.markers, turn @ recording.positions, recording.rate)
     scene = make_scene(replace(skeleton, centers=turn @ skeleton.centers), lying, [""], "test")
-    assert scene.notes == ("the recording's y is shown as up",)
+    assert up_of(lying)[1].startswith("up is y of the recording, in which ")
     height = scene.places[scene.markers.index("LFHD"), 2] - scene.places[scene.markers.index("LTOE"), 2]
     assert height.min() > 0.5
     assert np.allclose(scene.centers[:, 2], upright.centers[:, 2])
-    assert upright.notes == ()
+    assert up_of(recording)[1].startswith("up is z of the recording, in which ")
 
 
 @pytest.mark.parametrize(
@@ -207,24 +207,31 @@ def test_bones_tables(scene):
     assert np.isnan(table.loc[("left_elbow", "left_wrist"), "uneven"])  # the right wrist is not known
 
 
-def test_uneven_bones_are_said(scene):
-    """A shin that is a tenth longer than the other is marked, and the other too."""
+@pytest.fixture(scope="module")
+def true_calibration(of_truth):
+    """The calibration of a synthetic body's true joints."""
+    return of_truth(*synthesize(Recipe(frames=2))).calibration
+
+
+def test_uneven_bones_are_said(scene, true_calibration):
+    """A shin that is a tenth longer than the other is marked, and the other too; each joint has one line."""
     centers = scene.centers.copy()
     knee, ankle = scene.joints.index("left_knee"), scene.joints.index("left_ankle")
     centers[ankle] = centers[knee] + 1.1 * (centers[ankle] - centers[knee])
-    lines = list(skeleton_lines(replace(scene, centers=centers)))
+    lines = list(skeleton_lines(replace(scene, centers=centers), true_calibration))
     marked = [line for line in lines if line.endswith("uneven")]
     assert [line.split("  ")[0] for line in marked] == ["left_knee - left_ankle", "right_knee - right_ankle"]
     assert "+9.5 %" in marked[0]
     assert any(line.startswith("neck: not reliable: moved too little") for line in lines)
-    assert any(line == f"{scene.joints[3]}: bridged in 11.1% of the frames" for line in lines)
+    assert [line.split()[0] for line in lines[1 : 1 + len(scene.joints)]] == list(scene.joints)
+    assert lines[4].split()[-2:] == ["11.1%", "-"]  # bridged, unknown
     assert lines[-1] == "note: right_wrist is not shown: known in no frame"
 
 
-def test_one_joint_has_no_bones(scene):
+def test_one_joint_has_no_bones(scene, true_calibration):
     """Without bones between joints there is an empty table, and its head."""
     assert list(bone_table(replace(scene, bones=())).columns) == ["start", "end", "length", "spread", "error", "uneven"]
-    assert next(skeleton_lines(replace(scene, bones=()))).startswith("bone")
+    assert any(line.startswith("bone") for line in skeleton_lines(replace(scene, bones=()), true_calibration))
 
 
 def test_agreed():
