@@ -75,9 +75,9 @@ class Contact(NamedTuple):
     """A load on a force plate; nothing tells whose foot it is."""
 
     start: float
-    """Seconds from the first frame."""
+    """Seconds from the first frame; NaN if the recording begins later."""
     end: float
-    """Seconds from the first frame."""
+    """Likewise; NaN if the recording ends earlier."""
     corners: Floats
     """Of the plate (4, 3), metres, in the recording's axes."""
 
@@ -94,8 +94,13 @@ class Laboratory:
     def between(self, first: float, last: float) -> "Laboratory":
         """The same for a part of the recording, from a first to a last time, seconds, which counts from the first."""
         events = [event._replace(time=event.time - first) for event in self.events if first <= event.time <= last]
-        loads = [c._replace(start=c.start - first, end=c.end - first) for c in self.contacts]
-        return replace(self, events=tuple(events), contacts=tuple(c for c in loads if 0 < c.start < c.end < last - first))
+
+        def inside(time: float) -> float:
+            return time - first if first < time < last else np.nan
+
+        loads = [c._replace(start=inside(c.start), end=inside(c.end)) for c in self.contacts]
+        known = tuple(c for c in loads if not np.isnan([c.start, c.end]).all())
+        return replace(self, events=tuple(events), contacts=known)
 
 
 @dataclass(frozen=True, eq=False)

@@ -230,7 +230,7 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     world = Y_UP @ motion.upright
     turn = np.einsum("ij,jkt->ikt", world @ motion.upright.T, (turns | clinical)[root])
     names = [f"{root}_{name}" for name in ("tilt", "list", "rotation")]
-    errors = _zxy_errors(turn, world @ skeleton.turning[0] @ world.T)
+    errors = zxy_errors(turn, world @ skeleton.turning[0] @ world.T)
     places = dict(zip([f"{root}_{axis}" for axis in ("tx", "ty", "tz")], world @ skeleton.origins[0], strict=True))
     columns: dict[str, Floats | Ints] = {"time": np.arange(skeleton.frames) / skeleton.rate}
     columns |= places
@@ -250,7 +250,7 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
             errors = np.degrees(np.sqrt(np.einsum("i,tij,j->t", axis, covariance, axis)))[None]
         else:
             angles = _ball(joint.name, turn, -1.0 if anatomical and joint.child in shanks else 1.0)
-            errors = _zxy_errors(turn, covariance)
+            errors = zxy_errors(turn, covariance)
         flags = np.maximum(*(skeleton.segment_flags[[parent, child]]))
         columns |= _flagged(motion, joint.name, angles, errors, flags)
     return pd.DataFrame(columns)
@@ -267,7 +267,7 @@ def _flagged(
     return columns | {f"{name}_flag": np.where(np.any([*sure.values()], axis=0), flags, Flag.UNKNOWN).astype(int)}
 
 
-def _zxy_errors(turn: Floats, covariance: Floats) -> Floats:
+def zxy_errors(turn: Floats, covariance: Floats) -> Floats:
     """Standard errors of the angles about z, x and y (3, frames), degrees, of R = Rz Rx Ry (3, 3, frames).
 
     A small rotation δ before R, of covariance C (frames, 3, 3), rad², has in the axes after Rz the components δ'. The

@@ -322,7 +322,7 @@ _BRIEF = 0.1
 
 
 def _contacts(force: Floats, corners: Floats, rate: float) -> Iterator[Contact]:
-    """The stretches in which a plate is loaded; those at the ends of the file are left out, as they are not whole.
+    """The stretches in which a plate is loaded; an end at the start or the end of the file is not known.
 
     Args:
         force: on the plate (3, samples), newton; an offset that lasts for most of the file is taken away.
@@ -335,8 +335,9 @@ def _contacts(force: Floats, corners: Floats, rate: float) -> Iterator[Contact]:
     loaded = np.concatenate([[False], size - np.quantile(size, 0.1) > _LOADED, [False]])
     edges = np.flatnonzero(np.diff(loaded.astype(np.int8))).reshape(-1, 2)
     for start, end in edges.tolist():
-        if start > 0 and end < len(size) and end - start >= _BRIEF * rate:
-            yield Contact(start / rate, end / rate, corners)
+        times = start / rate if start else np.nan, end / rate if end < len(size) else np.nan
+        if not np.isnan(times).all() and end - start >= _BRIEF * rate:
+            yield Contact(*times, corners)
 
 
 def _strings(reader: c3d.Reader, name: str) -> list[str]:
