@@ -278,7 +278,7 @@ def _feet(motion: ExportedMotion, segments: Mapping[str, str]) -> dict[str, Floa
 
 def _landmarks(motion: ExportedMotion) -> dict[str, str]:
     """The recording's labels of points of the body."""
-    return landmarks(motion.recording.markers)
+    return landmarks(motion.recording.markers, motion.skeleton.calibration.markerset.landmarks)
 
 
 def _place(motion: ExportedMotion, segment: str | None, label: str) -> Floats:

@@ -78,7 +78,7 @@ def legs(markerset: MarkerSet) -> dict[str, str]:
     The pelvis is the segment with both anterior spines. From it each leg follows from joint to joint.
     """
     spines = {"left asis", "right asis"}
-    pelvis = next((s.name for s in markerset.segments if spines <= landmarks(s.markers).keys()), None)
+    pelvis = next((s.name for s in markerset.segments if spines <= landmarks(s.markers, markerset.landmarks).keys()), None)
     if pelvis is None:
         return {}
     result = {"pelvis": pelvis}
@@ -105,8 +105,9 @@ def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Float
     Returns:
         The place of each point, such as "left asis", that is seen together with its segment.
     """
-    segments, places = legs(skeleton.calibration.markerset), {}
-    for point, label in landmarks(source.markers).items():
+    markerset = skeleton.calibration.markerset
+    segments, places = legs(markerset), {}
+    for point, label in landmarks(source.markers, markerset.landmarks).items():
         name = _owner(point, segments)
         if name is None:
             continue
@@ -115,7 +116,7 @@ def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Float
         if seen.any():
             rotation, origin = skeleton.rotations[number][:, :, seen], skeleton.origins[number][:, seen]
             places[point] = np.median(to_local(rotation, origin, source.of(label)[:, seen]), axis=1)
-    for point, marker in landmarks(skeleton.calibration.markerset.markers()).items():
+    for point, marker in landmarks(markerset.markers(), markerset.landmarks).items():
         name = _owner(point, segments)
         if point not in places and name is not None and marker in (shape := skeleton.calibration.shape(name)).markers:
             places[point] = shape.places[shape.markers.index(marker)]
@@ -390,7 +391,7 @@ def weighted(center: Floats, motion: Floats, covariance: Floats) -> tuple[Floats
 
 def regression_hint(calibration: Calibration, source: Recording) -> list[str]:
     """The line that tells of the regression where every hip is doubted and the file has its points; none otherwise."""
-    segments, known = legs(calibration.markerset), landmarks(source.markers).keys()
+    segments, known = legs(calibration.markerset), landmarks(source.markers, calibration.markerset.landmarks).keys()
     hips = [place for place in calibration.joints if place.joint.child in (segments.get(f"{s} thigh") for s in _MIRROR)]
     back = {"left psis", "right psis"} <= known or "sacrum" in known
     own = {"left hip centre", "right hip centre"} <= known
