@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy import signal
+from scipy import ndimage, signal
 
 from study.arrays import Bools, Floats, Ints
 from study.recordings.export.tree import ExportedMotion, clinical_joints, joint_angles, zxy_errors
@@ -61,8 +61,8 @@ _SWING = 0.4
 """Least excursion of a foot to a peak, as a share of its range of 5 to 95 %."""
 _TRAVEL = 0.5
 """Metres: least distance from which the direction of a walk is known."""
-_STRAIGHT = 0.95
-"""A walk is straight if it goes so far, as a share of its length."""
+_STRAIGHT = 0.9
+"""A walk is straight if it goes so far, as a share of its length, and where the body faces."""
 _HELD = 0.05
 """Seconds from the nearest known angle beyond which a point of a cycle is missing."""
 _STRUCK, _GONE = 0.25, 0.9
@@ -128,7 +128,7 @@ class Sticks(NamedTuple):
     title: str
     """Recording, side and number of the cycle."""
     places: Floats
-    """Of joints and ends of limbs (n, points, 2), metres along the way and up, at n equal steps of the cycle."""
+    """Of joints and ends of limbs (n, points, 2), metres in front of the pelvis and above the floor, at n equal steps."""
     bones: tuple[tuple[int, int], ...]
     """Pairs of numbers of points."""
     sides: tuple[str, ...]
@@ -249,18 +249,18 @@ def walk_course(motion: ExportedMotion) -> Course:
 
 
 def _way(pelvis: Floats, forward: Floats, rate: float) -> Floats:
-    """Horizontal direction in which the pelvis (3, frames) goes, in each frame; where it faces if it stays in a place.
+    """Horizontal direction in which the pelvis (3, frames) goes, in each frame.
 
-    It is that of the whole walk if this is straight, else that of a second around the frame.
+    It is that of the whole walk if this is straight. Else, or if the body does not face there, it is the direction in
+    which the pelvis faces, averaged over a second.
     """
     places = pelvis * [[1.0], [1.0], [0.0]]
-    far = np.linalg.norm(places[:, -1] - places[:, 0])
-    if far < _TRAVEL:
-        return forward
+    whole = places[:, -1] - places[:, 0]
+    far = np.linalg.norm(whole)
     steps = np.linalg.norm(np.diff(places[:, :: max(round(rate), 1)], axis=1), axis=0).sum()
-    frames, half = np.arange(places.shape[1]), max(round(rate / 2), 1)
-    way = places[:, np.minimum(frames + half, frames[-1])] - places[:, np.maximum(frames - half, 0)]
-    way = way if far < _STRAIGHT * steps else np.repeat((places[:, -1] - places[:, 0])[:, None], len(frames), axis=1)
+    if far > max(_TRAVEL, _STRAIGHT * steps) and (whole @ forward).mean() > _STRAIGHT * far:
+        return np.repeat((whole / far)[:, None], places.shape[1], axis=1)
+    way = ndimage.uniform_filter1d(forward, max(round(rate), 1), axis=1, mode="nearest")
     return np.asarray(way / np.linalg.norm(way, axis=0))
 
 
@@ -593,7 +593,8 @@ def _sticks(motion: ExportedMotion, course: Course, row: Mapping[str, object]) -
     frames = np.clip(np.round(times * rate).astype(int), 0, motion.skeleton.frames - 1)
     points = (scene.points + course.shift)[:, :, frames]
     way = course.way[:, frames].mean(axis=1)
-    places = np.stack([np.einsum("pit,i->tp", points, way / np.linalg.norm(way)), points[:, 2].T], axis=2)
+    ahead = np.einsum("pit,i->tp", points - course.pelvis[:, frames], way / np.linalg.norm(way))
+    places = np.stack([ahead, points[:, 2].T - motion.scene.floor], axis=2)
     return Sticks(f"{row['recording']}, {row['side']} cycle {row['cycle']}", places, scene.bones, scene.sides())
 
 
@@ -617,7 +618,7 @@ def angle_rows(gait: Gait) -> Iterator[list[str]]:
         for side in SIDES:
             own = means[(means["side"] == side) & (means["joint"] == joint) & (means["angle"] == angle)]
             low, high = (own["mean"].min(), own["mean"].max()) if len(own) else (np.nan, np.nan)
-            texts.append("-" if np.isnan(low) else f"{low:.0f}° to {high:.0f}°, ± {own['total'].median():.1f}°")
+            texts.append("-" if np.isnan(low) else f"{number(low, '.0f')}° to {number(high, '.0f')}°, ± {own['total'].median():.1f}°")
         yield [f"{joint} {angle}", *texts]
 
 

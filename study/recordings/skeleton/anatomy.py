@@ -12,7 +12,8 @@ joint coordinate systems, part I; Grood and Suntay 1983 for the angles between t
 - shank: y from the middle of the malleoli to the knee, z in the plane of y and the malleoli.
 - foot: x from the heel to the middle of the first and fifth metatarsals, z in the plane of x and these. Without them
   x goes to the toe's marker, and y is in the plane of x and the ankle, some 4 cm above. An ankle that is known to 1 cm
-  shows the foot's adduction to some 15° only, but its flexion well.
+  shows the foot's adduction to some 15° only, but its flexion well. Where a file of Plug-in Gait has the static trial's
+  plantar flexion (LStaticPlantFlex), x is the line from ankle to toe tilted up by it, as Vicon has the foot's zero.
 
 Plug-in Gait has no medial epicondyle and no medial malleolus, but measured widths. By its chord method the centre of a
 knee is half the knee's width and half a marker's diameter from the lateral marker, in the plane of this marker, the
@@ -161,8 +162,16 @@ def _pelvis(points: Mapping[str, Floats]) -> tuple[Floats, Floats, float, float]
     return None if axes is None else (axes, middle, width, depth)
 
 
-def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Anatomical axes of the segments whose points are known: (3, 3), columns x, y, z, in the segment's axes."""
+def anatomical_axes(
+    calibration: Calibration, points: Mapping[str, Floats], offsets: Mapping[str, float] | None = None
+) -> dict[str, Floats]:
+    """Anatomical axes of the segments whose points are known: (3, 3), columns x, y, z, in the segment's axes.
+
+    Args:
+        calibration: of the subject.
+        points: of the body.
+        offsets: of Plug-in Gait's static trial, radians.
+    """
     segments = legs(calibration.markerset)
     result: dict[str, Floats | None] = {}
     above = {place.joint.child: place for place in calibration.joints}
