@@ -13,6 +13,7 @@ from study.recordings.session import fit_session
 from study.recordings.skeleton import draw
 from study.recordings.skeleton.anatomy import Hips
 from study.recordings.skeleton.calibrate import require_same_subject, with_joints
+from study.recordings.skeleton.gate import gated
 from study.recordings.skeleton.scene import skeleton_scene
 
 Source = str | Path | Recording
@@ -131,7 +132,7 @@ def draw_skeleton(
     Returns:
         The skeleton: ``center("left_hip")`` is a joint's centre (3, frames), metres, NaN where unknown, ``flags``
         (joints, frames) tell if markers show it, and ``rotation("left_thigh")`` is the rotation of a segment (3, 3,
-        frames).
+        frames). ``barred`` is what no body can do, with the reason; it is missing.
 
     Raises:
         RecordingError: if the recording cannot be read, or the joints seem to be another subject's.
@@ -150,7 +151,7 @@ def draw_skeleton(
     """
     placed, calibration = with_joints(_read(recording), joints, markerset)
     require_same_subject(calibration, placed.recording, force=force)
-    return draw.draw_skeleton(calibration, placed.recording, largest_error=largest_error)
+    return gated(draw.draw_skeleton(calibration, placed.recording, largest_error=largest_error), placed.source)
 
 
 def find_gait(
@@ -197,7 +198,7 @@ def find_gait(
     for walk in every:
         placed, calibration = with_joints(walk, joints, None)
         require_same_subject(calibration, placed.recording, force=force)
-        drawn = draw.draw_skeleton(calibration, placed.recording)
+        drawn = gated(draw.draw_skeleton(calibration, placed.recording), walk)
         scene = skeleton_scene(drawn, placed.recording)
         motions.append(ExportedMotion(drawn, walk, scene, largest_angle_error=largest_angle_error))
     return gait_of(motions)

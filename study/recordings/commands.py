@@ -435,6 +435,7 @@ def skeleton(
     from study.recordings.recording import printable
     from study.recordings.session import refit_shapes
     from study.recordings.skeleton import anatomy, calibrate, draw, scene
+    from study.recordings.skeleton.gate import gated
     from study.recordings.view.figure import encoder
 
     if calibration is None and force:
@@ -459,10 +460,10 @@ def skeleton(
         echo([*used.lines(), *(anatomy.regression_hint(used, source) if calibration is None else [])])
     remarks = [] if calibration is None else calibrate.require_same_subject(used, match.recording, refit, force)
     used = refit_shapes(used, match.recording) if refit else used
-    drawn = draw.draw_skeleton(used, match.recording, largest_error=largest_error)
+    drawn = gated(draw.draw_skeleton(used, match.recording, largest_error=largest_error), source)
     shown = scene.skeleton_scene(drawn, match.recording, remarks)
     if not as_json:
-        echo([*scene.skeleton_lines(shown), *tree.angle_lines(used)])
+        echo([*(found.text for found in drawn.barred), *scene.skeleton_lines(shown), *tree.angle_lines(used)])
     motion = tree.ExportedMotion(drawn, match.source, shown, file, tree.RestPose(rest), largest_angle_error)
 
     def written() -> Iterator[Path]:

@@ -28,7 +28,7 @@ import pandas as pd
 from scipy import ndimage, signal
 
 from study.arrays import Bools, Floats, Ints
-from study.recordings.export.tree import ExportedMotion, clinical_joints, joint_angles, zxy_errors
+from study.recordings.export.tree import ExportedMotion, axes_errors, clinical_joints, joint_angles, zxy_errors
 from study.recordings.joints.estimate import ANATOMICAL
 from study.recordings.joints.find import by_words
 from study.recordings.markersets import landmarks
@@ -170,7 +170,9 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
         angles = _angles(motion, course, joints)
         rows = list(_cycles(motion, course, events[name], angles))
         notes += _event_notes(name, events[name], course)
-        told |= angles.attrs.get("reasons", {})
+        barred = {place.joint.name: motion.skeleton.barred_at(place.joint)[1] for place in motion.skeleton.calibration.joints}
+        told |= {name: why for name, why in barred.items() if why}
+        notes += [f"{name}: {found.text}" for found in motion.skeleton.barred]
         if not rows:
             notes.append(f"{name}: no whole cycle: two strikes of one heel are never seen in a row")
             continue
@@ -467,27 +469,31 @@ def _angles(motion: ExportedMotion, course: Course, joints: Mapping[tuple[str, s
             known = ~np.isnan(turn[0, 0])
             angles[:, known] = np.degrees(zxy_angles(turn[:, :, known]))
             errors = zxy_errors(turn, covariance)
+            of_axes = axes_errors(skeleton.calibration, turn, None, segment)
+            upside = any(found.name == "up" for found in skeleton.barred)
+            errors = np.where(upside, np.nan, errors)
             for side, sign in zip(SIDES, (1.0, -1.0), strict=True):  # up, and to the front, on this side
-                signed = zip(("tilt", "obliquity", "rotation"), (-1.0, sign, -sign), angles, errors, strict=True)
-                for angle, factor, values, error in signed:
-                    result |= _sure(motion, f"{side} pelvis {angle}", factor * values, error)
+                names = (f"{side} pelvis {angle}" for angle in ("tilt", "obliquity", "rotation"))
+                for key, factor, *of in zip(names, (-1.0, sign, -sign), angles, errors, of_axes, strict=True):
+                    result |= _sure(motion, key, factor * of[0], *of[1:])
                 result[f"{side} pelvis_flag"] = skeleton.segment_flags[number]
             continue
         side = name.partition(" ")[0]
         inwards = np.degrees(np.arctan2(turn[2, 0], turn[0, 0])) * (1.0 if side == "left" else -1.0)
         error = np.degrees(np.sqrt(covariance[:, 1, 1]))
-        result |= _sure(motion, f"{side} foot progression", inwards, error)
+        joint = next(p.joint for p in skeleton.calibration.joints if p.joint.child == segment)
+        error = np.where(skeleton.barred_at(joint)[0], np.nan, error)
+        of_foot = axes_errors(skeleton.calibration, turn, None, segment)[2]
+        result |= _sure(motion, f"{side} foot progression", inwards, error, of_foot)
         result[f"{side} foot_flag"] = skeleton.segment_flags[number]
-    angles_table = pd.DataFrame(result)
-    angles_table.attrs = table.attrs
-    return angles_table
+    return pd.DataFrame(result)
 
 
-def _sure(motion: ExportedMotion, name: str, values: Floats, errors: Floats) -> dict[str, Floats]:
-    """An angle and its error (frames,), degrees; NaN where the error is too large."""
+def _sure(motion: ExportedMotion, name: str, values: Floats, errors: Floats, axes: Floats) -> dict[str, Floats]:
+    """An angle (frames,) and its error, of pose and axes, degrees; NaN where that of the pose is too large."""
     with np.errstate(invalid="ignore"):
         sure = errors <= motion.largest_angle_error
-    return {name: np.where(sure, values, np.nan), f"{name}_error": np.where(sure, errors, np.nan)}
+    return {name: np.where(sure, values, np.nan), f"{name}_error": np.where(sure, np.hypot(errors, axes), np.nan)}
 
 
 def _cycles(
@@ -606,7 +612,7 @@ def gait_lines(gait: Gait) -> Iterator[str]:
     yield from (f"note: {note}" for note in gait.notes)
 
 
-TOTAL = "from the pose in a frame and, with three cycles or more, their spread"
+TOTAL = "from poses, anatomical axes and, with three cycles or more, their spread"
 
 
 def angle_rows(gait: Gait) -> Iterator[list[str]]:

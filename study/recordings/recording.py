@@ -223,7 +223,9 @@ def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
             noted[note].append(recording.name)
     notes = tuple(f"{', '.join(names)}: {note}" for note, names in noted.items())
     widths = {part: width for recording in recordings for part, width in recording.widths.items()}
-    return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, notes, widths)
+    offsets = {part: angle for recording in recordings for part, angle in recording.laboratory.offsets.items()}
+    told = notes, widths, Laboratory(offsets=offsets)
+    return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, *told)
 
 
 _WIDTHS = {

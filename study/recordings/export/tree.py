@@ -41,7 +41,7 @@ from study.recordings.rigid import relative_rotation, skew, to_world, zxy_angles
 from study.recordings.skeleton.anatomy import legs
 from study.recordings.skeleton.draw import LARGEST_ERROR as FARTHEST
 from study.recordings.skeleton.draw import Flag, Skeleton
-from study.recordings.skeleton.scene import TIP, Scene, upright_rotation
+from study.recordings.skeleton.scene import TIP, Scene, up_of
 
 _WORDS = {
     "arm": ("forearm", "arm", "hand", "humerus", "ulna", "radius", "clavicle", "scapula", "finger"),
@@ -179,7 +179,7 @@ class ExportedMotion:
     @cached_property
     def upright(self) -> Floats:
         """Rotation (3, 3) of the recording's axes after which z points up."""
-        return upright_rotation(self.recording)
+        return up_of(self.recording)[0]
 
     @cached_property
     def rest_rotations(self) -> dict[str, Floats]:
@@ -216,10 +216,10 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
         with y up.
 
         Each angle has its standard error in ``<angle>_error``, degrees: that of both poses in the frame, from the
-        markers' noise and skin, or from interpolation. The error of the axes themselves, which is the same in all
-        frames, is not in it. ``<joint>_flag`` and ``<root>_flag`` are 0 where markers show both segments, 1 where one
-        is bridged, 2 where all angles are missing. An angle is NaN where a segment is not known, or the error of the
-        angle is above ``motion.largest_angle_error`` or unknown.
+        markers' noise and skin, or from interpolation, and that of the anatomical axes, which all frames share.
+        ``<joint>_flag`` and ``<root>_flag`` are 0 where markers show both segments, 1 where one
+        is bridged, 2 where all angles are missing. An angle is NaN where a segment is not known, the gate bars the
+        joint (``motion.skeleton.barred``), or the error of the poses alone is above ``motion.largest_angle_error``.
     """
     skeleton = motion.skeleton
     standing = rest_rotations(skeleton.calibration, motion.upright, RestPose.STANDING)
@@ -231,10 +231,12 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     turn = np.einsum("ij,jkt->ikt", world @ motion.upright.T, (turns | clinical)[root])
     names = [f"{root}_{name}" for name in ("tilt", "list", "rotation")]
     errors = zxy_errors(turn, world @ skeleton.turning[0] @ world.T)
+    errors = np.where(any(found.name == "up" for found in skeleton.barred), np.nan, errors)
     places = dict(zip([f"{root}_{axis}" for axis in ("tx", "ty", "tz")], world @ skeleton.origins[0], strict=True))
     columns: dict[str, Floats | Ints] = {"time": np.arange(skeleton.frames) / skeleton.rate}
     columns |= places
-    columns |= _flagged(motion, root, dict(zip(names, _zxy(turn), strict=True)), errors, skeleton.segment_flags[0])
+    tilts, of_axes = dict(zip(names, _zxy(turn), strict=True)), axes_errors(skeleton.calibration, turn, None, root)
+    columns |= _flagged(motion, root, tilts, errors, skeleton.segment_flags[0], of_axes)
     between, segments = clinical_joints(skeleton.calibration), legs(skeleton.calibration.markerset)
     shanks = {segments.get("left shank"), segments.get("right shank")}
     for place in skeleton.calibration.joints:
@@ -242,6 +244,7 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
         rotations = clinical if anatomical else turns
         turn = relative_rotation(rotations[joint.parent], rotations[joint.child])
         parent, child = (skeleton.segments.index(name) for name in (joint.parent, joint.child))
+        of_axes: Floats | float = 0.0
         back = np.moveaxis(rotations[joint.parent], 2, 0).swapaxes(1, 2) @ motion.upright
         covariance = back @ (skeleton.turning[parent] + skeleton.turning[child]) @ back.swapaxes(1, 2)
         if joint.kind == "hinge" and place.axis is not None and not anatomical:
@@ -251,19 +254,35 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
         else:
             angles = _ball(joint.name, turn, -1.0 if anatomical and joint.child in shanks else 1.0)
             errors = zxy_errors(turn, covariance)
+            if anatomical:
+                of_axes = axes_errors(skeleton.calibration, turn, joint.parent, joint.child)
         flags = np.maximum(*(skeleton.segment_flags[[parent, child]]))
-        columns |= _flagged(motion, joint.name, angles, errors, flags)
+        errors = np.where(skeleton.barred_at(joint)[0], np.nan, errors)
+        columns |= _flagged(motion, joint.name, angles, errors, flags, of_axes)
     return pd.DataFrame(columns)
 
 
+def axes_errors(calibration: Calibration, turn: Floats, parent: str | None, child: str) -> Floats:
+    """Standard errors of a joint's angles (3, frames), degrees, or of a root's without a parent, from those of axes."""
+    own = []
+    for shape in (calibration.shape(name) for name in (parent, child) if name is not None):
+        own.append(np.nan_to_num(shape.anatomy.T @ shape.anatomy_covariance @ shape.anatomy))
+    turned = np.einsum("ijt,jk,lkt->til", turn, own[-1], turn)
+    return zxy_errors(turn, turned + own[0] if parent is not None else turned)
+
+
 def _flagged(
-    motion: ExportedMotion, name: str, angles: dict[str, Floats], errors: Floats, flags: Bytes
+    motion: ExportedMotion, name: str, angles: dict[str, Floats], errors: Floats, flags: Bytes, axes: Floats | float
 ) -> dict[str, Floats | Ints]:
-    """Angles of a joint that are sure enough, their errors (angles, frames), degrees, and the joint's flag."""
+    """Angles of a joint that are sure enough by the errors of its poses, their whole errors, and the joint's flag.
+
+    ``errors`` of the poses and of the ``axes`` are (angles, frames), degrees.
+    """
     with np.errstate(invalid="ignore"):
         sure = dict(zip(angles, errors <= motion.largest_angle_error, strict=True))
     columns: dict[str, Floats | Ints] = {key: np.where(sure[key], angle, np.nan) for key, angle in angles.items()}
-    columns |= {f"{key}_error": np.where(sure[key], row, np.nan) for key, row in zip(angles, errors, strict=True)}
+    whole = zip(angles, np.hypot(errors, axes), strict=True)
+    columns |= {f"{key}_error": np.where(sure[key], row, np.nan) for key, row in whole}
     return columns | {f"{name}_flag": np.where(np.any([*sure.values()], axis=0), flags, Flag.UNKNOWN).astype(int)}
 
 

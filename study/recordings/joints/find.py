@@ -100,6 +100,7 @@ class SegmentShape:
         misfit: root mean square distance of its markers from their places in phase 2 of the recording that it was
             fitted to, metres; NaN if that showed it fully in no frame, or if it was not drawn.
         anatomy: anatomical axes (3, 3), columns x, y, z, in the segment's axes; NaN if their points are not known.
+        anatomy_covariance: of the error of their rotation (3, 3), rad², in the segment's axes, alike.
     """
 
     segment: str
@@ -110,6 +111,7 @@ class SegmentShape:
     reason: Annotated[str, pydantic.Field(alias="why")]
     misfit: Number = float("nan")
     anatomy: Matrix = field(default_factory=_unknown(3, 3))
+    anatomy_covariance: Matrix = field(default_factory=_unknown(3, 3))
 
     @pydantic.model_validator(mode="after")
     def _fits(self) -> Self:

@@ -29,21 +29,21 @@ axis; Harrington's own, left out one by one, are 5.2, 3.6 and 3.2 mm. A centre t
 taken before the regression; it comes without an error and gets the same.
 """
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from study.arrays import Floats
 from study.recordings.joints.estimate import ANATOMICAL, SHORT_TEXTS, JointStatus
-from study.recordings.joints.find import Calibration, JointPlace, moved_along_axis
+from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, moved_along_axis
 from study.recordings.markersets import MarkerSet, landmarks, side, side_of
 from study.recordings.recording import Recording
 from study.recordings.rigid import across, to_local, to_world
-from study.recordings.skeleton.draw import Flag, Skeleton
+from study.recordings.skeleton.draw import Flag, Skeleton, draw_skeleton
 
 Hips = Literal["motion", "regression"]
 """Centres of hips: by motion alone, or for those that motion leaves in doubt by regression."""
@@ -162,16 +162,8 @@ def _pelvis(points: Mapping[str, Floats]) -> tuple[Floats, Floats, float, float]
     return None if axes is None else (axes, middle, width, depth)
 
 
-def anatomical_axes(
-    calibration: Calibration, points: Mapping[str, Floats], offsets: Mapping[str, float] | None = None
-) -> dict[str, Floats]:
-    """Anatomical axes of the segments whose points are known: (3, 3), columns x, y, z, in the segment's axes.
-
-    Args:
-        calibration: of the subject.
-        points: of the body.
-        offsets: of Plug-in Gait's static trial, radians.
-    """
+def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Anatomical axes of the segments whose points are known: (3, 3), columns x, y, z, in the segment's axes."""
     segments = legs(calibration.markerset)
     result: dict[str, Floats | None] = {}
     above = {place.joint.child: place for place in calibration.joints}
@@ -184,7 +176,7 @@ def anatomical_axes(
         top, error = above[segment].in_child, above[segment].standard_error
         lateral, medial, heel, toe = (points.get(f"{one} {end}") for end in (*_POINTS[part][-2:], "heel", "toe"))
         if lateral is None or medial is None:
-            if part == "foot" and heel is not None and toe is not None and error <= LANDMARK:
+            if part == "foot" and heel is not None and toe is not None and error <= LANDMARK and above[segment].known:
                 result[segment] = _frame(0, toe - heel, 1, top - heel)
             continue
         middle, outwards = 0.5 * (lateral + medial), _MIRROR[one] * (lateral - medial)  # to the right on both sides
@@ -194,6 +186,49 @@ def anatomical_axes(
             tilted = error > _STEEP * np.linalg.norm(top - middle)
             result[segment] = None if tilted else _frame(1, top - middle, 2, outwards)
     return {name: axes for name, axes in result.items() if axes is not None}
+
+
+def static_feet(
+    calibration: Calibration, points: Mapping[str, Floats], offsets: Mapping[str, float]
+) -> dict[str, Floats]:
+    """Axes of feet without metatarsals (3, 3) whose plantar flexion a static trial of Plug-in Gait has, radians.
+
+    The line from ankle to toe is tilted up by it, in the plane of heel, toe and ankle.
+    """
+    segments, above = legs(calibration.markerset), {place.joint.child: place for place in calibration.joints}
+    result = {}
+    for one in _MIRROR:
+        segment, tilt = segments.get(f"{one} foot"), offsets.get(f"{one} foot flexion")
+        heel, toe, *ends = (points.get(f"{one} {end}") for end in ("heel", "toe", *_POINTS["foot"][-2:]))
+        whole = all(end is not None for end in ends)
+        if segment is None or tilt is None or heel is None or toe is None or whole or not above[segment].known:
+            continue
+        ankle = above[segment].in_child
+        if (axes := _frame(0, toe - ankle, 1, ankle - heel)) is not None:
+            cosine, sine = np.cos(tilt), np.sin(tilt)
+            result[segment] = axes @ [[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]
+    return result
+
+
+def axes_errors(calibration: Calibration, points: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Covariance of the rotation of anatomical axes (3, 3), rad², in the segments' axes, from errors of their points.
+
+    Each point is moved by its standard error along each axis: by `LANDMARK`, or a joint by its own.
+    """
+    axes, leg = anatomical_axes(calibration, points), set(legs(calibration.markerset).values())
+    squares = {name: np.zeros((3, 3)) for name in axes}
+    moved = [(calibration, {**points, name: x + LANDMARK * e}) for name, x in points.items() for e in np.eye(3)]
+    for k, place in enumerate(calibration.joints):
+        if place.joint.child in leg and place.known:
+            for e in np.eye(3):
+                other = replace(place, in_child=place.in_child + place.standard_error * e)
+                joints = (*calibration.joints[:k], other, *calibration.joints[k + 1 :])
+                moved.append((replace(calibration, joints=joints), {**points}))
+    for each in moved:
+        for name, changed in anatomical_axes(*each).items():
+            turn = Rotation.from_matrix(changed @ axes[name].T).as_rotvec()
+            squares[name] += np.outer(turn, turn)
+    return squares
 
 
 def hip_by_regression(points: Mapping[str, Floats], one: str) -> Floats | None:
@@ -225,18 +260,56 @@ def with_anatomy(calibration: Calibration, trial: DrawnTrial, source: Recording,
     points, segments = points_of_the_body(trial.skeleton, source), legs(calibration.markerset)
     places = {place.joint.child: place for place in calibration.joints}
     regressed = {child: _with_regression(place, trial, points) for child, place in places.items()}
-    places = regressed if hips == "regression" else places
-    for one, part in itertools.product(_MIRROR, _ENDS):  # knees first: ankles follow from them
-        name, above = (segments.get(f"{one} {own}") for own in (part, _ENDS[part][0]))
-        if name is not None and above is not None:
-            top = (regressed if part == "shank" else places)[above]
-            by_width = _medial_by_width(f"{one} {part}", top, points, source.widths)
-            points |= by_width
-            places[name] = _with_landmarks(places[name], f"{one} {part}", trial, points, bool(by_width))
-    calibration = replace(calibration, joints=tuple(places.values()))
-    axes = anatomical_axes(calibration, points)
-    shapes = (replace(s, anatomy=axes.get(s.segment, s.anatomy)) for s in calibration.shapes)
+    medial: dict[str, Floats] = {}
+    if hips == "regression":
+        places = regressed
+    for part, (upper, *_) in _ENDS.items():  # what follows from a joint is drawn with it, so that its frame is its own
+        calibration, trial = _redrawn(calibration, places, trial)
+        points = points_of_the_body(trial.skeleton, source) | medial
+        for one in _MIRROR:
+            name, above = (segments.get(f"{one} {own}") for own in (part, upper))
+            if name is not None and above is not None:
+                top = (regressed if part == "shank" else places)[above]
+                by_width = _medial_by_width(f"{one} {part}", top, points, source.widths)
+                medial |= by_width
+                place = _with_landmarks(places[name], f"{one} {part}", trial, points | medial, bool(by_width))
+                places = places | {name: place}
+    calibration, trial = _redrawn(calibration, places, trial)
+    points = points_of_the_body(trial.skeleton, source) | medial
+    axes, errors = anatomical_axes(calibration, points), axes_errors(calibration, points)
+    feet = static_feet(calibration, points, source.laboratory.offsets)
+    axes |= {name: foot for name, foot in feet.items() if name in axes}
+    shapes = (
+        replace(s, anatomy=axes[s.segment], anatomy_covariance=errors[s.segment]) if s.segment in axes else s
+        for s in calibration.shapes
+    )
     return replace(calibration, shapes=tuple(shapes))
+
+
+def _redrawn(
+    calibration: Calibration, places: Mapping[str, JointPlace], trial: DrawnTrial
+) -> tuple[Calibration, DrawnTrial]:
+    """The calibration with these joints, by the segment below each, and the trial drawn with it, if one is new."""
+    joints = tuple(places.values())
+    if all(new is old for new, old in zip(joints, calibration.joints, strict=True)):
+        return calibration, trial
+    placed = {p.joint.child for p in joints if p.status in ANATOMICAL and p.known}
+    shapes = tuple((s.segment in placed and _of_two(s, trial)) or s for s in calibration.shapes)
+    calibration = replace(calibration, joints=joints, shapes=shapes)
+    return calibration, trial._replace(skeleton=draw_skeleton(calibration, trial.markers))
+
+
+def _of_two(shape: SegmentShape, trial: DrawnTrial) -> SegmentShape | None:
+    """The shape of a segment of two markers without a pose, for a joint to fix it; None for any other."""
+    markers = trial.skeleton.calibration.markerset.segment(shape.segment).markers
+    if shape.has_pose or len(markers) != 2 or not {*markers} <= {*trial.markers.markers}:
+        return None
+    one, two = trial.markers.select(markers).positions
+    apart = np.linalg.norm(two - one, axis=0)
+    if np.isnan(apart).all():
+        return None
+    places = np.array([[0.0, 0.0, 0.0], [np.nanmedian(apart), 0.0, 0.0]])
+    return SegmentShape(shape.segment, markers, places, np.zeros(2), False, "")
 
 
 _ENDS = {"shank": ("thigh", "knee", "epicondyles"), "foot": ("shank", "ankle", "malleoli")}
@@ -350,7 +423,8 @@ def _placed(
     local = to_local(skeleton.rotations[j], skeleton.origins[j], world)
     shown = skeleton.segment_flags[[i, j]] == Flag.SEEN
     both = shown.all(axis=0) & ~np.isnan(local[0])
-    in_child = np.median(local[:, both], axis=1) if both.any() else center
+    in_child = np.median(local[:, both], axis=1) if both.any() else np.full(3, np.nan)
+    shape = _of_two(shape, trial) or shape
     two = not shape.has_own_pose and len(shape.markers) == 2 and {*shape.markers} <= {*trial.markers.markers}
     if two and shown[0].any():
         x = trial.markers.select(shape.markers, np.flatnonzero(shown[0])).positions

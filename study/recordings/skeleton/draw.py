@@ -25,16 +25,17 @@ Source: paper §10 (second phase); theory §1.2.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from study.arrays import Bytes, Floats, Ints
+from study.arrays import Bools, Bytes, Floats, Ints
 from study.fits.jit import compiled
 from study.fits.samples import Worded
 from study.recordings.joints.estimate import ANATOMICAL, USABLE, JointStatus
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.poses import PoseNoise
-from study.recordings.markersets import Segment
+from study.recordings.markersets import Joint, Segment
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import best_rotation, fit_poses_to, skew, to_world
 from study.recordings.skeleton.between import Gap, InterpolatedRotation, remove_leaps
@@ -154,6 +155,26 @@ def _in_world(rotations: Floats, covariance: Floats, sizes: Floats) -> Floats:
     return result
 
 
+class Finding(NamedTuple):
+    """What the gate bars (see `study.recordings.skeleton.gate`).
+
+    Attributes:
+        name: of a joint or a segment, or "up".
+        frames: true where it is barred (frames,).
+        reason: in words.
+    """
+
+    name: str
+    frames: Bools
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """The sentence for a user."""
+        share = "" if self.frames.all() else f" in {self.frames.mean():.1%} of the frames"
+        return f"{self.name} is missing{share}: {self.reason}"
+
+
 @dataclass(frozen=True, eq=False)
 class Skeleton:
     """A skeleton over time, in metres.
@@ -176,6 +197,7 @@ class Skeleton:
             of the calibration: from the markers' noise, from its gap, and from interpolation.
         gaps: root mean square distance between a joint in its child and in its parent (joints,), metres; NaN if no
             frame shows both.
+        barred: what no body can do, and is missing.
     """
 
     name: str
@@ -191,6 +213,7 @@ class Skeleton:
     flags: Bytes
     posed: Floats
     gaps: Floats
+    barred: tuple[Finding, ...] = ()
 
     @property
     def segments(self) -> tuple[str, ...]:
@@ -206,6 +229,12 @@ class Skeleton:
     def frames(self) -> int:
         """Number of frames."""
         return int(self.centers.shape[2])
+
+    def barred_at(self, joint: Joint) -> tuple[Bools, str]:
+        """Frames in which a joint is barred (frames,), itself or with one of its segments, and the reasons or ""."""
+        own = [found for found in self.barred if found.name in (joint.name, joint.parent, joint.child)]
+        frames = np.logical_or.reduce([found.frames for found in own], initial=False) & np.ones(self.frames, np.bool_)
+        return frames, "; ".join(found.text for found in own)
 
     def rotation(self, segment: str) -> Floats:
         """Rotation of a segment (3, 3, frames)."""

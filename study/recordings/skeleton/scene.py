@@ -18,12 +18,12 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bytes, Floats
-from study.recordings.joints.estimate import USABLE
+from study.recordings.joints.estimate import ANATOMICAL, USABLE
 from study.recordings.joints.find import JointPlace
-from study.recordings.markersets import Joint, MarkerSet, mirrored, side
+from study.recordings.markersets import Joint, MarkerSet, is_output, landmarks, mirrored, side
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import quaternions
-from study.recordings.skeleton.calibrate import UNEVEN, gap_doubt, hull_distances, hull_doubt
+from study.recordings.skeleton.calibrate import UNEVEN, hull_distances, hull_doubt
 from study.recordings.skeleton.draw import LARGEST_ERROR, Flag, Skeleton
 from study.text import columns, number
 
@@ -138,19 +138,50 @@ class Scene:
         return tuple(map(side, (*self.joints, *self.tips)))
 
 
-_Y_UP = 1.3
-"""The recording's y points up if its markers' mean places extend along it by this factor more than along z."""
+_FEET = ("heel", "toe", "malleolus", "metatarsal")
+"""Words in the names of points that are below all others."""
 
 
-def upright_rotation(recording: Recording) -> Floats:
-    """Rotation (3, 3) after which z points up: the identity, or (z, x, y) of a recording whose y points up."""
-    middle = known_mean(recording.positions, axis=0)
+def up_of(recording: Recording) -> tuple[Floats, str]:
+    """Rotation (3, 3) after which z points up, and the words that say how that is known.
+
+    Up is the direction along y or z of the recording in which the pelvis' spines, or else all other labelled markers,
+    are above the feet's, in the median of the frames. Without labels of feet it is z, or y if the labelled markers'
+    mean places extend along it by a third more. What a program computed, and points without a label, do not count.
+    """
+    labels = [m for m in recording.markers if not (m.startswith(("*", "point ")) or m.isdigit() or is_output(m))]
+    points = {point: label for point, label in landmarks(recording.markers).items() if label in labels}
+    feet = [label for point, label in points.items() if point.endswith(_FEET)]
+    high = [label for point, label in points.items() if point.endswith(("asis", "psis", "sacrum"))]
+    high = high or [label for label in labels if label not in points.values()]
+    if feet and high:
+        above, below = (known_mean(np.array([recording.of(m) for m in names]), axis=0) for names in (high, feet))
+        apart = (above - below)[:, ~np.isnan(above - below)[0]]
+        if apart.size:
+            up = np.median(apart, axis=1)
+            axis = 1 + int(np.abs(up[1:]).argmax())
+            name = "-" * bool(up[axis] < 0.0) + "xyz"[axis]
+            words = f"up is {name} of the recording, in which {high[0]} is above {feet[0]}"
+            return _to_z(axis, up[axis] < 0.0), words
+    labels = labels or list(recording.markers)
+    positions = np.array([recording.of(label) for label in labels])
     # a body that rotates about the vertical has little mean extent to the sides; that from foot to head stays
-    mean = known_mean(recording.positions - middle, axis=2)
+    mean = known_mean(positions - known_mean(positions, axis=0), axis=2)
     _, y, z = np.nanstd(mean[~np.isnan(mean[:, 0])], axis=0)
-    if y > _Y_UP * z:
-        return np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    return np.eye(3)
+    axis = 1 if y > _Y_UP * z else 2
+    return _to_z(
+        axis, False
+    ), f"up is {'xyz'[axis]} of the recording, along which the markers extend; no label is a foot's"
+
+
+_Y_UP = 1.3
+"""Without labels of feet y points up if the markers' mean places extend along it by this factor more than along z."""
+
+
+def _to_z(axis: int, downwards: bool) -> Floats:
+    """Rotation (3, 3) of an axis of the recording, or its opposite, to z."""
+    rotation = np.roll(np.eye(3), axis - 2, axis=1)
+    return np.diag([-1.0, 1.0, -1.0]) @ rotation if downwards else rotation
 
 
 def known_mean(x: Floats, axis: int) -> Floats:
@@ -179,7 +210,7 @@ def make_scene(
     Raises:
         RecordingError: if no joint is known in any frame.
     """
-    calibration, upright = skeleton.calibration, upright_rotation(recording)
+    calibration, (upright, up) = skeleton.calibration, up_of(recording)
     joints, segments = calibration.joints, calibration.markerset.segments
     known = [i for i, center in enumerate(skeleton.centers) if not np.isnan(center).all()]
     lost = [(joints[i], doubts[i]) for i in range(len(joints)) if i not in known]
@@ -192,7 +223,7 @@ def make_scene(
         f"{share:.1%} of {name}" for name, share in zip(skeleton.segments, skeleton.left_out, strict=True) if share
     ]
     notes += [f"samples left out, as far from their places: {', '.join(rejected)}"] * bool(rejected)
-    notes += ["the recording's y is shown as up"] * bool(upright[2, 1])
+    notes.append(up)
     if not known:
         raise RecordingError(f"{recording.name}: none of its joints is known in any frame; there is nothing to show")
     centers, shown = skeleton.centers[known], [joints[i] for i in known]
@@ -414,8 +445,9 @@ def skeleton_scene(skeleton: Skeleton, recording: Recording, notes: Sequence[str
     found = "this recording" if calibration.source == skeleton.name else calibration.source
     doubts, left_out = [], dict(zip(skeleton.segments, skeleton.left_out, strict=True))
     hulls = hull_distances(recording.positions, skeleton.centers)
-    for place, gap, *hull in zip(calibration.joints, skeleton.gaps, *hulls, strict=True):
-        reasons = ["" if place.status in USABLE else place.reason, hull_doubt(*hull), gap_doubt(gap)]
+    for place, *hull in zip(calibration.joints, *hulls, strict=True):
+        kind = place.status in (*USABLE, *ANATOMICAL)  # by motion, or by points of the body: no doubt
+        reasons = ["" if kind else place.reason, hull_doubt(*hull), skeleton.barred_at(place.joint)[1]]
         for segment in (place.joint.parent, place.joint.child):
             if left_out[segment] > _LEFT_OUT:
                 reasons.append(f"{left_out[segment]:.0%} of the samples of {segment} are far from their places")

@@ -1,0 +1,222 @@
+"""The gate between poses and numbers: what no body's legs can do is missing, with the reason.
+
+A pose may fit its markers and be wrong: labels are exchanged, or the joint that it was fitted about is elsewhere. No
+stated error covers that. So the legs of a skeleton pass a table of rules, `RULES`, before any angle, curve, picture or
+file is made of them. A rule bars a joint, or a segment with its joints, in the frames in which it fails.
+
+The limits are those of bodies, not of samples: a leg that passes may still be wrong by tens of degrees.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from study.arrays import Floats
+from study.recordings.joints.find import SegmentShape
+from study.recordings.markersets import landmarks
+from study.recordings.recording import Recording
+from study.recordings.rigid import fit_rigid_motion, relative_rotation, to_world, zxy_angles
+from study.recordings.skeleton.anatomy import legs
+from study.recordings.skeleton.draw import LARGEST_ERROR, Finding, Flag, Skeleton
+from study.recordings.skeleton.scene import up_of
+
+KNEE = -20.0, 160.0
+"""Degrees: least and greatest mean flexion of a knee. Men reach 144 ± 6.5°, and overextend by 1.6 ± 2.9° (Roaas &
+Andersson 1982, Acta Orthop Scand 53:205-208); a full squat reaches 150 to 165° (Hemmerich et al. 2006)."""
+_FLIPPED = np.radians(90.0)
+"""Angle by which a pose must be nearer to the mean one with two labels exchanged. An exchange turns a plane cluster by
+180°; a thigh rotates by ± 33° about its long axis (Roaas & Andersson 1982)."""
+_AS_WELL = 0.01
+"""Metres: misfit of a cluster with two labels exchanged up to which skin hides the exchange (Peters et al. 2010, Gait &
+Posture 31:1-8: 10 mm and more on the thigh)."""
+_UPRIGHT = float(np.cos(np.radians(45.0)))
+"""Cosine of the greatest angle between up and the line from the heels to the pelvis of who stands or walks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Pelvis and legs of a skeleton, as the rules see them.
+
+    Attributes:
+        skeleton: as it was drawn.
+        recording: the whole recording, with the file's labels.
+    """
+
+    skeleton: Skeleton
+    recording: Recording
+
+    @cached_property
+    def segments(self) -> dict[str, str]:
+        """Names of the segments by what they are, as "left thigh" (see `legs`)."""
+        return legs(self.skeleton.calibration.markerset)
+
+    def axes(self, part: str) -> Floats | None:
+        """Anatomical axes of a part in the world (3, 3, frames); None if they are not known."""
+        if part not in self.segments:
+            return None
+        anatomy = self.skeleton.calibration.shape(self.segments[part]).anatomy
+        turned = np.einsum("ijt,jk->ikt", self.skeleton.rotation(self.segments[part]), anatomy)
+        return None if np.isnan(turned).all() else turned
+
+    def always(self, name: str, reason: str) -> Finding:
+        """The finding that bars a joint or a segment in all frames."""
+        return Finding(name, np.ones(self.skeleton.frames, dtype=np.bool_), reason)
+
+    def joint_above(self, part: str) -> str:
+        """Name of the joint above a part."""
+        joints = self.skeleton.calibration.joints
+        return next(place.joint.name for place in joints if place.joint.child == self.segments[part])
+
+
+def _apart(body: Body) -> Iterator[Finding]:
+    """Joints that their segments put more than 5 cm apart, in the median."""
+    skeleton = body.skeleton
+    for place in skeleton.calibration.joints:
+        both = [skeleton.segments.index(name) for name in (place.joint.parent, place.joint.child)]
+        seen = (skeleton.segment_flags[both] == Flag.SEEN).all(axis=0)
+        if not (place.known and seen.any()):
+            continue
+        poses = [(skeleton.rotations[k][:, :, seen], skeleton.origins[k][:, seen]) for k in both]
+        one, other = (to_world(*pose, at) for pose, at in zip(poses, (place.in_parent, place.in_child), strict=True))
+        if (far := np.median(np.linalg.norm(one - other, axis=0))) > LARGEST_ERROR:
+            yield body.always(place.joint.name, f"its two segments put it {1000 * far:.0f} mm apart")
+
+
+def _unseen(body: Body) -> Iterator[Finding]:
+    """Segments of legs that no frame shows, for their neighbours alone place them, and what has its zero from them."""
+    skeleton, above = body.skeleton, {place.joint.child: place for place in body.skeleton.calibration.joints}
+    for part, name in body.segments.items():
+        flags = skeleton.segment_flags[skeleton.segments.index(name)]
+        if (flags != Flag.SEEN).all() and (flags != Flag.UNKNOWN).any():
+            place = above.get(name)
+            own = f": {place.joint.name}: {place.reason}" if place is not None and not place.known else ""
+            yield body.always(name, f"no frame shows its pose{own}")
+            foot = part.split(" ")[0] + " foot"
+            if part.endswith("thigh") and foot in body.segments and body.axes(foot.replace("foot", "shank")) is None:
+                yield body.always(body.joint_above(foot), f"its zero follows from {name}, which no frame shows")
+
+
+def _backwards(body: Body) -> Iterator[Finding]:
+    """Thighs whose lateral side is medial: z of their axes is more than 90° from that of the pelvis, in the median."""
+    pelvis = body.axes("pelvis")
+    for one in ("left", "right"):
+        thigh = body.axes(f"{one} thigh")
+        if pelvis is None or thigh is None:
+            continue
+        cosine = np.einsum("it,it->t", pelvis[:, 2], thigh[:, 2])
+        if np.nanmedian(cosine) < 0.0:
+            angle = np.degrees(np.arccos(np.nanmedian(cosine)))
+            reason = f"its medio-lateral axis is {angle:.0f}° from that of the pelvis: labels are exchanged"
+            yield body.always(body.segments[f"{one} thigh"], reason)
+
+
+def _bent(body: Body) -> Iterator[Finding]:
+    """Knees whose mean flexion no knee has."""
+    for one in ("left", "right"):
+        thigh, shank = body.axes(f"{one} thigh"), body.axes(f"{one} shank")
+        if thigh is None or shank is None:
+            continue
+        turn = relative_rotation(thigh, shank)
+        known = ~np.isnan(turn[0, 0])
+        if not known.any():
+            continue
+        mean = float(np.degrees(np.angle(np.exp(-1j * zxy_angles(turn[:, :, known])[0]).mean())))
+        if not KNEE[0] <= mean <= KNEE[1]:
+            reason = f"its mean flexion is {mean:.0f}°, and a knee's from {KNEE[0]:.0f}° to {KNEE[1]:.0f}°"
+            yield body.always(body.joint_above(f"{one} shank"), reason)
+
+
+def _exchanged(body: Body) -> Iterator[Finding]:
+    """Segments of legs whose pose is far from the mean one, and near to it with two labels exchanged."""
+    skeleton, above = body.skeleton, {p.joint.child: p for p in body.skeleton.calibration.joints}
+    for name in body.segments.values():
+        shape, place = skeleton.calibration.shape(name), above.get(name)
+        if place is None or not shape.has_own_pose:
+            continue
+        turn = relative_rotation(skeleton.rotation(place.joint.parent), skeleton.rotation(name))
+        known = np.flatnonzero(~np.isnan(turn[0, 0]))
+        own = np.moveaxis(turn[:, :, known], 2, 0)
+        for i, j, exchange in exchanges(shape):
+            given, better = (_angle(r @ place.mean_rotation.T) for r in (own, own @ exchange))
+            frames = np.zeros(skeleton.frames, dtype=np.bool_)
+            frames[known[given - better > _FLIPPED]] = True
+            if frames.any():
+                reason = f"{shape.markers[i]} and {shape.markers[j]} are exchanged: its cluster fits as well so"
+                yield Finding(name, frames, reason)
+
+
+def exchanges(shape: SegmentShape) -> Iterator[tuple[int, int, Floats]]:
+    """Pairs of markers whose exchange a cluster does not show, with the rotation (3, 3) that undoes it."""
+    for i, j in itertools.combinations(range(len(shape.markers)), 2):
+        order = [*range(len(shape.markers))]
+        order[i], order[j] = j, i
+        rotation, origin, known = fit_rigid_motion(shape.places, np.ascontiguousarray(shape.places[order][:, :, None]))
+        if known[0]:
+            away = shape.places @ rotation[:, :, 0].T + origin[:, 0] - shape.places[order]
+            if np.sqrt((away**2).sum(axis=1).mean()) < _AS_WELL:
+                yield i, j, rotation[:, :, 0]
+
+
+def _angle(rotations: Floats) -> Floats:
+    """Angles of rotations (n, 3, 3), radians."""
+    return np.asarray(Rotation.from_matrix(rotations).magnitude())
+
+
+def _lying(body: Body) -> Iterator[Finding]:
+    """Up, if the heels are not below the pelvis: who lies down shows none, or labels are wrong."""
+    points, name = landmarks(body.recording.markers), body.segments.get("pelvis")
+    heels = [body.recording.of(label) for point, label in points.items() if point.endswith("heel")]
+    if name is None or not heels:
+        return
+    line = body.skeleton.origins[body.skeleton.segments.index(name)] - np.array(heels)
+    line = (up_of(body.recording)[0] @ line) / np.linalg.norm(line, axis=1, keepdims=True)
+    if (upwards := np.nanmedian(line[:, 2])) < _UPRIGHT:
+        reason = f"the pelvis is {np.degrees(np.arccos(upwards)):.0f}° from above the heels, so that up is not known"
+        yield body.always("up", reason)
+
+
+RULES: dict[str, Callable[[Body], Iterator[Finding]]] = {
+    "a joint's two segments put it at most 5 cm apart (skin moves by 1 to 3 cm: Peters et al. 2010)": _apart,
+    "markers show each segment of a leg in some frame: one that its neighbours alone place has no angles": _unseen,
+    "a thigh's medio-lateral axis is within 90° of the pelvis' (hips rotate by ± 33°: Roaas 1982)": _backwards,
+    "a knee's mean flexion is from -20° to 160° (Roaas & Andersson 1982; Hemmerich et al. 2006)": _bent,
+    "no cluster of a leg is nearer to its mean pose by 90° with two labels exchanged, and fits as well": _exchanged,
+    "the pelvis is above the heels, within 45°; else the angles to the floor and gait are missing": _lying,
+}
+"""What every leg must be, in the order in which it is asked; `study.recordings.gait` asks that feet strike in turn."""
+
+
+def gated(skeleton: Skeleton, recording: Recording) -> Skeleton:
+    """Bar what no body's legs can do.
+
+    Args:
+        skeleton: as it was drawn.
+        recording: the whole recording, with the file's labels.
+
+    Returns:
+        The skeleton, with what is ``barred``. A barred segment, and the centre of a barred joint and of one that is
+        fixed in a barred segment, are unknown in these frames.
+    """
+    for rule in RULES.values():
+        for finding in rule(Body(skeleton, recording)):
+            skeleton = _without(skeleton, finding)
+    return skeleton
+
+
+def _without(skeleton: Skeleton, finding: Finding) -> Skeleton:
+    """The skeleton without a joint or a segment in some frames."""
+    keys = ("rotations", "origins", "segment_flags", "turning", "centers", "flags")
+    rotations, origins, segment_flags, turning, centers, flags = (np.array(getattr(skeleton, key)) for key in keys)
+    joints = [k for k, p in enumerate(skeleton.calibration.joints) if finding.name in (p.joint.name, p.joint.parent)]
+    for k in joints:
+        centers[k][:, finding.frames], flags[k][finding.frames] = np.nan, Flag.UNKNOWN
+    if finding.name in skeleton.segments:
+        k = skeleton.segments.index(finding.name)
+        rotations[k][:, :, finding.frames], origins[k][:, finding.frames] = np.nan, np.nan
+        segment_flags[k][finding.frames], turning[k][finding.frames] = Flag.UNKNOWN, np.nan
+    parts = dict(zip(keys, (rotations, origins, segment_flags, turning, centers, flags), strict=True))
+    return replace(skeleton, barred=(*skeleton.barred, finding), **parts)
