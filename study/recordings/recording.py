@@ -203,7 +203,11 @@ def frames_between(recording: Recording, text: str) -> Recording:
         raise RecordingError(f"--frames {text}: {words}")
     part = recording.select(frames=slice(first - 1, last))
     told = recording.laboratory.between((first - 1) / recording.rate, (last - 1) / recording.rate)
-    return replace(part, laboratory=told, notes=(*part.notes, f"frames {first}-{last} of {recording.frames}: they count from 1 here"))
+    return replace(
+        part,
+        laboratory=told,
+        notes=(*part.notes, f"frames {first}-{last} of {recording.frames}: they count from 1 here"),
+    )
 
 
 def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:

@@ -283,7 +283,10 @@ def _by_c3d(path: Path) -> FileContents:
     return replace(contents, laboratory=Laboratory(events))
 
 
-_STRIKE, _OFF = re.compile(r"(foot|heel)strike|(initial|foot)contact|hs|ic|fs|on"), re.compile(r"(foot|toe)off|to|fo|off")
+_STRIKE, _OFF = (
+    re.compile(r"(foot|heel)strike|(initial|foot)contact|hs|ic|fs|on"),
+    re.compile(r"(foot|toe)off|to|fo|off"),
+)
 
 
 def _events(

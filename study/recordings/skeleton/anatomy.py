@@ -79,7 +79,9 @@ def legs(markerset: MarkerSet) -> dict[str, str]:
     The pelvis is the segment with both anterior spines. From it each leg follows from joint to joint.
     """
     spines = {"left asis", "right asis"}
-    pelvis = next((s.name for s in markerset.segments if spines <= landmarks(s.markers, markerset.landmarks).keys()), None)
+    pelvis = next(
+        (s.name for s in markerset.segments if spines <= landmarks(s.markers, markerset.landmarks).keys()), None
+    )
     if pelvis is None:
         return {}
     result = {"pelvis": pelvis}
@@ -226,6 +228,8 @@ def axes_errors(calibration: Calibration, points: Mapping[str, Floats]) -> dict[
                 moved.append((replace(calibration, joints=joints), {**points}))
     for each in moved:
         for name, changed in anatomical_axes(*each).items():
+            if name not in axes:  # a moved point may show axes that the points where they are do not
+                continue
             turn = Rotation.from_matrix(changed @ axes[name].T).as_rotvec()
             squares[name] += np.outer(turn, turn)
     return squares

@@ -56,7 +56,14 @@ def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, panel: tuple[str, str]) -> 
             low, high = (wide["mean"] + sign * wide["sd"] for sign in (-1.0, 1.0))
             ax.fill_between(wide.index, low, high, color=COLORS[side], alpha=0.15, linewidth=0.0, zorder=0)
         doubt = _of(gait.curves, side, panel).query("suspect")
-        marks = {"marker": "o", "s": 7, "facecolors": "none", "edgecolors": COLORS[side], "linewidths": 0.6, "zorder": 4}
+        marks = {
+            "marker": "o",
+            "s": 7,
+            "facecolors": "none",
+            "edgecolors": COLORS[side],
+            "linewidths": 0.6,
+            "zorder": 4,
+        }
         ax.scatter(doubt["percent"], doubt["value"], **marks)
         stance = gait.cycles.loc[gait.cycles["side"] == side, "stance"].mean()
         ax.axvline(stance, color=COLORS[side], linewidth=0.6, linestyle=_STYLES[side])
@@ -94,7 +101,11 @@ def _draw_sticks(ax: Axes, sticks: Sticks) -> None:
         for one, other in sticks.bones:
             side = next((s for s in (sticks.sides[one], sticks.sides[other]) if s), "")
             x, z = shown[[one, other]].T
-            look = {"color": COLORS.get(side, "0.45"), "linestyle": _STYLES.get(side, "-"), "zorder": 2 + (side == "right")}
+            look = {
+                "color": COLORS.get(side, "0.45"),
+                "linestyle": _STYLES.get(side, "-"),
+                "zorder": 2 + (side == "right"),
+            }
             ax.plot(x + _APART * number, z, linewidth=0.9, **look)
     ax.set_aspect("equal")
     ax.set_title(f"{sticks.title}, seen from the right", fontsize=style.SMALL + 0.5)
@@ -124,7 +135,10 @@ def draw(gait: Gait) -> Figure:
     handles = {text: line for ax in axes for line, text in zip(*ax.get_legend_handles_labels(), strict=True)}
     counted = {side: int((gait.cycles["side"] == side).sum()) for side in handles}
     cycles = {side: f"{count} cycle" + "s" * (count != 1) for side, count in counted.items()}
-    band = {side: ", thin: each, band: ± sd" if counted[side] >= FEW else ", thin: each" * (counted[side] > 1) for side in handles}
+    band = {
+        side: ", thin: each, band: ± sd" if counted[side] >= FEW else ", thin: each" * (counted[side] > 1)
+        for side in handles
+    }
     labels = [f"{side}, {cycles[side]}: mean{band[side]}" for side in handles]
     figure.align_ylabels(axes[::3])
     figure.legend(handles.values(), labels, loc="outside upper center", ncols=2)
