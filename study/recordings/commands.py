@@ -507,8 +507,9 @@ def gait(
 ) -> None:
     """Report the angles of pelvis and legs over the gait cycle.
 
-    Events come from the file, else from force plates, else from the markers of the feet. Writes the page of the report, its figure, and tables of the cycles, of
-    each cycle's curves, and of their means. Without --calibration the joints are found in the walks themselves.
+    Events come from the file, else from force plates, else from the markers of the feet. Writes the page of the report,
+    its figure, and tables of the cycles, of each cycle's curves, and of their means. Without --calibration the joints
+    are found in the walks themselves.
 
     With --json: cycles, each with recording, side, start, end, duration, stance, stride, speed, cadence, step, width,
     double_support and events; means, each with side, joint, angle, percent, mean, sd, cycles, error and total; events,

@@ -202,12 +202,9 @@ def frames_between(recording: Recording, text: str) -> Recording:
         words = f"give the first and the last of its {recording.frames} frames, such as 1-{recording.frames}"
         raise RecordingError(f"--frames {text}: {words}")
     part = recording.select(frames=slice(first - 1, last))
+    note = f"frames {first}-{last} of {recording.frames}: they count from 1 here"
     told = recording.laboratory.between((first - 1) / recording.rate, (last - 1) / recording.rate)
-    return replace(
-        part,
-        laboratory=told,
-        notes=(*part.notes, f"frames {first}-{last} of {recording.frames}: they count from 1 here"),
-    )
+    return replace(part, laboratory=told, notes=(*part.notes, note))
 
 
 def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:

@@ -53,7 +53,7 @@ def off(events, truth):
     [(1.75, 1.3, False), (1.75, 0.7, True), (1.75, 1.8, False), (1.1, 0.6, False), (1.1, 1.0, True), (1.2, 1.4, False)],
 )
 def test_events_by_markers_are_the_true_ones(height, speed, belt):
-    """Strikes and offs of adults and children at several speeds, on a floor and on a belt, are within 15 ms in the median.
+    """Strikes and offs of adults and children, on a floor and on a belt, are within 15 ms in the median.
 
     None is lost but at the ends, none is made up. Speed, stride, step, width and stance are those of the walk.
     """
@@ -88,7 +88,7 @@ def calibrate_by_name(recording):
 
 
 def test_events_of_the_file_go_first_then_plates():
-    """A side with two strikes in the file has its strikes alone; a plate's strike is taken if its heel is on the plate."""
+    """A side with two strikes in the file has its strikes alone; a plate's counts if the heel is on it."""
     recording, truth = made_walk(2)
     left, right = (truth[side, "strike"] for side in ("left", "right"))
     told = tuple(GaitEvent("left", "strike", time + 0.004) for time in left[1:3])
@@ -169,11 +169,12 @@ def test_vicons_events_and_angles(shared_file, name, still):
     for side, column in (("left", "L"), ("right", "R")):
         row = gait.cycles[gait.cycles["side"] == side].iloc[0]
         frames = np.linspace(row["start"], row["end"], 101) * 100.0
+        rows = gait.curves[gait.curves["side"] == side].set_index(["joint", "angle"]).sort_index()
         for joint, angle, label, axis, most in (
             *(("pelvis", kind, "PelvisAngles", k, 2.5) for k, kind in enumerate(("tilt", "obliquity", "rotation"))),
             ("ankle", "flexion", "AnkleAngles", 0, 5.0),
         ):
-            own = gait.curves.query("side == @side and joint == @joint and angle == @angle")["value"].to_numpy()
+            own = rows.loc[(joint, angle), "value"].to_numpy()
             theirs = points[f"{column}{label}"][axis]
             theirs = np.interp(frames, np.arange(len(theirs)), theirs)
             if not np.isnan(own).all():

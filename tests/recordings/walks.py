@@ -2,7 +2,8 @@
 
 A foot strikes with its heel and turns about it until it is flat. In the last third of stance it turns about the tip of
 its toes, which leaves the floor as the foot points down by 60°. In between it swings; the heel comes down with a third
-of the walking speed, which the floor stops. The markers of the metatarsal heads are behind the tip. The knee follows from hip and ankle. Each segment has four markers of a cluster.
+of the walking speed, which the floor stops. The markers of the metatarsal heads are behind the tip. The knee follows
+from hip and ankle. Thighs and shanks have clusters of four markers.
 """
 
 import numpy as np
@@ -43,9 +44,8 @@ def foot(time, start, cycle, stride, length):
     first, last = np.array([length, 0.0]), np.array([stride, 0.0]) + turn(strike)
     arriving = whole * speed * np.array([0.33, -0.1])
     for axis in range(2):
-        toe[axis, swing] = hermite(u, first[axis], last[axis], 0.0, arriving[axis]) + (
-            ground[swing] if axis == 0 else 0
-        )
+        toe[axis, swing] = hermite(u, first[axis], last[axis], 0.0, arriving[axis])
+    toe[0, swing] += ground[swing]
     toe[1, swing] += 0.04 * length / 0.25 * np.sin(np.pi * u) ** 2
     heel[:, swing] = toe[:, swing] - turn(angle[swing])
     return np.stack([heel, toe])

@@ -226,7 +226,8 @@ def planned_files(texts: str, folder: Path, name: str, source: Path) -> list[Pat
         RecordingError: if a name has another end, is given twice, or is that of the recording.
     """
     paths: list[Path] = []
-    for text in filter(None, (part.strip() for part in texts.split(","))):
+    for part in filter(None, (part.strip() for part in texts.split(","))):
+        text = part.removeprefix(".") if part.lower() in WRITERS else part
         given = Path(f"{name}.{text}" if f".{text.lower()}" in WRITERS else text)
         path = folder / given if given.name in (text, f"{name}.{text}") else given
         if path.suffix.lower() not in WRITERS:

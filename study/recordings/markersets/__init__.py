@@ -374,7 +374,7 @@ _OXFORD = re.compile(r"[lr](fof|hdf)[0-3]"), re.compile(r"[lr]tib[1-3]$")
 
 
 def measured(labels: Sequence[str]) -> list[str]:
-    """The labels without those of the Oxford foot model's points that are called as a cluster's markers, LTIB1-LTIB3."""
+    """The labels without points of the Oxford foot model that are called as a cluster's markers, LTIB1-LTIB3."""
     model, points = _OXFORD
     oxford = any(model.match(plain(label)) for label in labels)
     return [label for label in labels if not (oxford and points.match(plain(label)))]

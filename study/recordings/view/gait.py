@@ -1,4 +1,4 @@
-"""The gait report: curves of pelvis, hips, knees and ankles over the cycle, as a figure and as a page without a network.
+"""The gait report: curves of pelvis and legs over the cycle, as a figure and as one page without a network.
 
 Thin lines are single cycles, the thick line is their mean, and the band is one standard deviation of three cycles or
 more. Rings mark points that are suspect: a segment is bridged, or a value is a spike. Where a curve is missing its
@@ -200,7 +200,8 @@ def _table(head: str, rows: list[list[str]]) -> str:
     """A table of HTML with a column for each side."""
     tags = ("th", "td", "td")
     cells = ("".join(f"<{t}>{html.escape(c)}</{t}>" for t, c in zip(tags, row, strict=True)) for row in rows)
-    return f"<table><tr><th>{head}</th><th>left</th><th>right</th></tr>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
+    body = "".join(f"<tr>{row}</tr>" for row in cells)
+    return f"<table><tr><th>{head}</th><th>left</th><th>right</th></tr>{body}</table>"
 
 
 def page(gait: Gait, title: str) -> str:
