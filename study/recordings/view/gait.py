@@ -70,6 +70,9 @@ def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, panel: tuple[str, str]) -> 
     low, high = ax.get_ylim()
     if len(reasons) < len(SIDES) and high - low < _LEAST:  # a small range is no large motion
         ax.set_ylim(0.5 * (low + high - _LEAST), 0.5 * (low + high + _LEAST))
+    if len(reasons) == 1:  # room for its words
+        low, high = ax.get_ylim()
+        ax.set_ylim(low - 0.4 * (high - low), high)
     ax.axhline(0.0, color=style.FAINT, linewidth=0.6, zorder=0)
     ax.set(xlim=(0, 100), xticks=(0, 20, 40, 60, 80, 100))
     ax.set_title(_WORDS[panel], fontsize=style.SMALL + 0.5)
@@ -182,11 +185,13 @@ h1 { font-size: 1.35rem; margin: 0 0 .2rem; } p { margin: .3rem 0; } h2 { font-s
 .panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(17rem, 1fr)); gap: .6rem; margin: .8rem 0; }
 .panels svg { width: 100%; height: auto; } .wide { grid-column: span 2; }
 .tables { display: flex; flex-wrap: wrap; gap: 0 3rem; align-items: flex-start; }
-table { border-collapse: collapse; margin: .6rem 0; } th, td { padding: .15rem .8rem .15rem 0; text-align: right; }
+table { border-collapse: collapse; margin: .6rem 0; white-space: nowrap; }
+th, td { padding: .15rem .8rem .15rem 0; text-align: right; }
 th:first-child, td:first-child { text-align: left; font-weight: normal; } tr { border-bottom: 1px solid #ddd; }
 .key span { display: inline-block; width: 1.8em; border-top: 2px solid; vertical-align: middle; margin-right: .4em; }
 @media (max-width: 40rem) {
-  .wide { grid-column: auto; } body { padding: 0 .6rem; font-size: 14px; } th, td { padding-right: .5rem; }
+  .wide { grid-column: auto; } body { padding: 0 .6rem; font-size: 14px; }
+  table { font-size: 12px; } th, td { padding-right: .45rem; }
 }
 @media print {
   @page { size: A4; margin: 12mm; } body { font-size: 10.5px; max-width: none; margin: 0; padding: 0; }
