@@ -544,7 +544,7 @@ def gait(
         paths.append(folder / f"gait_{name}.parquet")
     for path, file, motion, events in zip(planned, files, found.motions, found.events, strict=False):
         own = replace(motion, source=file)
-        paths.append(written(path, lambda temporary, own=own, events=events: export.write_c3d(own, temporary, events)))
+        paths.append(written(path, functools.partial(_events_to, own, events)))
     records = {"cycles": found.cycles.to_dict("records"), "means": means.to_dict("records")}
     each = zip(found.motions, found.events, strict=True)
     records["events"] = [{"recording": m.skeleton.name} | e._asdict() for m, events in each for e in events]

@@ -249,15 +249,7 @@ def measured_widths(numbers: Mapping[str, float]) -> dict[str, float]:
     return {part: width for part, width in named.items() if _PLAUSIBLE[part][0] <= width <= _PLAUSIBLE[part][1]}
 
 
-_OFFSETS = {
-    f"{side[0]}{name}": f"{side} {part}"
-    for side in ("left", "right")
-    for name, part in (
-        ("staticplantflex", "foot flexion"),
-        ("thighrotation", "thigh rotation"),
-        ("shankrotation", "shank rotation"),
-    )
-}
+_OFFSETS = {"lstaticplantflex": "left foot flexion", "rstaticplantflex": "right foot flexion"}
 """Plug-in Gait's names of offsets, in small letters, and those that they have here."""
 _LARGEST_OFFSET = 1.0
 """Radians."""

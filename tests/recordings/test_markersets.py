@@ -403,8 +403,8 @@ LABORATORIES = {
     ),
     "Visual3D, a cluster on the pelvis": ([*CLUSTERED, "PELVIS_1", "PELVIS_2", "PELVIS_3"], 4, 0),
     "Visual3D, short": (labels_of("~ASI ~PSI ~TH1 ~TH2 ~TH3 ~TH4 ~SK1 ~SK2 ~SK3 ~SK4 ~FT1 ~FT2 ~FT3"), 6, 7),
-    "Helen Hayes, short": (labels_of("~SHO ~ELB ~WRI ~ASI ~THI ~KNE ~SHA ~ANK ~HEE ~TOE") + ["VSAC"], 6, 7),
-    "Helen Hayes, Cortex": (labels_of("~.ASIS ~.Thigh ~.Knee ~.Shank ~.Ankle ~.Heel ~.Toe") + ["V.Sacral"], 6, 7),
+    "Helen Hayes, short": ([*labels_of("~SHO ~ELB ~WRI ~ASI ~THI ~KNE ~SHA ~ANK ~HEE ~TOE"), "VSAC"], 6, 7),
+    "Helen Hayes, Cortex": ([*labels_of("~.ASIS ~.Thigh ~.Knee ~.Shank ~.Ankle ~.Heel ~.Toe"), "V.Sacral"], 6, 7),
     "Codamotion": (
         labels_of("~.ASIS ~.PSIS ~.Ant.Fem ~.Post.Fem ~.Knee ~.Ant.Tib ~.Post.Tib ~.Ankle ~.Heel ~.Toe"),
         6,
@@ -427,7 +427,7 @@ def test_sets_by_side_segment_and_number(source):
 
 
 def test_plug_in_gait_is_not_taken_away():
-    """Plug-in Gait's files are those of its set or its variants, with missing and with further markers, not of CMU's."""
+    """Plug-in Gait's files are never CMU's, with missing and with further markers."""
     rng = np.random.default_rng(1)
     whole = PIG_TOP + PIG_ARM + PIG_LEG
     for further in ([], labels_of("~MT5"), labels_of("~MT1 ~MT5"), labels_of("~MMA ~MKNE"), ["T12", "T2"]):

@@ -248,11 +248,15 @@ def _by_ezc3d(path: Path) -> FileContents:
     residuals = file["data"]["meta_points"]["residuals"][0]
     rate, first = float(file["header"]["points"]["frame_rate"]), file["header"]["points"]["first_frame"]
     contents = _contents(points, residuals, parameters, rate, prefixes)
-    given = (file["parameters"].get("EVENT", {}).get(key, {}).get("value", ()) for key in ("CONTEXTS", "LABELS"))
+    contexts, labels = (
+        file["parameters"].get("EVENT", {}).get(key, {}).get("value", ()) for key in ("CONTEXTS", "LABELS")
+    )
     times = np.ravel(file["parameters"].get("EVENT", {}).get("TIMES", {}).get("value", ()), order="F")
     plates, analog = file["data"].get("platform", ()), file["header"]["analogs"]["frame_rate"]
     contacts = tuple(load for plate in plates for load in _contacts(plate["force"], plate["corners"].T, analog))
-    events = _events(*given, times, (first / rate if rate > 0 else 0.0, points.shape[2] / rate if rate > 0 else 0.0))
+    events = _events(
+        contexts, labels, times, (first / rate if rate > 0 else 0.0, points.shape[2] / rate if rate > 0 else 0.0)
+    )
     return replace(contents, laboratory=Laboratory(events, contacts))
 
 
@@ -274,9 +278,10 @@ def _by_c3d(path: Path) -> FileContents:
         parameters = {key: _strings(reader, f"POINT:{key}") for key in group.param_keys()} if group else {}
         prefixes = _strings(reader, "SUBJECTS:LABEL_PREFIXES")
         rate = float(reader.point_rate)
-        given, times = (_strings(reader, f"EVENT:{key}") for key in ("CONTEXTS", "LABELS")), reader.get("EVENT:TIMES")
+        contexts, labels = (_strings(reader, f"EVENT:{key}") for key in ("CONTEXTS", "LABELS"))
+        times = reader.get("EVENT:TIMES")
         stretch = ((reader.first_frame - 1) / rate, len(data) / rate) if rate > 0 else (0.0, 0.0)
-        events = _events(*given, np.ravel(times.float_array) if times is not None else np.empty(0), stretch)
+        events = _events(contexts, labels, np.ravel(times.float_array) if times is not None else np.empty(0), stretch)
     data = data.reshape(len(data), -1, 5)
     points = data[:, :, :3].transpose(1, 2, 0)
     contents = _contents(points, data[:, :, 3].T, parameters, rate, prefixes)
@@ -315,7 +320,7 @@ def _events(
             found.append(GaitEvent(side, kind, 60.0 * float(minutes) + float(seconds)))
     shifted = [[event._replace(time=event.time - first) for event in found] for first in (stretch[0], 0.0)]
     inside = [[event for event in events if -1e-3 < event.time < stretch[1]] for events in shifted]
-    return tuple(sorted(max(inside, key=len), key=lambda event: event.time))
+    return tuple(sorted(inside[len(inside[1]) > len(inside[0])], key=lambda event: event.time))
 
 
 _LOADED = 20.0

@@ -501,8 +501,8 @@ class Match:
                 lines.append(f"segment {segment} lacks {', '.join(missed)}")
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
         outputs = [label for label in self.extra if is_output(label)]
-        points = landmarks(self.source.markers, self.whole.landmarks).values()
-        points = [label for label in points if label in self.extra]
+        known = landmarks(self.source.markers, self.whole.landmarks)
+        points = [label for label in known.values() if label in self.extra]
         others = [label for label in self.extra if label not in (*outputs, *points)]
         lines += [f"not in the {what}, but points of the body: {_listed(points, _LISTED)}"] * bool(points)
         lines += [f"not in the {what}: {_listed(others, _LISTED)}"] * bool(others)
@@ -604,14 +604,14 @@ def set_by_name(labels: Sequence[str]) -> MarkerSet | None:
         for kind, joint in (("thigh", "hip"), ("shank", "knee"), ("foot", "ankle")):
             own = groups.get(f"{side}_{kind}", [])
             own += of(side, kind, _OF_PARTS[kind]) if len(own) < 3 or kind == "foot" else []
-            name, ends = f"{side}_{kind}", ()
+            name, ends = f"{side}_{kind}", tuple[str, ...]()
             if not own:
                 break
             if kind == "shank" and {f"{side} lateral epicondyle", f"{side} medial epicondyle"} <= points.keys():
                 ends = points[f"{side} lateral epicondyle"], points[f"{side} medial epicondyle"]
             segments.append(Segment(name=name, markers=tuple(dict.fromkeys(own)), parent=above))
-            form: Literal["ball", "hinge"] = "hinge" if kind == "shank" else "ball"
-            joints.append(Joint(name=f"{side}_{joint}", parent=above, child=name, kind=form, across=ends))
+            turns: Literal["ball", "hinge"] = "hinge" if kind == "shank" else "ball"
+            joints.append(Joint(name=f"{side}_{joint}", parent=above, child=name, kind=turns, across=ends))
             above = name
     if len(segments[0].markers) < 3 or not joints:
         return None

@@ -8,6 +8,7 @@ reason stands in the panel.
 import html
 import textwrap
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -53,8 +54,8 @@ def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, panel: tuple[str, str]) -> 
             ax.plot(curve["percent"], curve["value"], color=COLORS[side], linewidth=0.4, alpha=0.55, zorder=1)
         ax.plot(wide.index, wide["mean"], color=COLORS[side], linestyle=_STYLES[side], label=side, zorder=3)
         if wide["cycles"].max() >= FEW:
-            low, high = (wide["mean"] + sign * wide["sd"] for sign in (-1.0, 1.0))
-            ax.fill_between(wide.index, low, high, color=COLORS[side], alpha=0.15, linewidth=0.0, zorder=0)
+            below, above = (wide["mean"] + sign * wide["sd"] for sign in (-1.0, 1.0))
+            ax.fill_between(wide.index, below, above, color=COLORS[side], alpha=0.15, linewidth=0.0, zorder=0)
         doubt = _of(gait.curves, side, panel).query("suspect")
         marks = {
             "marker": "o",
@@ -82,7 +83,7 @@ def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, panel: tuple[str, str]) -> 
         both = len({why for _, why in reasons}) == 1 and len(reasons) == len(SIDES)
         texts = [f"missing: {reasons[0][1]}"] if both else [f"{side} is missing: {why}" for side, why in reasons]
         text = "\n".join(line for one in texts for line in textwrap.wrap(one, 34))
-        place = {"transform": ax.transAxes, "ha": "center", "va": "center" if both else "bottom"}
+        place: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "center" if both else "bottom"}
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
         ax.text(0.5, 0.5 if both else 0.03, text, fontsize=style.SMALL - 0.5, color="0.25", bbox=box, zorder=5, **place)
 
