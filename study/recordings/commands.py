@@ -543,12 +543,13 @@ def gait(
         save_frame(table, folder / f"gait_{name}.parquet")
         paths.append(folder / f"gait_{name}.parquet")
     for path, file, motion, events in zip(planned, files, found.motions, found.events, strict=False):
-        own = replace(motion, source=file)
-        paths.append(written(path, functools.partial(_events_to, own, events)))
-    records = {"cycles": found.cycles.to_dict("records"), "means": means.to_dict("records")}
+        fill = functools.partial(export.write_c3d, replace(motion, source=file), events=events)
+        paths.append(written(path, fill))
+    records: dict[str, object] = {"cycles": found.cycles.to_dict("records"), "means": means.to_dict("records")}
     each = zip(found.motions, found.events, strict=True)
-    records["events"] = [{"recording": m.skeleton.name} | e._asdict() for m, events in each for e in events]
-    echo([json_text(records | {"notes": found.notes, "files": paths})] if as_json else paths)
+    told = [{"recording": m.skeleton.name} | e._asdict() for m, events in each for e in events]
+    records |= {"events": told, "notes": found.notes, "files": paths}
+    echo([json_text(records)] if as_json else paths)
 
 
 _OUT = ".c3d, .trc or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"

@@ -168,7 +168,10 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
     Raises:
         RecordingError: if no walk has a cycle, or the marker set has no legs.
     """
-    cycles, curves, notes, events, sticks, told = [], [], [], [], [], {}
+    cycles, curves, events = [], [], []
+    notes: list[str] = []
+    sticks: list[Sticks] = []
+    told: dict[str, str] = {}
     for motion in motions:
         name, joints = motion.skeleton.name, _joints(motion)
         course = walk_course(motion)
@@ -495,8 +498,8 @@ def _angles(motion: ExportedMotion, course: Course, joints: Mapping[tuple[str, s
         side = name.partition(" ")[0]
         inwards = np.degrees(np.arctan2(turn[2, 0], turn[0, 0])) * (1.0 if side == "left" else -1.0)
         error = np.degrees(np.sqrt(covariance[:, 1, 1]))
-        joint = next(p.joint for p in skeleton.calibration.joints if p.joint.child == segment)
-        error = np.where(skeleton.barred_at(joint)[0], np.nan, error)
+        above = next(p.joint for p in skeleton.calibration.joints if p.joint.child == segment)
+        error = np.where(skeleton.barred_at(above)[0], np.nan, error)
         of_foot = axes_errors(skeleton.calibration, turn, None, segment)[2]
         result |= _sure(motion, f"{side} foot progression", inwards, error, of_foot)
         result[f"{side} foot_flag"] = skeleton.segment_flags[number]

@@ -105,7 +105,7 @@ def _draw_sticks(ax: Axes, sticks: Sticks) -> None:
         for one, other in sticks.bones:
             side = next((s for s in (sticks.sides[one], sticks.sides[other]) if s), "")
             x, z = shown[[one, other]].T
-            look = {
+            look: dict[str, Any] = {
                 "color": COLORS.get(side, "0.45"),
                 "linestyle": _STYLES.get(side, "-"),
                 "zorder": 2 + (side == "right"),
