@@ -130,7 +130,8 @@ def _keep_by_sources(kept: Any, function: Callable[..., object]) -> Path:
     """
     source, numba = Path(inspect.getfile(function)), kept._impl
     folder = Path(kept.cache_path) / f"{source.stem}-{_stamp(source)}"
-    kept._cache_file = IndexDataCacheFile(str(folder), numba.filename_base, numba.locator.get_source_stamp())
+    index: Any = IndexDataCacheFile  # numba has no types
+    kept._cache_file = index(str(folder), numba.filename_base, numba.locator.get_source_stamp())
     return folder
 
 

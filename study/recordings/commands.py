@@ -10,6 +10,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -488,6 +489,7 @@ def skeleton(
 
 
 _WALKS = "walks of one subject: .c3d, .trc, .csv, .tsv or .txt"
+_WRITE_EVENTS = "the walks with their events: .c3d for each walk's name, or the name of a C3D file for one walk"
 
 
 @_each_subject
@@ -501,34 +503,42 @@ def gait(
     markerset: MarkerSetName = None,
     largest_angle_error: LargestAngleError = 10.0,
     out: Out = None,
+    write: Annotated[str, typer.Option(help=_WRITE_EVENTS)] = "",
     as_json: Json = False,
     unit: Unit = None,
     rate: Rate = None,
     subject: Subject = None,
 ) -> None:
-    """Report the angles of legs over the gait cycle.
+    """Report the angles of pelvis and legs over the gait cycle.
 
-    Events come from the markers of the feet. Writes the page of the report, its figure, and tables of the cycles, of
-    each cycle's curves, and of their means. Without --calibration the joints are found in the walks themselves.
+    Events come from the file, else from force plates, else from the markers of the feet. Writes the page of the report,
+    its figure, and tables of the cycles, of each cycle's curves, and of their means. Without --calibration the joints
+    are found in the walks themselves.
 
-    With --json: cycles, each with recording, side, start, end, duration, stance, stride, speed and cadence; means, each
-    with side, joint, angle, percent, mean, sd, cycles and error; notes and files.
+    With --json: cycles, each with recording, side, start, end, duration, stance, stride, speed, cadence, step, width,
+    double_support and events; means, each with side, joint, angle, percent, mean, sd, cycles, error and total; events,
+    each with recording, side, kind, time and source; notes and files.
     """
     from study.files import save_frame
+    from study.recordings import export
     from study.recordings import gait as gaits
     from study.recordings.api import find_gait
+    from study.recordings.recording import printable, written
     from study.recordings.view import gait as view
     from study.style import save
 
     if calibration is not None and (static, hips, widths, markerset) != (None, "motion", "", None):
         words = "--static, --hips, --widths, --markerset: a calibration has its own; give them to `study joints`"
         raise typer.BadParameter(words)
+    folder = results_folder("-".join(printable(file.stem) for file in files)[:100] + "-gait", out)
+    planned = [path for file in files for path in export.planned_files(write, folder, printable(file.stem), file)]
+    if any(path.suffix.lower() != ".c3d" for path in planned) or len({*planned}) < len(planned):
+        raise typer.BadParameter(f"--write {write}: events are written to .c3d, a file for each walk")
     walks = [_read(file, unit, rate, subject, None, widths) for file in files]
     still = None if static is None else _read(static, unit, rate, subject, None, widths)
     limit = largest_angle_error
     found = find_gait(walks, calibration, markerset, static=still, hips=hips, force=force, largest_angle_error=limit)
     title = ", ".join(dict.fromkeys(walk.name for walk in walks))
-    folder = results_folder("-".join(walk.name for walk in walks)[:100] + "-gait", out)
     if not as_json:
         echo(gaits.gait_lines(found))
     paths = [view.write_page(found, title, folder / "gait.html"), *save(view.draw(found), folder / "fig_gait")]
@@ -536,8 +546,14 @@ def gait(
     for name, table in tables.items():
         save_frame(table, folder / f"gait_{name}.parquet")
         paths.append(folder / f"gait_{name}.parquet")
-    records = {"cycles": found.cycles.to_dict("records"), "means": means.to_dict("records")}
-    echo([json_text(records | {"notes": found.notes, "files": paths})] if as_json else paths)
+    for path, file, motion, events in zip(planned, files, found.motions, found.events, strict=False):
+        fill = functools.partial(export.write_c3d, replace(motion, source=file), events=events)
+        paths.append(written(path, fill))
+    records: dict[str, object] = {"cycles": found.cycles.to_dict("records"), "means": means.to_dict("records")}
+    each = zip(found.motions, found.events, strict=True)
+    told = [{"recording": m.skeleton.name} | e._asdict() for m, events in each for e in events]
+    records |= {"events": told, "notes": found.notes, "files": paths}
+    echo([json_text(records)] if as_json else paths)
 
 
 _OUT = ".c3d, .trc or .csv [default: results/recordings/synthetic-<seed>/synthetic-<seed>.c3d]"

@@ -241,7 +241,7 @@ def fit_one_joint(recording: Recording, markerset: MarkerSet) -> OneJoint:
     Returns:
         The joint; one that cannot be found has a status, a reason and NaN for its place.
     """
-    joints = find_joints(markerset, recording.select((*markerset.markers(), *markerset.landmarks())))
+    joints = find_joints(markerset, recording.select((*markerset.markers(), *markerset.between())))
     found = with_allowance(joints[JOINT])
     n = accuracy_columns(joints, found)
     parent, child = joints.poses.get(PARENT), joints.poses.get(CHILD)

@@ -12,6 +12,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -57,6 +58,51 @@ def written(path: Path, fill: Callable[[Path], object]) -> Path:
     return path
 
 
+class GaitEvent(NamedTuple):
+    """A foot that strikes or leaves the floor."""
+
+    side: str
+    """``left`` or ``right``."""
+    kind: str
+    """``strike`` or ``off``."""
+    time: float
+    """Seconds from the first frame."""
+    source: str = "file"
+    """``file``, ``plate`` or ``markers``."""
+
+
+class Contact(NamedTuple):
+    """A load on a force plate; nothing tells whose foot it is."""
+
+    start: float
+    """Seconds from the first frame; NaN if the recording begins later."""
+    end: float
+    """Likewise; NaN if the recording ends earlier."""
+    corners: Floats
+    """Of the plate (4, 3), metres, in the recording's axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Laboratory:
+    """Contents of a laboratory's file beside its markers: events, loads on force plates, offsets of Plug-in Gait."""
+
+    events: tuple[GaitEvent, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    offsets: Mapping[str, float] = field(default_factory=dict)
+    """Radians, such as "left foot flexion", by which a foot's axis is tilted in the static trial."""
+
+    def between(self, first: float, last: float) -> "Laboratory":
+        """The same for a part of the recording, from a first to a last time, seconds, which counts from the first."""
+        events = [event._replace(time=event.time - first) for event in self.events if first <= event.time <= last]
+
+        def inside(time: float) -> float:
+            return time - first if first < time < last else np.nan
+
+        loads = [c._replace(start=inside(c.start), end=inside(c.end)) for c in self.contacts]
+        known = tuple(c for c in loads if not np.isnan([c.start, c.end]).all())
+        return replace(self, events=tuple(events), contacts=known)
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """Marker positions over time.
@@ -83,6 +129,8 @@ class Recording:
     """Messages to the user about the reading: markers left out, labels changed, a unit assumed."""
     widths: Mapping[str, float] = field(default_factory=dict)
     """Measured widths of joints, such as "left knee", and "marker", the diameter of the markers; metres."""
+    laboratory: Laboratory = Laboratory()
+    """Events, loads on force plates and offsets that the file holds."""
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float64).view()
@@ -154,7 +202,9 @@ def frames_between(recording: Recording, text: str) -> Recording:
         words = f"give the first and the last of its {recording.frames} frames, such as 1-{recording.frames}"
         raise RecordingError(f"--frames {text}: {words}")
     part = recording.select(frames=slice(first - 1, last))
-    return replace(part, notes=(*part.notes, f"frames {first}-{last} of {recording.frames}: they count from 1 here"))
+    note = f"frames {first}-{last} of {recording.frames}: they count from 1 here"
+    told = recording.laboratory.between((first - 1) / recording.rate, (last - 1) / recording.rate)
+    return replace(part, laboratory=told, notes=(*part.notes, note))
 
 
 def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
@@ -174,7 +224,9 @@ def one_after_another(recordings: Sequence[Recording], name: str) -> Recording:
             noted[note].append(recording.name)
     notes = tuple(f"{', '.join(names)}: {note}" for note, names in noted.items())
     widths = {part: width for recording in recordings for part, width in recording.widths.items()}
-    return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, notes, widths)
+    offsets = {part: angle for recording in recordings for part, angle in recording.laboratory.offsets.items()}
+    told = notes, widths, Laboratory(offsets=offsets)
+    return Recording(name, markers, np.concatenate(parts, axis=2), recordings[0].rate, *told)
 
 
 _WIDTHS = {
@@ -195,6 +247,18 @@ def measured_widths(numbers: Mapping[str, float]) -> dict[str, float]:
     """
     named = {_WIDTHS[name.lower()]: 0.001 * number for name, number in numbers.items() if name.lower() in _WIDTHS}
     return {part: width for part, width in named.items() if _PLAUSIBLE[part][0] <= width <= _PLAUSIBLE[part][1]}
+
+
+_OFFSETS = {"lstaticplantflex": "left foot flexion", "rstaticplantflex": "right foot flexion"}
+"""Plug-in Gait's names of offsets, in small letters, and those that they have here."""
+_LARGEST_OFFSET = 1.0
+"""Radians."""
+
+
+def static_offsets(numbers: Mapping[str, float]) -> dict[str, float]:
+    """The offsets of a static trial, radians, among numbers by Plug-in Gait's names; 0 is an offset not measured."""
+    named = {_OFFSETS[name.lower()]: number for name, number in numbers.items() if name.lower() in _OFFSETS}
+    return {part: offset for part, offset in named.items() if 0.0 < abs(offset) < _LARGEST_OFFSET}
 
 
 def with_widths(recording: Recording, text: str) -> Recording:
@@ -318,6 +382,8 @@ class FileContents:
     """Messages to the user about the reading."""
     widths: Mapping[str, float] = field(default_factory=dict)
     """As those of a `Recording`."""
+    laboratory: Laboratory = Laboratory()
+    """As that of a `Recording`, but with corners of force plates in the unit of the points."""
     usual_unit: str | None = None
     """The unit to assume, with a note, if neither the file nor a user gives one."""
 
@@ -368,7 +434,9 @@ def assemble(
     if len(some):
         box = np.nanmax(positions[:, :, some], axis=0) - np.nanmin(positions[:, :, some], axis=0)
         notes += filter(None, [unit_doubt(float(np.median(np.linalg.norm(box, axis=0))), used)])
-    return Recording(name, tuple(markers), positions, float(rate), tuple(notes), contents.widths)
+    contacts = (load._replace(corners=load.corners * UNITS[used]) for load in contents.laboratory.contacts)
+    laboratory = replace(contents.laboratory, contacts=tuple(contacts))
+    return Recording(name, tuple(markers), positions, float(rate), tuple(notes), contents.widths, laboratory)
 
 
 def unit_doubt(extent: float, unit: str) -> str:

@@ -6,6 +6,7 @@ from pydantic import ValidationError
 
 from study.recordings import markersets
 from study.recordings.recording import Recording
+from study.recordings.skeleton.anatomy import legs
 
 PELVIS = markersets.Segment(name="pelvis", markers=("A", "B", "C"))
 
@@ -391,3 +392,77 @@ def test_points_of_the_body_that_no_segment_has_are_named_apart():
     lines = matched("plug-in-gait", [*PIG_TOP, *PIG_LEG, "LMED", "sword"]).lines()
     assert "not in the marker set, but points of the body: LMED" in lines
     assert "not in the marker set: sword" in lines
+
+
+CLUSTERED = labels_of("~_THIGH_1 ~_THIGH_2 ~_THIGH_3 ~_THIGH_4 ~_SHANK_1 ~_SHANK_2 ~_SHANK_3 ~_SHANK_4")
+LABORATORIES = {
+    "Visual3D, clusters": (
+        CLUSTERED + labels_of("~_ASIS ~_PSIS ~_FOOT_1 ~_FOOT_2 ~_FOOT_3 ~_LAT_KNEE ~_MED_KNEE"),
+        6,
+        7,
+    ),
+    "Visual3D, a cluster on the pelvis": ([*CLUSTERED, "PELVIS_1", "PELVIS_2", "PELVIS_3"], 4, 0),
+    "Visual3D, short": (labels_of("~ASI ~PSI ~TH1 ~TH2 ~TH3 ~TH4 ~SK1 ~SK2 ~SK3 ~SK4 ~FT1 ~FT2 ~FT3"), 6, 7),
+    "Helen Hayes, short": ([*labels_of("~SHO ~ELB ~WRI ~ASI ~THI ~KNE ~SHA ~ANK ~HEE ~TOE"), "VSAC"], 6, 7),
+    "Helen Hayes, Cortex": ([*labels_of("~.ASIS ~.Thigh ~.Knee ~.Shank ~.Ankle ~.Heel ~.Toe"), "V.Sacral"], 6, 7),
+    "Codamotion": (
+        labels_of("~.ASIS ~.PSIS ~.Ant.Fem ~.Post.Fem ~.Knee ~.Ant.Tib ~.Post.Tib ~.Ankle ~.Heel ~.Toe"),
+        6,
+        7,
+    ),
+}
+"""Labels of sets that are known by their pattern, the joints found, and the parts of pelvis and legs."""
+
+
+@pytest.mark.parametrize("source", LABORATORIES)
+def test_sets_by_side_segment_and_number(source):
+    """Clusters and wands are found by the pattern of their labels; each marker is on the segment that it names."""
+    labels, joints, parts = LABORATORIES[source]
+    found = markersets.choose(recording([*labels, *(f"*{i}" for i in range(20))]))
+    assert (found.whole.name, len(found.joints), len(legs(found.markerset))) == ("by-name", joints, parts)
+    for segment in found.whole.segments:
+        sides = {label[0] for label in segment.markers}
+        assert sides == {segment.name[0].upper()} or segment.name == "pelvis"
+    assert markersets.place_markerset(recording(labels), "by-name").whole == found.whole
+
+
+def test_plug_in_gait_is_not_taken_away():
+    """Plug-in Gait's files are never CMU's, with missing and with further markers."""
+    rng = np.random.default_rng(1)
+    whole = PIG_TOP + PIG_ARM + PIG_LEG
+    for further in ([], labels_of("~MT5"), labels_of("~MT1 ~MT5"), labels_of("~MMA ~MKNE"), ["T12", "T2"]):
+        for share in (0.0, 0.1, 0.2, 0.3):
+            kept = [label for label in whole if label in PIG_LEG or rng.random() >= share]
+            found = markersets.choose(recording([*kept, *further]))
+            assert found.whole.name != "cmu41"
+            assert "pelvis" in legs(found.markerset)
+    assert markersets.choose(recording([*CMU.markers()])).whole.name == "cmu41"
+
+
+def test_points_of_the_oxford_model_are_no_markers():
+    """LTIB1-LTIB3 are a cluster's markers, but not beside other points of the Oxford foot model."""
+    model = labels_of("~TIB1 ~TIB2 ~TIB3 ~FOF0 ~HDF0")
+    found = markersets.choose(recording(PIG_TOP + PIG_ARM + PIG_LEG + model))
+    assert found.whole.name == "plug-in-gait"
+    assert set(model) <= set(found.extra)
+    assert markersets.measured(model[:3]) == model[:3]
+
+
+def test_a_set_names_landmarks():
+    """Four lines name the epicondyles and malleoli of a leg; a name that is no point of the body is refused."""
+    text = (
+        markersets.shipped_text("cast")
+        + "[landmarks]\n"
+        + "".join(
+            f'"left {point}" = "{label}"\n'
+            for point, label in (("lateral epicondyle", "QA"), ("medial epicondyle", "QB"), ("lateral malleolus", "QC"))
+        )
+    )
+    named = markersets.parse_markerset(text)
+    found = markersets.landmarks(["LLFC", "qa", "QB", "QC"], named.landmarks)
+    assert found["left lateral epicondyle"] == "qa"
+    assert found["left medial epicondyle"] == "QB"
+    placed = markersets.match(named, recording([*named.markers(), "QA", "QB", "QC"]))
+    assert placed.markerset.landmarks == named.landmarks
+    with pytest.raises(markersets.MarkerSetError, match="no such point of the body; did you mean 'left heel'"):
+        markersets.parse_markerset(text + '"left heal" = "QD"\n')

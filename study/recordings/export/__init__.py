@@ -9,7 +9,7 @@
 - TRC: joint centres as points beside the markers; CSV: the table of joints.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ import numpy as np
 from study.arrays import Floats
 from study.recordings.export.tree import Y_UP, ExportedMotion, JointNode, angle_lines, joint_angles, joint_tree
 from study.recordings.formats.write import write_recording
-from study.recordings.recording import UNITS, RecordingError, written
+from study.recordings.recording import UNITS, GaitEvent, RecordingError, written
 from study.recordings.rigid import zxy_angles
 from study.recordings.skeleton.scene import skeleton_table
 from study.text import inert_frame
@@ -72,11 +72,12 @@ _LABELS_EACH = 255
 """Most texts in one parameter."""
 
 
-def write_c3d(motion: ExportedMotion, path: Path) -> None:
-    """Write the recording with joint centres as further points.
+def write_c3d(motion: ExportedMotion, path: Path, events: Sequence[GaitEvent] = ()) -> None:
+    """Write the recording with joint centres as further points, and with further gait events.
 
     If the recording is a C3D file that ezc3d reads, its points, analog channels, events and parameters are kept as they
-    are; else the file has the markers alone. A joint that is not known in a frame has the residual -1 there.
+    are; else the file has the markers alone. A joint that is not known in a frame has the residual -1 there. Of the
+    events those that come from the file are in it already.
 
     Raises:
         RecordingError: if the file cannot be written.
@@ -85,6 +86,12 @@ def write_c3d(motion: ExportedMotion, path: Path) -> None:
     whole, first, file = motion.with_joints(), len(motion.recording.markers), _own_file(motion)
     if file is None:
         write_recording(whole, path)
+        if events:
+            import ezc3d
+
+            file = ezc3d.c3d(str(path))
+            _add_events(file, [event._replace(source="markers") for event in events])
+            file.write(str(path))
         return
     labels, centers, parameters = list(whole.markers[first:]), whole.positions[first:], file["parameters"]["POINT"]
     unknown, data, meta = np.isnan(centers).any(axis=1), file["data"], file["data"]["meta_points"]
@@ -100,7 +107,32 @@ def write_c3d(motion: ExportedMotion, path: Path) -> None:
     if descriptions is not None and len(descriptions["value"]) == len(own):
         descriptions["value"] = [*descriptions["value"], *["joint centre"] * len(labels)]
     parameters["LABELS"]["value"] = [*own, *labels]
+    _add_events(file, [event for event in events if event.source != "file"])
     file.write(str(path))
+
+
+def _add_events(file: "ezc3d.c3d", events: Sequence[GaitEvent]) -> None:
+    """Add events to those of a C3D file, under the names and with the times that Vicon's programs give them."""
+    if not events:
+        return
+    points, group = file["header"]["points"], file["parameters"].get("EVENT", {})
+    started, words = points["first_frame"] / points["frame_rate"], {"strike": "Foot Strike", "off": "Foot Off"}
+    new: dict[str, list[object]] = {
+        "CONTEXTS": [event.side.capitalize() for event in events],
+        "LABELS": [words[event.kind] for event in events],
+        "DESCRIPTIONS": [f"by {event.source}" for event in events],
+        "SUBJECTS": [""] * len(events),
+        "ICON_IDS": [1 if event.kind == "strike" else 2 for event in events],
+        "GENERIC_FLAGS": [0] * len(events),
+    }
+    there = len(group["LABELS"]["value"]) if "LABELS" in group else 0
+    for name, values in new.items():
+        old = list(group[name]["value"]) if name in group else []
+        file.add_parameter("EVENT", name, [*(old if len(old) == there else [values[0]] * there), *values])
+    old_times = np.reshape(group["TIMES"]["value"], (2, -1)) if there else np.empty((2, 0))
+    minutes, seconds = np.divmod([started + event.time for event in events], 60.0)
+    file.add_parameter("EVENT", "TIMES", np.hstack([old_times, [minutes, seconds]]))
+    file.add_parameter("EVENT", "USED", [there + len(events)])
 
 
 def _own_file(motion: ExportedMotion) -> "ezc3d.c3d | None":
@@ -194,7 +226,8 @@ def planned_files(texts: str, folder: Path, name: str, source: Path) -> list[Pat
         RecordingError: if a name has another end, is given twice, or is that of the recording.
     """
     paths: list[Path] = []
-    for text in filter(None, (part.strip() for part in texts.split(","))):
+    for part in filter(None, (part.strip() for part in texts.split(","))):
+        text = part.removeprefix(".") if part.lower() in WRITERS else part
         given = Path(f"{name}.{text}" if f".{text.lower()}" in WRITERS else text)
         path = folder / given if given.name in (text, f"{name}.{text}") else given
         if path.suffix.lower() not in WRITERS:

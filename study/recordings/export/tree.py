@@ -230,12 +230,12 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     world = Y_UP @ motion.upright
     turn = np.einsum("ij,jkt->ikt", world @ motion.upright.T, (turns | clinical)[root])
     names = [f"{root}_{name}" for name in ("tilt", "list", "rotation")]
-    errors = _zxy_errors(turn, world @ skeleton.turning[0] @ world.T)
+    errors = zxy_errors(turn, world @ skeleton.turning[0] @ world.T)
     errors = np.where(any(found.name == "up" for found in skeleton.barred), np.nan, errors)
     places = dict(zip([f"{root}_{axis}" for axis in ("tx", "ty", "tz")], world @ skeleton.origins[0], strict=True))
     columns: dict[str, Floats | Ints] = {"time": np.arange(skeleton.frames) / skeleton.rate}
     columns |= places
-    tilts, of_root = dict(zip(names, _zxy(turn), strict=True)), _axes_errors(skeleton.calibration, turn, None, root)
+    tilts, of_root = dict(zip(names, _zxy(turn), strict=True)), axes_errors(skeleton.calibration, turn, None, root)
     columns |= _flagged(motion, root, tilts, errors, skeleton.segment_flags[0], of_root)
     between, segments = clinical_joints(skeleton.calibration), legs(skeleton.calibration.markerset)
     shanks = {segments.get("left shank"), segments.get("right shank")}
@@ -253,22 +253,22 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
             errors = np.degrees(np.sqrt(np.einsum("i,tij,j->t", axis, covariance, axis)))[None]
         else:
             angles = _ball(joint.name, turn, -1.0 if anatomical and joint.child in shanks else 1.0)
-            errors = _zxy_errors(turn, covariance)
+            errors = zxy_errors(turn, covariance)
             if anatomical:
-                of_axes = _axes_errors(skeleton.calibration, turn, joint.parent, joint.child)
+                of_axes = axes_errors(skeleton.calibration, turn, joint.parent, joint.child)
         flags = np.maximum(*(skeleton.segment_flags[[parent, child]]))
         errors = np.where(skeleton.barred_at(joint)[0], np.nan, errors)
         columns |= _flagged(motion, joint.name, angles, errors, flags, of_axes)
     return pd.DataFrame(columns)
 
 
-def _axes_errors(calibration: Calibration, turn: Floats, parent: str | None, child: str) -> Floats:
+def axes_errors(calibration: Calibration, turn: Floats, parent: str | None, child: str) -> Floats:
     """Standard errors of a joint's angles (3, frames), degrees, or of a root's without a parent, from those of axes."""
     own = []
     for shape in (calibration.shape(name) for name in (parent, child) if name is not None):
         own.append(np.nan_to_num(shape.anatomy.T @ shape.anatomy_covariance @ shape.anatomy))
     turned = np.einsum("ijt,jk,lkt->til", turn, own[-1], turn)
-    return _zxy_errors(turn, turned + own[0] if parent is not None else turned)
+    return zxy_errors(turn, turned + own[0] if parent is not None else turned)
 
 
 def _flagged(
@@ -286,7 +286,7 @@ def _flagged(
     return columns | {f"{name}_flag": np.where(np.any([*sure.values()], axis=0), flags, Flag.UNKNOWN).astype(int)}
 
 
-def _zxy_errors(turn: Floats, covariance: Floats) -> Floats:
+def zxy_errors(turn: Floats, covariance: Floats) -> Floats:
     """Standard errors of the angles about z, x and y (3, frames), degrees, of R = Rz Rx Ry (3, 3, frames).
 
     A small rotation δ before R, of covariance C (frames, 3, 3), rad², has in the axes after Rz the components δ'. The

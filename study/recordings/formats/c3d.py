@@ -10,7 +10,9 @@ The header counts frames in 16 bits; longer recordings give their length in a pa
 ``POINT:LONG_FRAMES``), which c3d reads and ezc3d does not always.
 """
 
+import contextlib
 import math
+import re
 import struct
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
@@ -23,7 +25,15 @@ import numpy as np
 
 from study.arrays import Floats
 from study.recordings.formats.text import missing_frames_note
-from study.recordings.recording import FileContents, RecordingError, measured_widths
+from study.recordings.recording import (
+    Contact,
+    FileContents,
+    GaitEvent,
+    Laboratory,
+    RecordingError,
+    measured_widths,
+    static_offsets,
+)
 
 _TEXT = -1
 _SIZES = {_TEXT: "", 1: "b", 2: "H", 4: "f"}
@@ -125,6 +135,8 @@ class C3DHeader:
     """Number of frames that the file can hold."""
     widths: Mapping[str, float]
     """Of the subject's joints, metres, from the group PROCESSING, in which Vicon's programs keep them."""
+    offsets: Mapping[str, float]
+    """Of the static trial, radians, from the same group."""
 
 
 def read_header(path: Path) -> C3DHeader:
@@ -168,8 +180,9 @@ def read_header(path: Path) -> C3DHeader:
     agree = agree and abs(numbers.get("ANALOG:USED", 0.0) * per_frame - analog) < 0.5
     plain = sound and agree and held - promised < 2 * _BLOCK
     processing = {key.removeprefix("PROCESSING:"): x for key, x in numbers.items() if key.startswith("PROCESSING:")}
-    widths, rate = measured_widths(processing) if known else {}, rate if 0.0 < rate < _FASTEST else 0.0
-    return C3DHeader(frames, sound, rate, plain, held // max(frame_bytes, 1), widths)
+    processing, rate = processing if known else {}, rate if 0.0 < rate < _FASTEST else 0.0
+    told = measured_widths(processing), static_offsets(processing)
+    return C3DHeader(frames, sound, rate, plain, held // max(frame_bytes, 1), *told)
 
 
 def _size(count: int) -> str:
@@ -182,14 +195,16 @@ def _size(count: int) -> str:
 
 Texts = Mapping[str, Iterable[object]]
 """The texts of parameters by their names."""
-_NOT_MARKERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+_NOT_MARKERS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS")
+_HIP = re.compile(r"[LR]_?HJC", re.I)
+"""A hip's centre stays among the points although a model computed it: `--hips regression` takes it."""
 
 
 def read_c3d(path: Path) -> FileContents:
-    """Read the points of a C3D file.
+    """Read the points of a C3D file, its gait events and the loads on its force plates.
 
-    Samples with a negative residual are NaN. Points that the file lists as angles, forces, moments, powers or scalars
-    are not markers and are left out; processed gait files have them.
+    Samples with a negative residual are NaN. Points that the file lists as angles, forces, moments, powers, scalars or
+    markers of a model are not markers and are left out; processed gait files have them.
 
     Raises:
         RecordingError: one line, without the file's name: not a C3D file, damaged, cut short.
@@ -212,13 +227,17 @@ def read_c3d(path: Path) -> FileContents:
         if header.rate and not (rate is not None and 0.0 < rate < _FASTEST):
             notes += (f"its parameter POINT:RATE is no rate: {header.rate:g} Hz of its header is used",)
             rate = header.rate
-        return replace(contents, rate=rate, notes=notes, widths=header.widths)
+        laboratory = replace(contents.laboratory, offsets=header.offsets)
+        return replace(contents, rate=rate, notes=notes, widths=header.widths, laboratory=laboratory)
     raise RecordingError("a damaged or incomplete C3D file, which no reader can read; get a whole copy of it")
 
 
 def _by_ezc3d(path: Path) -> FileContents:
     try:
         file = ezc3d.c3d(str(path))
+        if np.any(file["parameters"].get("FORCE_PLATFORM", {}).get("USED", {}).get("value", 0)):
+            with contextlib.suppress(Exception):  # plates of a type that it does not know, or without their channels
+                file = ezc3d.c3d(str(path), extract_forceplat_data=True)
     except OSError as error:  # it raises this for wrong contents, too; the file itself could be opened
         raise ValueError from error
     group = file["parameters"]["POINT"]
@@ -227,7 +246,18 @@ def _by_ezc3d(path: Path) -> FileContents:
     prefixes = subjects.get("LABEL_PREFIXES", {}).get("value", ())
     points = file["data"]["points"][:3].transpose(1, 0, 2)
     residuals = file["data"]["meta_points"]["residuals"][0]
-    return _contents(points, residuals, parameters, float(file["header"]["points"]["frame_rate"]), prefixes)
+    rate, first = float(file["header"]["points"]["frame_rate"]), file["header"]["points"]["first_frame"]
+    contents = _contents(points, residuals, parameters, rate, prefixes)
+    contexts, labels = (
+        file["parameters"].get("EVENT", {}).get(key, {}).get("value", ()) for key in ("CONTEXTS", "LABELS")
+    )
+    times = np.ravel(file["parameters"].get("EVENT", {}).get("TIMES", {}).get("value", ()), order="F")
+    plates, analog = file["data"].get("platform", ()), file["header"]["analogs"]["frame_rate"]
+    contacts = tuple(load for plate in plates for load in _contacts(plate["force"], plate["corners"].T, analog))
+    events = _events(
+        contexts, labels, times, (first / rate if rate > 0 else 0.0, points.shape[2] / rate if rate > 0 else 0.0)
+    )
+    return replace(contents, laboratory=Laboratory(events, contacts))
 
 
 class _PointReader(c3d.Reader):  # type: ignore[misc]  # c3d has no types
@@ -248,9 +278,74 @@ def _by_c3d(path: Path) -> FileContents:
         parameters = {key: _strings(reader, f"POINT:{key}") for key in group.param_keys()} if group else {}
         prefixes = _strings(reader, "SUBJECTS:LABEL_PREFIXES")
         rate = float(reader.point_rate)
+        contexts, labels = (_strings(reader, f"EVENT:{key}") for key in ("CONTEXTS", "LABELS"))
+        times = reader.get("EVENT:TIMES")
+        stretch = ((reader.first_frame - 1) / rate, len(data) / rate) if rate > 0 else (0.0, 0.0)
+        events = _events(contexts, labels, np.ravel(times.float_array) if times is not None else np.empty(0), stretch)
     data = data.reshape(len(data), -1, 5)
     points = data[:, :, :3].transpose(1, 2, 0)
-    return _contents(points, data[:, :, 3].T, parameters, rate, prefixes)
+    contents = _contents(points, data[:, :, 3].T, parameters, rate, prefixes)
+    return replace(contents, laboratory=Laboratory(events))
+
+
+_STRIKE, _OFF = (
+    re.compile(r"(foot|heel)strike|(initial|foot)contact|hs|ic|fs|on"),
+    re.compile(r"(foot|toe)off|to|fo|off"),
+)
+
+
+def _events(
+    contexts: Iterable[object], labels: Iterable[object], times: Floats, stretch: tuple[float, float]
+) -> tuple[GaitEvent, ...]:
+    """The strikes and offs of feet among a file's events, in their order; those outside of its frames are left out.
+
+    Vicon counts times from the trial's first frame, of which a file may hold a part; other programs count them from the
+    file's first frame.
+
+    Args:
+        contexts: of each event, such as Left.
+        labels: of each event, such as Foot Strike, or RHS with a side of its own.
+        times: minutes and seconds of each event, one after another.
+        stretch: seconds from the trial's first frame to the file's first frame, and from there to the end.
+    """
+    found = []
+    for context, label, minutes, seconds in zip(contexts, labels, times[::2], times[1::2], strict=False):
+        side, word = (re.sub(r"[^a-z]", "", str(text).lower()) for text in (context, label))
+        if side not in ("left", "right"):
+            named = re.match(r"left|right|[lr]", word)
+            side = {"l": "left", "r": "right"}[word[0]] if named else ""
+            word = word[named.end() :] if named else word
+        kind = "strike" if _STRIKE.fullmatch(word) else "off" if _OFF.fullmatch(word) else ""
+        if side and kind:
+            found.append(GaitEvent(side, kind, 60.0 * float(minutes) + float(seconds)))
+    shifted = [[event._replace(time=event.time - first) for event in found] for first in (stretch[0], 0.0)]
+    inside = [[event for event in events if -1e-3 < event.time < stretch[1]] for events in shifted]
+    return tuple(sorted(inside[len(inside[1]) > len(inside[0])], key=lambda event: event.time))
+
+
+_LOADED = 20.0
+"""Newton: force from which a foot is on a plate, as usual in gait laboratories."""
+_BRIEF = 0.1
+"""Seconds: loads that last less are not steps."""
+
+
+def _contacts(force: Floats, corners: Floats, rate: float) -> Iterator[Contact]:
+    """The stretches in which a plate is loaded; an end at the start or the end of the file is not known.
+
+    Args:
+        force: on the plate (3, samples), newton; an offset that lasts for most of the file is taken away.
+        corners: of the plate (4, 3).
+        rate: samples per second.
+    """
+    size = np.linalg.norm(np.nan_to_num(force), axis=0)
+    if not (rate > 0 and len(size)):
+        return
+    loaded = np.concatenate([[False], size - np.quantile(size, 0.1) > _LOADED, [False]])
+    edges = np.flatnonzero(np.diff(loaded.astype(np.int8))).reshape(-1, 2)
+    for start, end in edges.tolist():
+        times = start / rate if start else np.nan, end / rate if end < len(size) else np.nan
+        if not np.isnan(times).all() and end - start >= _BRIEF * rate:
+            yield Contact(*times, corners)
 
 
 def _strings(reader: c3d.Reader, name: str) -> list[str]:
@@ -276,7 +371,7 @@ def _contents(points: Floats, residuals: Floats, texts: Texts, rate: float, pref
     labels = _numbered(texts, "LABELS")[: len(points)]
     labels += [""] * (len(points) - len(labels))
     points = np.where(residuals[:, None] < 0, np.nan, points)
-    derived = {label for kind in _NOT_MARKERS for label in _numbered(texts, kind) if label}
+    derived = {label for kind in _NOT_MARKERS for label in _numbered(texts, kind) if label and not _HIP.match(label)}
     rows = [row for row, label in enumerate(labels) if label not in derived]
     notes = (f"{len(labels) - len(rows)} points hold angles, forces and the like, not markers: left out",)
     units = [unit.strip("\0 ") for unit in texts.get("UNITS", ()) if isinstance(unit, str)]

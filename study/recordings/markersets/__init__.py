@@ -63,6 +63,8 @@ class MarkerSetParts(Frozen):
     """Markers that a recording may lack without a message."""
     aliases: dict[str, Names] = Field(default_factory=dict)
     """Other labels of a marker in recordings."""
+    landmarks: dict[str, Name] = Field(default_factory=dict)
+    """Labels of points of the body, such as "left lateral epicondyle", that the labels themselves do not tell."""
 
 
 class MarkerSet(MarkerSetParts):
@@ -86,7 +88,7 @@ class MarkerSet(MarkerSetParts):
         """All markers, segment by segment."""
         return tuple(marker for segment in self.segments for marker in segment.markers)
 
-    def landmarks(self) -> tuple[str, ...]:
+    def between(self) -> tuple[str, ...]:
         """Points on no segment between which hinges lie; no pose and no centre is fitted to them."""
         return tuple(dict.fromkeys(x for joint in self.joints for x in joint.across if x not in self.markers()))
 
@@ -113,6 +115,9 @@ def misfits(parts: MarkerSetParts) -> Iterator[Fault]:
                 words = f"{label!r} is {f'an alias of {meaning[label]}' if meaning[label] else 'itself a marker'}"
                 yield Fault(("aliases", marker), words)
             meaning[label] = marker
+    for point in parts.landmarks:
+        if point not in LANDMARKS.values():
+            yield Fault(("landmarks", point), f"no such point of the body; {did_you_mean(point, LANDMARKS.values())}")
 
 
 def _segments(parts: MarkerSetParts) -> Iterator[Fault]:
@@ -299,20 +304,20 @@ _SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 _STEMS = {
     "asis": "asi asis ias",
     "psis": "psi psis ips",
-    "lateral epicondyle": "kne knee lfc fle lepi lek le kneelat",
-    "medial epicondyle": "mkne mknee knm mfc fme mepi mek me kneemed",
-    "lateral malleolus": "ank ankle lmal fal lm anklelat",
-    "medial malleolus": "mankle mank med mma mmal tam mm anklemed",
+    "lateral epicondyle": "kne knee lfc fle lepi lek le kneelat latknee kneelateral lkne lknee",
+    "medial epicondyle": "mkne mknee knm mfc fme mepi mek me kneemed medknee kneemedial",
+    "lateral malleolus": "ank ankle lmal fal lm anklelat latankle anklelateral latmal",
+    "medial malleolus": "mankle mank med mma mmal tam mm anklemed medankle anklemedial medmal man",
     "heel": "hee heel cal calc fcc ca",
-    "first metatarsal": "mt1 fm1 fmh",
-    "fifth metatarsal": "mt5 fm5 vmh d5m 5meta",
-    "toe": "toe mt2 fm2 smh",
-    "thigh marker": "thi",
-    "shank marker": "tib shn shin",
+    "first metatarsal": "mt1 fm1 fmh 1mt",
+    "fifth metatarsal": "mt5 fm5 vmh d5m 5meta 5mt",
+    "toe": "toe mt2 fm2 smh 2mt",
+    "thigh marker": "thi thigh",
+    "shank marker": "tib shn shin sha shank",
     "hip centre": "hjc",
 }
 """The points of one side of the body, and their labels in common marker sets, behind the letter of a side."""
-_MIDDLE = {"sacrum": "sacr sacrum vsacral"}
+_MIDDLE = {"sacrum": "sacr sacrum vsacral vsac"}
 LANDMARKS = {
     letter + label: f"{side} {point}"
     for letter, side in (("l", "left"), ("r", "right"))
@@ -351,15 +356,28 @@ def spellings(labels: Sequence[str]) -> dict[str, str]:
     return result
 
 
-def landmarks(labels: Sequence[str]) -> dict[str, str]:
+def landmarks(labels: Sequence[str], named: Mapping[str, str] | None = None) -> dict[str, str]:
     """The points of the body that labels stand for: the label of each, such as LASI for "left asis".
 
+    A marker set may name labels of its own (``named``), which go first.
     Of two labels of one point the one whose form comes first in the table counts. A label may end in ``_study``, as
     OpenCap's do, and that of a hip's centre in the name of a method, as in ``LHJC_reg``.
     """
     spelt = {form.removesuffix("study"): label for form, label in reversed(spellings(labels).items())}
     spelt |= {form[:4]: label for form, label in spelt.items() if re.match("[lr]hjc.", form) and form[:4] not in spelt}
-    return {point: spelt[form] for form, point in reversed(LANDMARKS.items()) if form in spelt}
+    found = {point: spelt[form] for form, point in reversed(LANDMARKS.items()) if form in spelt}
+    return found | {point: spelt[form] for point, x in (named or {}).items() if (form := plain(x)) in spelt}
+
+
+_OXFORD = re.compile(r"[lr](fof|hdf)[0-3]"), re.compile(r"[lr]tib[1-3]$")
+"""Points of the Oxford foot model alone, and those of it that have the names of a cluster's markers."""
+
+
+def measured(labels: Sequence[str]) -> list[str]:
+    """The labels without points of the Oxford foot model that are called as a cluster's markers, LTIB1-LTIB3."""
+    model, points = _OXFORD
+    oxford = any(model.match(plain(label)) for label in labels)
+    return [label for label in labels if not (oxford and points.match(plain(label)))]
 
 
 def is_output(label: str) -> bool:
@@ -450,6 +468,7 @@ class Match:
         known |= {point for joint in joints for point in joint.across}
         aliases = {marker: names for marker, names in whole.aliases.items() if marker in known}
         parts = {"segments": tuple(segments), "joints": tuple(joints), "aliases": aliases}
+        parts |= {"landmarks": whole.landmarks}
         return MarkerSet.model_validate({"name": whole.name, "about": whole.about} | parts)
 
     @cached_property
@@ -482,7 +501,8 @@ class Match:
                 lines.append(f"segment {segment} lacks {', '.join(missed)}")
         lines += [f"joint {joint} cannot be found: {why}" for joint, why in self.lost.items()]
         outputs = [label for label in self.extra if is_output(label)]
-        points = [label for label in landmarks(self.source.markers).values() if label in self.extra]
+        known = landmarks(self.source.markers, self.whole.landmarks)
+        points = [label for label in known.values() if label in self.extra]
         others = [label for label in self.extra if label not in (*outputs, *points)]
         lines += [f"not in the {what}, but points of the body: {_listed(points, _LISTED)}"] * bool(points)
         lines += [f"not in the {what}: {_listed(others, _LISTED)}"] * bool(others)
@@ -520,9 +540,10 @@ def match(markerset: MarkerSet, recording: Recording) -> Match:
     own joint to its parent is found, which is then the third point. The child needs one marker.
     """
     visible = [label for label, share in zip(recording.markers, recording.missing(), strict=True) if share < 1]
+    visible = measured(visible)
     spelt = spellings(visible)
     labels: dict[str, str] = {}
-    for m in (*markerset.markers(), *markerset.landmarks()):
+    for m in (*markerset.markers(), *markerset.between()):
         names = (m, *markerset.aliases.get(m, ()))
         label = m if m in visible else next((spelt[plain(name)] for name in names if plain(name) in spelt), None)
         if label is not None and label not in labels.values():
@@ -533,8 +554,75 @@ def match(markerset: MarkerSet, recording: Recording) -> Match:
     return Match(markerset, recording, labels, lacking, _lost(markerset, set(labels)))
 
 
+BY_NAME = "by-name"
+"""Name of the marker set that is made of a recording's labels: side, segment and number."""
+_PARTS = {"thigh": "thigh|thi|th|femur|fem|upleg", "shank": "shank|shk|sha|sh|sk|tibia|tib|tb|ti|leg|calf"}
+_PARTS |= {"foot": "foot|ft", "pelvis": "pelvis|pelv|pel"}
+_WHERE = r"ant|post|front|rear|back|upper|lower|up|lo|prox|dist|sup|inf|lat|med|ap|ad|[a-h]|\d{1,2}"
+_CLUSTERED = re.compile(
+    rf"(?P<side>left|right|[lr])?(?P<before>{_WHERE})?(?P<part>{'|'.join(_PARTS.values())})"
+    rf"(?P<where>{_WHERE})?(?P<after>left|right|[lr])?"
+)
+_OF_PARTS = {
+    "pelvis": ("asis", "psis"),
+    "thigh": ("thigh marker", "lateral epicondyle"),
+    "shank": ("shank marker", "lateral malleolus"),
+    "foot": ("heel", "first metatarsal", "fifth metatarsal", "toe"),
+}
+"""Points of the body on each part of a leg, for parts with fewer than three markers of a cluster."""
+
+
+def set_by_name(labels: Sequence[str]) -> MarkerSet | None:
+    """Make a marker set of pelvis and legs from labels such as R_THIGH_1 or R.Ant.Fem: side, segment, number or place.
+
+    A thigh or shank with fewer than three such markers gets the lateral point at its end. Epicondyles and malleoli
+    beside clusters are points between which hinges lie.
+
+    Returns:
+        The set; None if the labels show no pelvis and no thigh on it.
+    """
+    groups: dict[str, list[str]] = {}
+    for form, label in spellings(labels).items():
+        part = _CLUSTERED.fullmatch(form)
+        if part is None or label in (marker for group in groups.values() for marker in group):
+            continue
+        kind = next(name for name, words in _PARTS.items() if re.fullmatch(words, part["part"]))
+        side = _SIDES.get(part["side"] or part["after"] or "", "")
+        if kind == "pelvis" or side:
+            groups.setdefault(kind if kind == "pelvis" else f"{side}_{kind}", []).append(label)
+    points = landmarks(labels)
+
+    def of(name: str, kind: str, ends: Sequence[str]) -> list[str]:
+        whose = (name,) if kind != "pelvis" else ("left", "right")
+        return [points[f"{side} {end}"] for end in ends for side in whose if f"{side} {end}" in points]
+
+    pelvis = [*of("", "pelvis", _OF_PARTS["pelvis"]), *([points["sacrum"]] if "sacrum" in points else [])]
+    segments = [Segment(name="pelvis", markers=tuple(dict.fromkeys([*pelvis, *groups.get("pelvis", [])])))]
+    joints: list[Joint] = []
+    for side in ("left", "right"):
+        above = "pelvis"
+        for kind, joint in (("thigh", "hip"), ("shank", "knee"), ("foot", "ankle")):
+            own = groups.get(f"{side}_{kind}", [])
+            own += of(side, kind, _OF_PARTS[kind]) if len(own) < 3 or kind == "foot" else []
+            name, ends = f"{side}_{kind}", tuple[str, ...]()
+            if not own:
+                break
+            if kind == "shank" and {f"{side} lateral epicondyle", f"{side} medial epicondyle"} <= points.keys():
+                ends = points[f"{side} lateral epicondyle"], points[f"{side} medial epicondyle"]
+            segments.append(Segment(name=name, markers=tuple(dict.fromkeys(own)), parent=above))
+            turns: Literal["ball", "hinge"] = "hinge" if kind == "shank" else "ball"
+            joints.append(Joint(name=f"{side}_{joint}", parent=above, child=name, kind=turns, across=ends))
+            above = name
+    if len(segments[0].markers) < 3 or not joints:
+        return None
+    about = "made of the labels: pelvis and legs, by side, segment and number"
+    return MarkerSet(name=BY_NAME, about=about, segments=tuple(segments), joints=tuple(joints))
+
+
 def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Match:
-    """Choose the marker set that fits a recording best: the most joints, then the most markers, then fewest aliases.
+    """Choose the marker set that explains a recording best: the most joints, then the most labels, then fewest aliases.
+
+    Beside the shipped sets stands one that is made of the labels (`set_by_name`).
 
     A set is chosen only if most of its joints can be found, or most of those whose segments the recording shows (at
     least four of these, or with most of the recording's markers), or if all its markers on both sides of a joint are
@@ -548,7 +636,10 @@ def choose(recording: Recording, candidates: Sequence[str] | None = None) -> Mat
         MarkerSetError: if none of them fits.
     """
     names = shipped() if candidates is None else list(candidates)
-    matches = sorted((match(load_markerset(name), recording) for name in names), key=_quality, reverse=True)
+    sets = [load_markerset(name) for name in names]
+    if candidates is None and (made := set_by_name(measured(recording.markers))) is not None:
+        sets.append(made)
+    matches = sorted((match(one, recording) for one in sets), key=_quality, reverse=True)
     if fitting := [placed for placed in matches if _fits(placed)]:
         return fitting[0]
     labels = ", ".join(recording.markers[:8]) + (", ..." if len(recording.markers) > 8 else "")
@@ -582,7 +673,8 @@ def place_markerset(recording: Recording, markerset: str | None = None) -> Match
     """
     if markerset is None:
         return choose(recording)
-    placed = match(load_markerset(markerset), recording)
+    made = set_by_name(measured(recording.markers)) if markerset == BY_NAME else None
+    placed = match(made or load_markerset(markerset), recording)
     if not placed.joints:
         reasons = "; ".join(f"{joint}: {reason}" for joint, reason in list(placed.lost.items())[:3])
         words = f"no joint of marker set {markerset} can be found ({reasons}, ...)"
@@ -609,11 +701,11 @@ def _share(placed: Match) -> str:
 
 
 def _quality(placed: Match) -> tuple[int, int, int, int]:
-    """Order by how well a set fits: joints, markers, gaps in the segments that the recording shows, aliases."""
-    aliases = sum(marker != label for marker, label in placed.labels.items())
+    """Order by how well a set fits: joints, labels that it explains, those by their own names, gaps in its segments."""
+    own = sum(plain(label).endswith(plain(marker)) for marker, label in placed.labels.items())
     shown = (s.name for s in placed.whole.segments if any(marker in placed.labels for marker in s.markers))
     gaps = sum(len(placed.lacking.get(name, ())) for name in shown)
-    return len(placed.joints), len(placed.labels), -gaps, -aliases
+    return len(placed.joints), len(placed.labels), own, -gaps
 
 
 def _lost(markerset: MarkerSet, seen: set[str]) -> dict[str, str]:

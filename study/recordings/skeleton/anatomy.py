@@ -12,7 +12,8 @@ joint coordinate systems, part I; Grood and Suntay 1983 for the angles between t
 - shank: y from the middle of the malleoli to the knee, z in the plane of y and the malleoli.
 - foot: x from the heel to the middle of the first and fifth metatarsals, z in the plane of x and these. Without them
   x goes to the toe's marker, and y is in the plane of x and the ankle, some 4 cm above. An ankle that is known to 1 cm
-  shows the foot's adduction to some 15° only, but its flexion well.
+  shows the foot's adduction to some 15° only, but its flexion well. Where a file of Plug-in Gait has the static trial's
+  plantar flexion (LStaticPlantFlex), x is the line from ankle to toe tilted up by it, as Vicon has the foot's zero.
 
 Plug-in Gait has no medial epicondyle and no medial malleolus, but measured widths. By its chord method the centre of a
 knee is half the knee's width and half a marker's diameter from the lateral marker, in the plane of this marker, the
@@ -78,7 +79,9 @@ def legs(markerset: MarkerSet) -> dict[str, str]:
     The pelvis is the segment with both anterior spines. From it each leg follows from joint to joint.
     """
     spines = {"left asis", "right asis"}
-    pelvis = next((s.name for s in markerset.segments if spines <= landmarks(s.markers).keys()), None)
+    pelvis = next(
+        (s.name for s in markerset.segments if spines <= landmarks(s.markers, markerset.landmarks).keys()), None
+    )
     if pelvis is None:
         return {}
     result = {"pelvis": pelvis}
@@ -136,8 +139,9 @@ def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Float
     Returns:
         The place of each point, such as "left asis", that is seen together with its segment.
     """
-    segments, places = legs(skeleton.calibration.markerset), {}
-    for point, label in landmarks(source.markers).items():
+    markerset = skeleton.calibration.markerset
+    segments, places = legs(markerset), {}
+    for point, label in landmarks(source.markers, markerset.landmarks).items():
         name = _owner(point, segments)
         if name is None:
             continue
@@ -146,7 +150,7 @@ def points_of_the_body(skeleton: Skeleton, source: Recording) -> dict[str, Float
         if seen.any():
             rotation, origin = skeleton.rotations[number][:, :, seen], skeleton.origins[number][:, seen]
             places[point] = np.median(to_local(rotation, origin, source.of(label)[:, seen]), axis=1)
-    for point, marker in landmarks(skeleton.calibration.markerset.markers()).items():
+    for point, marker in landmarks(markerset.markers(), markerset.landmarks).items():
         name = _owner(point, segments)
         if point not in places and name is not None and marker in (shape := skeleton.calibration.shape(name)).markers:
             places[point] = shape.places[shape.markers.index(marker)]
@@ -223,6 +227,28 @@ def anatomical_axes(calibration: Calibration, points: Mapping[str, Floats]) -> d
     return {name: axes for name, axes in result.items() if axes is not None}
 
 
+def static_feet(
+    calibration: Calibration, points: Mapping[str, Floats], offsets: Mapping[str, float]
+) -> dict[str, Floats]:
+    """Axes of feet without metatarsals (3, 3) whose plantar flexion a static trial of Plug-in Gait has, radians.
+
+    The line from ankle to toe is tilted up by it, in the plane of heel, toe and ankle.
+    """
+    segments, above = legs(calibration.markerset), {place.joint.child: place for place in calibration.joints}
+    result = {}
+    for one in _MIRROR:
+        segment, tilt = segments.get(f"{one} foot"), offsets.get(f"{one} foot flexion")
+        heel, toe, *ends = (points.get(f"{one} {end}") for end in ("heel", "toe", *_POINTS["foot"][-2:]))
+        whole = all(end is not None for end in ends)
+        if segment is None or tilt is None or heel is None or toe is None or whole or not above[segment].known:
+            continue
+        ankle = above[segment].in_child
+        if (axes := _frame(0, toe - ankle, 1, ankle - heel)) is not None:
+            cosine, sine = np.cos(tilt), np.sin(tilt)
+            result[segment] = axes @ [[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]
+    return result
+
+
 def axes_errors(calibration: Calibration, points: Mapping[str, Floats]) -> dict[str, Floats]:
     """Covariance of the rotation of anatomical axes (3, 3), rad², in the segments' axes, from errors of their points.
 
@@ -239,6 +265,8 @@ def axes_errors(calibration: Calibration, points: Mapping[str, Floats]) -> dict[
                 moved.append((replace(calibration, joints=joints), {**points}))
     for each in moved:
         for name, changed in anatomical_axes(*each).items():
+            if name not in axes:  # a moved point may show axes that the points where they are do not
+                continue
             turn = Rotation.from_matrix(changed @ axes[name].T).as_rotvec()
             squares[name] += np.outer(turn, turn)
     return squares
@@ -290,6 +318,8 @@ def with_anatomy(calibration: Calibration, trial: DrawnTrial, source: Recording,
     calibration, trial = _redrawn(calibration, places, trial)
     points = points_of_the_body(trial.skeleton, source) | medial
     axes, errors = anatomical_axes(calibration, points), axes_errors(calibration, points)
+    feet = static_feet(calibration, points, source.laboratory.offsets)
+    axes |= {name: foot for name, foot in feet.items() if name in axes}
     shapes = (
         replace(s, anatomy=axes[s.segment], anatomy_covariance=errors[s.segment]) if s.segment in axes else s
         for s in calibration.shapes
@@ -485,7 +515,7 @@ def weighted(center: Floats, motion: Floats, covariance: Floats) -> tuple[Floats
 
 def regression_hint(calibration: Calibration, source: Recording) -> list[str]:
     """The line that tells of the regression where every hip is doubted and the file has its points; none otherwise."""
-    segments, known = legs(calibration.markerset), landmarks(source.markers).keys()
+    segments, known = legs(calibration.markerset), landmarks(source.markers, calibration.markerset.landmarks).keys()
     hips = [place for place in calibration.joints if place.joint.child in (segments.get(f"{s} thigh") for s in _MIRROR)]
     back = {"left psis", "right psis"} <= known or "sacrum" in known
     own = {"left hip centre", "right hip centre"} <= known

@@ -358,3 +358,52 @@ def test_every_field_of_the_header_and_of_the_parameters(rich):
         mutants += [(place + offset, bytes([count])) for offset in (1, 2) for count in (0, 1, 3, 7, 8, 255)]
     assert len(mutants) > 800
     assert survived(rich, [[mutant] for mutant in mutants]) < 0.8 * len(mutants)
+
+
+def event_file(path, first, started):
+    """A C3D file of 100 frames at 100 Hz with events, whose times count from ``started`` seconds before its start."""
+    import ezc3d
+
+    file = ezc3d.c3d()
+    point = file["parameters"]["POINT"]
+    point["LABELS"]["value"], point["UNITS"]["value"], point["RATE"]["value"] = ["A", "LTIB1", "LHJC"], ["mm"], [100.0]
+    file.add_parameter("POINT", "MODELED_MARKERS", ["LTIB1", "LHJC"])
+    file["header"]["points"]["first_frame"] = first
+    points = np.ones((4, 3, 100))
+    points[0] = np.arange(100.0)
+    file["data"]["points"] = points
+    told = [("Left", "Foot Strike"), ("General", "RTO"), ("Right", "Initial Contact"), ("General", "Start")]
+    file.add_parameter("EVENT", "USED", [4])
+    file.add_parameter("EVENT", "CONTEXTS", [context for context, _ in told])
+    file.add_parameter("EVENT", "LABELS", [label for _, label in told])
+    seconds = started + np.array([0.1, 0.4, 0.7, 0.8])
+    file.add_parameter("EVENT", "TIMES", np.array([seconds // 60, seconds % 60]))
+    file.write(str(path))
+    return path
+
+
+@pytest.mark.parametrize(("first", "started"), [(0, 0.0), (7000, 70.0), (7000, 0.0)])
+def test_events_and_markers_of_a_model(tmp_path, either, first, started):
+    """Strikes and offs have their side by context or label, and seconds from the file's first frame, by either library.
+
+    Times may count from the trial's start or from the file's. Markers of a model are left out, but hips' centres.
+    """
+    found = read_recording(event_file(tmp_path / "a.c3d", first, started))
+    events = found.laboratory.events
+    assert [event[:2] for event in events] == [("left", "strike"), ("right", "off"), ("right", "strike")]
+    np.testing.assert_allclose([event.time for event in events], [0.1, 0.4, 0.7], atol=1e-5)
+    assert found.markers == ("A", "LHJC")
+    part = read_recording(tmp_path / "a.c3d", frames="21-60").laboratory.events
+    np.testing.assert_allclose([event.time for event in part], [0.2], atol=1e-5)
+
+
+def test_loads_on_force_plates(shared_file):
+    """A walk's two plates are loaded when Vicon's events say so, to 10 ms; their corners are in metres."""
+    told = read_recording(shared_file("plug_in_gait/HC030A05.c3d")).laboratory
+    loads = sorted(told.contacts, key=lambda load: load.start)
+    times = {(event.side, event.kind): event.time for event in reversed(told.events)}
+    strikes = [times[side, "strike"] for side in ("right", "left")]
+    np.testing.assert_allclose([load.start for load in loads], strikes, atol=0.01)
+    edges = [np.linalg.norm(load.corners[1] - load.corners[0]) for load in loads]
+    np.testing.assert_allclose(edges, 0.464, atol=0.001)
+    assert told.offsets.keys() == {"left foot flexion", "right foot flexion"}
