@@ -201,7 +201,8 @@ def test_what_is_printed(gait):
         for place, side in enumerate(("left", "right")):
             own = gait.curves.query(f"side == '{side}' and joint == '{joint}' and angle == '{angle}'")
             curves = np.array([part[["value", "error"]].to_numpy() for _, part in own.groupby("cycle")])
-            mean, error = curves[:, :, 0].mean(axis=0), np.sqrt((curves[:, :, 1] ** 2).mean(axis=0))
+            mean, spread = curves[:, :, 0].mean(axis=0), curves[:, :, 0].var(axis=0, ddof=1) / len(curves)
+            error = np.sqrt((curves[:, :, 1] ** 2).mean(axis=0) + spread)  # of three cycles or more
             words = f"{mean.min():.0f}° to {mean.max():.0f}°, ± {np.median(error):.1f}°"
             assert said[f"{joint} {angle}"][place] == words
     order = [line[0] for line in lines]
