@@ -213,6 +213,12 @@ class GivenFit(Fit):
         return self._sets.alike & np.isnan(self._given.radius)
 
     @cached_property
+    def _plain(self) -> Self | None:
+        """Those fits alone; None if all of a batch are such, or none: beside others, they have their own answers."""
+        plain = self._nothing_known
+        return self[plain.reshape(self.shape)] if plain.any() and not plain.all() else None
+
+    @cached_property
     def _believed(self) -> Believed:
         """Radii by points and statement together, in the units of the sets."""
         assert self._given.prior is not None
@@ -243,6 +249,8 @@ class GivenFit(Fit):
             ratio = np.sqrt((freedom * seen.ratio**2 + shift) / (freedom + 1.0)) * noise
         wider = (test.p < _NOTICED).reshape(-1, 1) & (ratio > seen.ratio) & np.isfinite(ratio)
         ratio, freedom = np.where(wider, ratio, seen.ratio), np.where(wider, freedom + 1.0, seen.freedom)
+        if (plain := self._plain) is not None:
+            ratio[self._nothing_known], freedom[self._nothing_known] = plain._evidence.ratio, plain._evidence.freedom
         return seen._replace(ratio=ratio, freedom=freedom)
 
     @property
@@ -335,6 +343,8 @@ class GivenFit(Fit):
         if samples.weights is None:
             return np.asarray(super().outliers)
         named = weighted_outliers(samples)
+        if (plain := self._plain) is not None:
+            named[self._nothing_known] = plain.outliers
         return np.asarray(named.reshape(*self.shape, named.shape[1]))
 
     def _intervals_at(self, level: float) -> Intervals:
@@ -380,6 +390,11 @@ class GivenFit(Fit):
     def _judged(self) -> tuple[Ints, Goodness]:
         """The status by the rule for every fit, which a known radius must pass, and a noise that is given, by χ²."""
         status, goodness = super()._judged
+        if (plain := self._plain) is not None:
+            places = self._nothing_known.reshape(self.shape)
+            status[places] = plain._judged[0]
+            for whole, part in zip(goodness, plain._judged[1], strict=True):
+                whole[..., places] = part
         refused = self.radius_test.p < _NOTICED
         if self._noise_is_known:
             sets, sphere = self._sets, self._spheres
