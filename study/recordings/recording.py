@@ -355,7 +355,7 @@ def assemble(
         notes.append(f"the file does not give its unit: {used} assumed")
     rate = contents.rate if rate is None else rate
     if rate is None or not 0.0 < rate <= sys.float_info.max:
-        words = "is not given" if rate is None else f"is {rate!s:.40}"
+        words = "is not given" if rate is None else f"is {str(rate).removesuffix('.0'):.40}"
         raise RecordingError(f"its rate in frames per second {words}; give one above 0 with --rate")
     positions = np.array(contents.points[rows], dtype=np.float64, order="C")
     missing = ~np.isfinite(positions).all(axis=1) | (positions == 0).all(axis=1)
