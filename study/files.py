@@ -163,7 +163,8 @@ def save_frame(frame: "pd.DataFrame", path: Path) -> None:
 def named_path(path: object, what: str) -> Path:
     """The path that a caller gives for something; a TypeError names what is none."""
     if not isinstance(path, str | Path):
-        raise TypeError(f"{what} = {path!r:.60}: expected the name of a file or folder")
+        shown = " ".join(f"{path!r:.60}".split())
+        raise TypeError(f"{what} = {shown}: expected the name of a file or folder")
     return Path(path)
 
 

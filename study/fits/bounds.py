@@ -206,6 +206,9 @@ _RANK = 1e-14
 _LOST = 1e-7
 """Efficient scores below this share of the scores have lost the digits that are promised."""
 
+_MOST_DIMENSIONS = 1000
+"""Most dimensions of a bound, whose matrix grows with their square: 8 MB."""
+
 
 def attainable_bound(angle: float = 45.0, noise: float = 0.3, dimension: int = 3) -> Floats:
     """Attainable bound to the covariance of (centre, radius), for one sample on a cap of the unit sphere.
@@ -234,13 +237,20 @@ def attainable_bound(angle: float = 45.0, noise: float = 0.3, dimension: int = 3
         >>> np.sqrt(np.diag(study.attainable_bound(45, noise=0.1)) / 100).round(4)
         array([0.1365, 0.0285, 0.0285, 0.117 ])
     """
-    phi, sigma, d = one_number("angle", angle), one_number("noise", noise), operator.index(dimension)
+    phi, sigma, d = one_number("angle", angle), one_number("noise", noise), bound_dimension(dimension)
     if not 0.0 < phi <= 180.0:
         raise ValueError(f"angle = {phi!r}: give the half-angle of the cap in degrees, above 0 and at most 180")
     _square(sigma)
-    if d < 2:
-        raise ValueError(f"dimension = {d!r}: a sphere needs at least 2")
     return _cached(Cap(math.radians(phi), sigma, d)).copy()
+
+
+def bound_dimension(dimension: int) -> int:
+    """Check that a dimension is one for which there is a bound."""
+    if operator.index(dimension) < 2:
+        raise ValueError(f"dimension = {dimension!r:.40}: a sphere needs at least 2")
+    if dimension > _MOST_DIMENSIONS:
+        raise ValueError(f"dimension = {dimension!r:.40}: a bound is known for {_MOST_DIMENSIONS:,} at most")
+    return operator.index(dimension)
 
 
 def one_number(name: str, value: float) -> float:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from study.fits.bounds import NOISY, attainable_bound, one_number
+from study.fits.bounds import NOISY, attainable_bound, bound_dimension, one_number
 from study.fits.cap import sample_cap
 from study.fits.random import stream
 from study.fits.registry import fit
@@ -84,7 +84,7 @@ def plan_fit(
     sigma, r, wanted = (_positive(name, value) for name, value in given.items())
     if of not in ("center", "radius"):
         raise ValueError(f"of = {of!r}: plan the error of the 'center' or of the 'radius'")
-    fewest, place = dimension + 7, 0 if of == "center" else -1
+    fewest, place = bound_dimension(dimension) + 7, 0 if of == "center" else -1
     if points is not None and not fewest <= operator.index(points) < _LARGEST_PLAN:
         words = f"plan with at least {fewest}, from which on intervals cover, and below {_LARGEST_PLAN:g}"
         raise ValueError(f"points = {points!s:.40}: {words}")

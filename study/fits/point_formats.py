@@ -344,8 +344,8 @@ def read_numpy(file: BinaryIO, wanted: Wanted) -> Columns:
         file.seek(0)
         if file.read(4) == b"PK\x03\x04":
             archive = zipfile.ZipFile(file)
-            for member in archive.infolist():
-                _assert_few(_assert_whole(archive.open(member), member.file_size))
+            shapes = [_assert_whole(archive.open(member), member.file_size) for member in archive.infolist()]
+            _assert_few(sum(map(prod, shapes)), length)
         else:
             _assert_whole(file, length)
         file.seek(0)
@@ -393,15 +393,16 @@ def _assert_whole(file: IO[bytes], length: int) -> tuple[int, ...]:
 
 
 _MOST_NUMBERS = 30_000_000
-"""Most coordinates in a file that packs its numbers, so that its length does not limit them."""
+"""Most coordinates in a short file that packs them: they take 2 GB while they are read."""
+_PACKED = 4
+"""More coordinates than measured points pack into a byte: LASzip leaves 7 % of 20 bytes a point (Isenburg 2013)."""
 
 
-def _assert_few(shape: tuple[int, ...]) -> None:
-    """Raise if points of this shape, which are packed in a short file, are too many for memory."""
-    if prod(shape) > _MOST_NUMBERS:
-        count = " x ".join(f"{n:,}" for n in shape)
-        remedy = "save every tenth point, or all of them as .npy"
-        raise PointFileError(f"{count} packed numbers, of which {_MOST_NUMBERS:,} are read at most; {remedy}")
+def _assert_few(count: int, length: int) -> None:
+    """Raise if so many coordinates, which a file of so many bytes packs, are too many for memory."""
+    if count > max(_MOST_NUMBERS, _PACKED * length):
+        remedy = "leave out copies of points, or save them as .npy"
+        raise PointFileError(f"{length:,} bytes pack {count:,} numbers, more than {_MOST_NUMBERS:,}; {remedy}")
 
 
 def read_parquet(file: BinaryIO, wanted: Wanted) -> Columns:
@@ -418,7 +419,7 @@ def read_parquet(file: BinaryIO, wanted: Wanted) -> Columns:
         if not names or not rows:
             raise PointFileError("no numeric column, or no row")
         chosen = wanted.places(names)
-        _assert_few((rows, len(chosen)))
+        _assert_few(rows * len(chosen), file.seek(0, os.SEEK_END))
         table = stored.read(columns=[names[i] for i in chosen])
         values = [table.column(names[i]).cast(pa.float64(), safe=False).to_numpy() for i in chosen]
     return _chosen(names, chosen, np.stack(values, axis=1))
@@ -565,6 +566,8 @@ def _is_packed(file: BinaryIO) -> bool:
     if max(start, 54 * variable) + 60 * extended + size * points * (not packed) > length:
         words = f"its header claims {points:,} points and {variable + extended:,} records more"
         raise ValueError(f"{words}, and it is shorter")
+    if packed:
+        _assert_few(3 * points, length)
     file.seek(0)
     return packed
 

@@ -8,6 +8,7 @@ what a recording holds, and `with_origin` stamps a stored table with the recordi
 import hashlib
 import os
 import re
+import sys
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -419,8 +420,8 @@ def assemble(
     if unit is None and not contents.unit:
         notes.append(f"the file does not give its unit: {used} assumed")
     rate = contents.rate if rate is None else rate
-    if rate is None or not np.isfinite(rate) or rate <= 0:
-        words = "is not given" if rate is None else f"is {rate:g}"
+    if rate is None or not 0.0 < rate <= sys.float_info.max:
+        words = "is not given" if rate is None else f"is {str(rate).removesuffix('.0'):.40}"
         raise RecordingError(f"its rate in frames per second {words}; give one above 0 with --rate")
     positions = np.array(contents.points[rows], dtype=np.float64, order="C")
     missing = ~np.isfinite(positions).all(axis=1) | (positions == 0).all(axis=1)

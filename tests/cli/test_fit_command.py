@@ -324,10 +324,14 @@ def test_the_commands_that_make_a_run_again(refused, well, call_here, folder):
     path.unlink()
     assert command in call_here(folder, "verify", "out", "--plugin", "my.py")[2]
     forget()
+    words = "out: ... was made with estimators, laws or measures of my.py: give --plugin my.py"
+    refused(folder, 1, words, "status", "out")  # begun and not finished
     well(folder, *command.split()[1:])
     forget()
-    words = "out: ... was made with estimators, laws or measures of my.py: give --plugin FILE"
     refused(folder, 1, words, "summary", "out")
+    refused(folder, 1, words, "status", "out")
+    (folder / "out" / "own.json").unlink()  # a run of an older version, which says it in its manifest
+    refused(folder, 1, words, "status", "out")
 
 
 def test_a_violation_is_code_1(call_here, folder):

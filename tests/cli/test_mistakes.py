@@ -17,12 +17,14 @@ from pathlib import Path
 import psutil
 import pytest
 
+import study
 from study import cli
 from study.files import writing
 from study.fits import registry
 from study.simulation.runs.parts import FORMAT, Parts
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import interrupts_later
+from study.toml import ConfigError
 
 LOOP = "import study\ndef loop(points):\n    while True: pass\nstudy.register('loop', loop)\n"
 
@@ -245,6 +247,40 @@ def test_a_pipe_is_not_replaced(refused, folder, line):
     words = f"{pipe.name}: cannot be written: a device or a pipe has this name, and is not replaced; give another"
     refused(folder, 1, words, *line.split(), silent=False)
     assert pipe.is_fifo()
+
+
+ENDLESS = ["plan ENDLESS", "check ENDLESS", "run ENDLESS", "estimators --plugin ENDLESS"]
+ENDLESS += ["joints body.csv --unit mm --markerset ENDLESS", "skeleton body.csv --unit mm --calibration ENDLESS"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no named pipes and no /dev")
+@pytest.mark.parametrize("line", ENDLESS)
+def test_what_may_never_end_is_not_opened(call_here, tmp_path, line):
+    """A pipe nobody writes to would wait for ever, a device would fill the memory: one line for each."""
+    names = [f"{name}:{axis}" for name in ("LASI", "RASI", "LPSI", "RPSI") for axis in "XYZ"]
+    rows = [",".join(["Time", *names]), *(",".join(map(str, [i / 100, *range(12)])) for i in range(20))]
+    (tmp_path / "body.csv").write_text("\n".join(rows))
+    pipe, device = ("pipe.toml", "zero.toml") if "--markerset" in line else ("pipe.py", "zero.py")
+    os.mkfifo(tmp_path / pipe)
+    (tmp_path / device).symlink_to("/dev/zero")
+    for endless in (pipe, device):
+        code, said, complained = call_here(tmp_path, *line.replace("ENDLESS", endless).split())
+        assert (code, said) in ((1, ""), (2, ""))
+        assert f"{endless}: cannot be read: not a regular file" in complained
+        assert len(complained.splitlines()) == 1 or "Usage: " in complained
+    with pytest.raises(ConfigError, match="/dev/zero: cannot be read: not a regular file"):
+        study.run("/dev/zero")
+
+
+@pytest.mark.parametrize("threads", ["0", "-1", "two", ""])
+def test_a_number_of_threads_that_is_none(call_here, tmp_path, monkeypatch, threads):
+    """Numba would raise when it is imported."""
+    monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
+    code, said, complained = call_here(tmp_path, "estimators")
+    assert (code, said) == (2, "")
+    assert complained == (
+        f"NUMBA_NUM_THREADS = {threads!r}: must be a whole number above 0; unset it, or give --jobs\n"
+    )
 
 
 @pytest.mark.skipif(os.name == "nt", reason="on Windows links need a right of their own")

@@ -10,6 +10,7 @@ from functools import partial
 from io import BytesIO
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from study.fits.point_files import read_points
@@ -238,3 +239,34 @@ def test_noise_that_is_none(refusal, value):
     rows = [",".join(map(str, [*p, value if i == 2 else 0.1])) for i, p in enumerate(POINTS)]
     words = f"sigma = {value} at point 3: a standard deviation must be positive and finite"
     refusal("a.csv", "\n".join(["x,y,z,sigma", *rows]).encode(), words)
+
+
+@pytest.mark.parametrize("name", ["copies.parquet", "copies.npz"])
+def test_a_short_file_of_many_points(refusal, tmp_path, monkeypatch, name):
+    """Copies of a point pack into almost nothing: they are counted by the header, before memory is taken for them."""
+    monkeypatch.setattr("study.fits.point_formats._MOST_NUMBERS", 150_000)
+    many = np.ones((100_000, 3))
+    if name.endswith("parquet"):
+        pd.DataFrame(many, columns=list("xyz")).to_parquet(tmp_path / "made")
+        data = (tmp_path / "made").read_bytes()
+    else:
+        data = saved(np.savez_compressed, points=many)
+    assert len(data) < 30_000
+    refusal(name, data, r"[\d,]+ bytes pack 300,000 numbers, more than 150,000; leave out copies")
+    monkeypatch.setattr("study.fits.point_formats._PACKED", 300)
+    (tmp_path / name).write_bytes(data)
+    assert len(read_points(tmp_path / name).points) == 100_000
+
+
+def test_a_packed_cloud_of_many_points(refusal):
+    """They are counted by the header, too."""
+    data = bytearray(laz())
+    data[107:111] = b"\xff" * 4
+    refusal("a.laz", data, "pack 12,884,901,885 numbers, more than 30,000,000")
+
+
+def test_arrays_that_are_many_together(refusal, monkeypatch):
+    """An archive is counted whole."""
+    monkeypatch.setattr("study.fits.point_formats._MOST_NUMBERS", 150_000)
+    data = saved(np.savez_compressed, **{name: np.ones(60_000) for name in "xyz"})
+    refusal("a.npz", data, "pack 180,000 numbers, more than 150,000")

@@ -5,6 +5,8 @@ Missing samples: the answer is the same as without the rows with a NaN or a mask
 Data that determine no sphere: a status and NaN, no exception, no warning, and no effect on other sets.
 """
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -419,6 +421,20 @@ def test_equal_noises_of_unknown_scale(rng, on_cap):
         study.fit(points, noise=np.full(60, 1e-300))
 
 
+def test_equal_noises_in_some_sets_of_a_batch(rng):
+    """They have the answers that they have alone, whatever the noises of the sets beside them."""
+    u = rng.normal(size=(16, 12, 2))
+    points = 2.0 * u / np.linalg.norm(u, axis=2, keepdims=True) + 0.05 * rng.normal(size=u.shape)
+    points[:8, 4] *= 1.4
+    noise = np.where(np.arange(16)[:, None] % 2 == 0, 0.1, rng.choice([0.1, 0.2], size=(16, 12)))
+    batch = study.fit(points, noise=noise, scale="estimated")
+    alone = study.fit(points[::2], noise=noise[::2], scale="estimated")
+    assert alone.outliers[:4, 4].any()
+    for name in ("standard_errors", "outliers", "status", "allowance"):
+        np.testing.assert_array_equal(getattr(batch, name)[::2], getattr(alone, name))
+    np.testing.assert_array_equal(batch.goodness.answers[:, ::2], alone.goodness.answers)
+
+
 def test_columns_of_angles():
     """A coordinate in degrees is no length."""
     with pytest.raises(ValueError, match=r"column 'x \(deg\)' holds angles, not lengths"):
@@ -439,3 +455,16 @@ def test_plans_beyond_all_numbers():
         study.plan_fit(0.1, 25, 1e-300, angle=60)
     with pytest.raises(ValueError, match=r"noise = 1000.*: must be below 1\.8e308"):
         study.plan_fit(10**400, 25, 0.1, angle=60)
+    with pytest.raises(ValueError, match=r"points = 10{39}: plan with at least 10"):
+        study.plan_fit(0.1, 25, 0.1, points=10**400)
+    for call in (partial(study.plan_fit, 0.1, 25, 0.1, points=20), study.attainable_bound):
+        with pytest.raises(ValueError, match=r"^dimension = 10{39}: a bound is known for 1,000 at most$"):
+            call(dimension=10**400)
+
+
+@pytest.mark.parametrize("call", [study.find_joints, study.find_gait])
+@pytest.mark.parametrize("value", [None, 3, b"x", [None]])
+def test_no_recording(call, value):
+    """What is no recording is named, alone and among several."""
+    with pytest.raises(TypeError, match=r"recording = .*: expected the name of a file or folder"):
+        call(value)

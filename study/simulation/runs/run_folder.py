@@ -4,6 +4,7 @@
         config.toml        the config, as it was given
         manifest.json      config, software, machine, seconds, digests of the tables and of itself; ends a run
         parts/             finished rows of a run that is not finished; see `study.simulation.runs.parts`
+        own.json           files whose estimators, laws or measures the run has, if any; written when a run begins
         share.json         number of the share, and the software that computes it, if the folder is for a share alone
         errors.parquet     a row per cell, trial and estimator
         failures.parquet   fits that raised an exception or whose worker died, if there are any
@@ -25,6 +26,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -50,6 +52,7 @@ Manifest = dict[str, Any]
 """A manifest as JSON has it."""
 NAME = "manifest.json"
 SHARE = "share.json"
+OWN = "own.json"
 DIGEST = "digest"
 NO_TRIAL = "its budget ended before any cell had a trial; run `study run` again to resume"
 """Fault of a run that has no rows."""
@@ -152,17 +155,19 @@ def _without_digest(content: Manifest) -> Manifest:
 
 
 def _own_files(folder: Path) -> list[str]:
-    """Files or packages whose estimators, laws or measures a run has, by its manifest, whatever else is wrong there.
+    """Files or packages whose estimators, laws or measures a run has, whatever else is wrong in its folder.
 
     Returns:
-        Their names; none if all were shipped, or the manifest does not say.
+        Their names; none if all were shipped, or the folder does not say.
     """
-    try:
-        manifest = json.loads((folder / NAME).read_text(encoding="utf-8"))
-        entries = [each for kind in ("estimators", "laws", "measures") for each in manifest.get(f"own_{kind}", ())]
-        return list(dict.fromkeys(str(entry["from"]) for entry in entries))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return []
+    for place in (OWN, NAME):  # a manifest ends a run; older runs have no other file
+        try:
+            noted = json.loads((folder / place).read_text(encoding="utf-8"))
+            entries = [each for kind in ("estimators", "laws", "measures") for each in noted.get(f"own_{kind}", ())]
+            return list(dict.fromkeys(str(entry["from"]) for entry in entries))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            continue
+    return []
 
 
 def _digest_fault(content: object) -> str | None:
@@ -269,7 +274,7 @@ class Run:
             raise RunError(f"{folder}: its config cannot be read any more: {words}; {again}") from None
 
     def begin(self, config: str) -> "Run":
-        """Store the config's text, remove the temporary files of a killed writer, and return the run."""
+        """Store the config's text and what is not shipped, remove a killed writer's temporary files, return the run."""
         with explained(self.folder):
             for place in (self.folder, self.folder / "parts"):
                 for path in place.glob(_TEMPORARY):
@@ -277,6 +282,8 @@ class Run:
             path = self.folder / "config.toml"
             if not path.is_file() or path.read_bytes() != config.encode():
                 write(path, config.encode())
+            if own := self.own_code():
+                write(self.folder / OWN, (json.dumps(own, indent=2) + "\n").encode())
         return self
 
     def share(self) -> tuple[Share, dict[str, str | None]] | None:
@@ -392,18 +399,20 @@ class Run:
 
     def plugins(self) -> list[str]:
         """The options that give the files whose estimators, laws or measures the run has; packages are found anyway."""
-        names = dict.fromkeys(str(origin["from"]) for origin in self._own_code())
+        names = dict.fromkeys(str(origin["from"]) for origin in chain(*self.own_code().values()))
         return [word for name in names if name.endswith(".py") for word in ("--plugin", name)]
 
-    def _own_code(self) -> list[dict[str, object]]:
-        """Origins of the estimators, laws and measures that are not shipped."""
-        own = origins(self.study.estimators) + laws.origins(self.study.own_laws())
-        return own + measures.origins(self.study.measures)
+    def own_code(self) -> dict[str, list[dict[str, object]]]:
+        """Origins of the estimators, laws and measures that are not shipped, as a manifest has them."""
+        made, own_laws = origins(self.study.estimators), laws.origins(self.study.own_laws())
+        own = {"estimators": made, "laws": own_laws, "measures": measures.origins(self.study.measures)}
+        return {f"own_{kind}": found for kind, found in own.items() if found}
 
     def changed_code(self) -> list[str]:
         """Files or packages of a user's own whose code is not that which made the finished run."""
         digests = self._made_by("estimators") | self._made_by("laws") | self._made_by("measures")
-        return list(dict.fromkeys(str(own["from"]) for own in self._own_code() if own["sha256"] not in digests))
+        own = chain(*self.own_code().values())
+        return list(dict.fromkeys(str(origin["from"]) for origin in own if origin["sha256"] not in digests))
 
     def _made_by(self, kind: str) -> set[str]:
         """Digests of a user's own code, of a kind, that made the finished run."""

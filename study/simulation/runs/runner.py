@@ -30,7 +30,7 @@ from threadpoolctl import threadpool_limits
 from study.files import RunError, TableRows, explained, write, writing
 from study.fits import ESTIMATORS
 from study.fits.random import Name
-from study.fits.registry import only_here, origins
+from study.fits.registry import only_here
 from study.simulation.experiment import laws, measures
 from study.simulation.experiment.config import Study
 from study.simulation.runs import provenance, schemas
@@ -466,9 +466,7 @@ class _Computation:
                 "lost": causes["worker"],
                 "estimators": {name: ESTIMATORS[name].version for name in study.estimators},
                 "tables": {name: store.fingerprint(name) for name in written} | before.get("tables", {}),
-                **({"own_estimators": own} if (own := origins(study.estimators)) else {}),
-                **({"own_laws": own} if (own := laws.origins(study.own_laws())) else {}),
-                **({"own_measures": own} if (own := measures.origins(study.measures)) else {}),
+                **store.own_code(),
                 **({"measures": made} if (made := study.measure_versions()) else {}),
                 "started": self.started.isoformat(timespec="seconds"),
                 "seconds_computing": round(parts.seconds, 3),

@@ -383,6 +383,8 @@ def test_what_a_table_says_and_does_not_say(tmp_path):
         read(tmp_path, text)
     with pytest.raises(RecordingError, match="its rate in frames per second is not given"):
         read(tmp_path, text, unit="m")
+    with pytest.raises(RecordingError, match="its rate in frames per second is 10{39}; give one above 0"):
+        read(tmp_path, trc(), name="walk.trc", rate=10**400)
     found = read(tmp_path, "# rate: 5\n# unit: m\nA_x,A_y,A_z\n1,2,3\n,,\n1,2,4\n")
     assert found.seen()[0].tolist() == [True, False, True]
 
@@ -432,7 +434,7 @@ def test_columns_of_a_trc_file_that_its_header_does_not_tell(tmp_path, text, not
         ("A_x,A_y,A_z,A_X\n1,2,3,4\n", "csv", "line 1: two columns have the name 'A_X'"),
         (TABLE.replace("2,,101", "4,,101"), "csv", "line 5: frame 4 follows frame 1"),
         (TABLE[:-10], "csv", "line 6 has 6 cells; 8 are needed; the line may be cut"),
-        (TABLE.replace("500\n", "500,7\n"), "csv", "line 4, column 9: '7.0' has no header"),
+        (TABLE.replace("500\n", "500,7\n"), "csv", "line 4, column 9: '7' has no header"),
         (TABLE.replace("rate: 50", "rate: fast"), "csv", "its rate 'fast' is not a number"),
         ("# rate: 5\n# unit: m\nA_x,A_y,A_z\n", "csv", "no frames in it"),
         ("hello", "trc", "not a TRC file"),
@@ -443,7 +445,7 @@ def test_columns_of_a_trc_file_that_its_header_does_not_tell(tmp_path, text, not
         (BTK.replace("Time,A,,,", "Time,,,,"), "csv", "line 9, column 2: no label above the axes X"),
         (BTK.replace("Time,A", "A"), "csv", "no label above the axes"),
         (BTK.replace("600\n0.055", "600\n\n0.055"), "csv", "line 13 is empty, and further rows follow; rem"),
-        (BTK.replace("600\n0.055", "600,7\n0.055"), "csv", "line 12, column 11: '7.0' has no header"),
+        (BTK.replace("600\n0.055", "600,7\n0.055"), "csv", "line 12, column 11: '7' has no header"),
         (BTK.replace(",500,600", ",500"), "csv", "line 12 has 9 cells; 10 are needed; the line may be cut"),
         (BTK[: BTK.index("0.055,101")], "csv", "cut short: 1 of 3 frames"),
         (BTK[: BTK.index("0.05,100.5")], "csv", "cut short: 0 of 3 frames"),
