@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 from study.arrays import Bools, Floats, Ints, as_number, real_array
 from study.fits.circle import Circle
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
-from study.fits.fitted import FittedPoints
+from study.fits.fitted import FittedPoints, RadiusTest
 from study.fits.form import forms_that_move
-from study.fits.given import GivenPoints, RadiusTest, remarks
+from study.fits.given import GivenPoints
 from study.fits.goodness import Answer, Goodness
 from study.fits.judge import NOTHING, Assumptions
 from study.fits.samples import Estimates, Estimator, Samples, Status, semi_axes
@@ -453,9 +453,7 @@ class Fit(Hinting):
         the given radius. It is small where the radius is wrong, and where the points are no sphere. NaN where no radius
         was given.
         """
-        points, nothing = self._points, np.full(self.radius.size, np.nan)
-        test = points.radius_test if isinstance(points, GivenPoints) else RadiusTest(nothing, nothing, nothing)
-        return RadiusTest(*(as_number(part.reshape(self.shape)) for part in test))
+        return RadiusTest(*(as_number(part.reshape(self.shape)) for part in self._points.radius_test))
 
     @property
     def noise_scale(self) -> Floats:
@@ -464,14 +462,11 @@ class Fit(Hinting):
         It is the root of Σ p (R - r̂)²/(N - k), k the number of coordinates fitted: the standard error of unit weight.
         NaN where no noise was given.
         """
-        points = self._points
-        scale = points.noise_scale if isinstance(points, GivenPoints) else np.full(self.radius.size, np.nan)
-        return as_number(scale.reshape(self.shape))
+        return as_number(self._points.noise_scale.reshape(self.shape))
 
     def remarks(self) -> Iterator[str]:
         """Lines about what was given, and whether the points agree; for a single fit."""
-        points = self._points
-        return remarks(points) if isinstance(points, GivenPoints) else iter(())
+        return self._points.remarks()
 
     @cached_property
     def _fitted(self) -> FittedPoints:

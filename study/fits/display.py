@@ -2,12 +2,12 @@
 
 import html
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from study.arrays import Floats, Ints
-from study.fits.samples import Estimates, Samples, Status
+from study.fits.samples import Status
 from study.text import number, with_error
 
 if TYPE_CHECKING:
@@ -17,33 +17,7 @@ if TYPE_CHECKING:
 _MOST_ROWS = 10
 
 
-class ShownFits(Protocol):
-    """The part of a `Fit` that is shown."""
-
-    @property
-    def estimates(self) -> Estimates: ...
-    @property
-    def status(self) -> Any: ...
-    @property
-    def samples(self) -> Samples | None: ...
-    @property
-    def estimator(self) -> str: ...
-    @property
-    def shape(self) -> tuple[int, ...]: ...
-    @property
-    def sigma(self) -> Floats: ...
-    @property
-    def count(self) -> Ints: ...
-    @property
-    def residuals(self) -> Floats: ...
-    @property
-    def residual_rms(self) -> Floats: ...
-    @property
-    def standard_errors(self) -> Floats: ...
-    def __getitem__(self, index: Any) -> Self: ...
-
-
-def frame(fit: ShownFits) -> "pd.DataFrame":
+def frame(fit: Any) -> "pd.DataFrame":
     """A row per fit; see `Fit.to_frame`."""
     import pandas as pd
 
@@ -98,7 +72,7 @@ def named_axis(of: str, d: int) -> int | None:
     return axes.get(of)
 
 
-def as_text(fit: ShownFits) -> str:
+def as_text(fit: Any) -> str:
     """One line: the numbers of a single fit with their standard errors, the statuses of a batch."""
     name, sphere = f"{fit.estimator}: " if fit.estimator else "", fit.estimates
     if fit.shape:
@@ -110,7 +84,7 @@ def as_text(fit: ShownFits) -> str:
     return f"Fit({name}center ({', '.join(center)}), radius {radius}, {sigma})"
 
 
-def as_html(fit: ShownFits) -> str:
+def as_html(fit: Any) -> str:
     """A table of the first fits, for a notebook."""
     size = fit.estimates.radius.size
     part = fit if size <= _MOST_ROWS else fit[np.unravel_index(np.arange(_MOST_ROWS), fit.shape)]
@@ -139,7 +113,7 @@ def meanings(texts: dict[str, str]) -> Iterator[str]:
     yield from (text if text.startswith(words) else f"{words}: {text}" for words, text in texts.items())
 
 
-def _rows(fit: ShownFits) -> Iterator[list[str]]:
+def _rows(fit: Any) -> Iterator[list[str]]:
     """Centre, radius, σ̂ and status of each fit, as texts."""
     errors, known = _errors(fit)
     flat = fit.estimates.reshape(-1)
@@ -153,7 +127,7 @@ def _measured(value: float, error: float, known: bool) -> str:
     return with_error(float(value), float(error)) if known else number(float(value), ".6g")
 
 
-def _errors(fit: ShownFits) -> tuple[Floats, bool]:
+def _errors(fit: Any) -> tuple[Floats, bool]:
     """Standard errors (b, d+1), and False if the fit does not hold the points that they need."""
     d = fit.estimates.center.shape[-1]
     if fit.samples is None:

@@ -13,7 +13,7 @@ surface lies.
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,7 +24,6 @@ from matplotlib.ticker import MaxNLocator
 
 from study import style
 from study.arrays import Bools, Floats, Ints
-from study.fits.display import ShownFits
 from study.fits.samples import Status
 
 _MOST_POINTS = 5000
@@ -34,21 +33,7 @@ _BELOW = 1.7  # height of the distances, in inches
 _SMALLEST = 1e-6  # difference, in radii, that a picture shows
 
 
-class DrawnFit(ShownFits, Protocol):
-    """The part of a single `Fit` that is drawn."""
-
-    @property
-    def center(self) -> Floats: ...
-    @property
-    def radius(self) -> Floats: ...
-    @property
-    def outliers(self) -> Bools: ...
-    @property
-    def covariance(self) -> Floats: ...
-    def ellipsoid(self, level: float = 0.95) -> Floats: ...
-
-
-def picture(fit: DrawnFit, ordered: bool) -> Figure:
+def picture(fit: Any, ordered: bool) -> Figure:
     """Draw a single fit, whose rows may be in order of time; see `Fit.plot`."""
     if fit.shape:
         raise ValueError(f"fit of shape {fit.shape}: plot one of them, such as fit[0].plot()")
@@ -121,7 +106,7 @@ class FitFrame:
     residuals: Distances | None
 
 
-def prepare(points: Floats, fits: Mapping[str, DrawnFit], names: list[str], ordered: bool = False) -> FitFrame:
+def prepare(points: Floats, fits: Mapping[str, Any], names: list[str], ordered: bool = False) -> FitFrame:
     """Project points and fits.
 
     Args:
@@ -166,7 +151,7 @@ def prepare(points: Floats, fits: Mapping[str, DrawnFit], names: list[str], orde
     return FitFrame(views, groups, radii, fits_in, caption, notes, residuals)
 
 
-def _residuals(name: str, fit: DrawnFit, ordered: bool) -> Distances | None:
+def _residuals(name: str, fit: Any, ordered: bool) -> Distances | None:
     """Signed distances from a fit, which holds its points."""
     if fit.samples is None:
         return None
@@ -186,7 +171,7 @@ def _residuals(name: str, fit: DrawnFit, ordered: bool) -> Distances | None:
     return Distances(name, place, np.linalg.norm(away, axis=1) - radius, fit.outliers[shown], ordered, band)
 
 
-def _band(fit: DrawnFit, axis: Floats, angle: Floats) -> Floats:
+def _band(fit: Any, axis: Floats, angle: Floats) -> Floats:
     """Angles between those of the points, and 1.96 standard errors of the surface there, averaged around the axis."""
     covariance, d = fit.covariance, len(axis)
     if not np.isfinite(covariance).all():
@@ -203,7 +188,7 @@ def _band(fit: DrawnFit, axis: Floats, angle: Floats) -> Floats:
     return np.stack([angles, 1.96 * np.sqrt(np.maximum(variance, 0.0))])
 
 
-def _groups(fits: Mapping[str, DrawnFit]) -> list[list[str]]:
+def _groups(fits: Mapping[str, Any]) -> list[list[str]]:
     """Names of estimators whose answers and standard errors differ too little to be seen."""
     groups: list[list[str]] = []
     seen: list[tuple[Floats, Floats]] = []
@@ -247,7 +232,7 @@ def _view(points: Floats, centers: Floats, axes: Floats, plane: Floats, names: t
     return Projection(names, points @ plane, centers @ plane, ellipses)
 
 
-def _statuses(fits: Mapping[str, DrawnFit], usable: Mapping[str, DrawnFit]) -> list[str]:
+def _statuses(fits: Mapping[str, Any], usable: Mapping[str, Any]) -> list[str]:
     """Notes on fits that are not ok, and on fits that are not drawn."""
     said: dict[tuple[str, str], list[str]] = {}
     for name, fit in fits.items():

@@ -3,7 +3,9 @@
 The status that a user sees follows one rule for every estimator, beside what the estimator says itself.
 """
 
+from collections.abc import Iterator
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +17,14 @@ from study.fits.intervals import Intervals, intervals
 from study.fits.judge import Assumptions, PointEvidence, gather, influence, judge, widened
 from study.fits.robust import Found, find
 from study.fits.samples import Estimates, Estimator, Samples, Status, plug_in_bound, repeated, unless_missing
+
+
+class RadiusTest(NamedTuple):
+    """The radius of the free fit beside the given one: r̂, its standard error, and the p value of the given one."""
+
+    radius: Floats
+    error: Floats
+    p: Floats
 
 
 class FittedPoints:
@@ -169,6 +179,20 @@ class FittedPoints:
     def held(self) -> Floats:
         """Noise variance over the squared uncertainty of a radius that is known (b,): of none here."""
         return np.zeros(len(self.samples.x))
+
+    @cached_property
+    def radius_test(self) -> RadiusTest:
+        """The free fit as a test of a known radius (b,); NaN without one."""
+        return RadiusTest(*np.full((3, len(self.samples.x)), np.nan))
+
+    @cached_property
+    def noise_scale(self) -> Floats:
+        """The noise that the residuals show over the one that was given (b,); NaN without one."""
+        return np.full(len(self.samples.x), np.nan)
+
+    def remarks(self) -> Iterator[str]:
+        """Lines about what was given, and whether the points agree; of a single fit."""
+        return iter(())
 
     @cached_property
     def influence(self) -> float:

@@ -2,7 +2,7 @@
 
 `study.fit` hands points here when a radius is given, a noise for each point, or one that lies along the radius. The
 noise of all points comes here, too, for estimators that find it by themselves: it fixes σ, errors, intervals and the
-status, while centre and radius stay. Which estimators take which is in `Estimator.takes`.
+status, while centre and radius stay. Which estimators take which is in `Estimator.given`.
 """
 
 from __future__ import annotations
@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.fitted import FittedPoints
+from study.fits.fitted import FittedPoints, RadiusTest
 from study.fits.goodness import Goodness, number_of
 from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radii, intervals_of
 from study.fits.judge import PointEvidence, weighted_outliers, widened
@@ -67,8 +66,8 @@ def estimate(sets: Weighted, entry: Estimator) -> Estimates:
     part = sets.take(places)
     with np.errstate(all="ignore"):
         extent = np.linalg.eigvalsh(np.einsum("bn,bni,bnj->bij", part.weights, part.points, part.points))
-        assert entry.given is not None
-        sphere = entry.given(part)
+        assert entry.given.fit is not None
+        sphere = entry.given.fit(part)
         status = np.where(sphere.found, Status.OK, Status.NOT_CONVERGED)
         status[sphere.radius > _FAR] = Status.AT_BOUND
         flat = ~(extent[:, 0] > _FLAT * extent[:, -1])
@@ -81,14 +80,6 @@ def estimate(sets: Weighted, entry: Estimator) -> Estimates:
         whole[places] = values
     result.status[places] = status
     return result
-
-
-class RadiusTest(NamedTuple):
-    """The radius of the free fit beside the given one: r̂, its standard error, and the p value of the given one."""
-
-    radius: Floats
-    error: Floats
-    p: Floats
 
 
 class GivenPoints(FittedPoints):
@@ -323,27 +314,26 @@ class GivenPoints(FittedPoints):
             refused = refused | (scipy.special.chdtrc(spare, square) < _NOTICED)
         return np.where((status == Status.OK) & refused, Status.MISFIT, status), goodness
 
-
-def remarks(points: GivenPoints) -> Iterator[str]:
-    """Lines about what was given, and whether the points agree; of a single fit."""
-    known = points.given
-    if np.isfinite(known.radius).all():
-        (free,), (error,), (p,) = points.radius_test
-        given = f"radius {float(points.estimates.radius[0]):.6g} is given"
-        if known.prior is not None:
-            given = f"radius {with_error(float(known.prior.radius[0]), float(known.prior.uncertainty[0]))} is given"
-        words = "p < 1e-9" if p < 1e-9 else f"p = {number(float(p), '.2g')}"
-        agrees = ": the points do not agree with it" if p < _NOTICED else ""
-        yield f"{given}; with a free one the points have {with_error(float(free), float(error))} ({words}){agrees}"
-    times = number(float(points.noise_scale[0]), ".3g")
-    if known.noise is not None:
-        scaled = "its scale is found in them" if known.relative else "± stands on the noise as it is given"
-        yield f"each point has a noise of its own, and the residuals are {times} times as large; {scaled}"
-    elif known.sigma is not None:
-        given = f"noise {known.sigma:g} is given"
-        yield f"{given}, and the residuals are {times} times as large; ± stands on the noise as it is given"
-    if known.radial:
-        yield "the noise is taken to be along the radius alone"
+    def remarks(self) -> Iterator[str]:
+        """Lines about what was given, and whether the points agree; of a single fit."""
+        known = self.given
+        if np.isfinite(known.radius).all():
+            (free,), (error,), (p,) = self.radius_test
+            given = f"radius {float(self.estimates.radius[0]):.6g} is given"
+            if known.prior is not None:
+                given = f"radius {with_error(float(known.prior.radius[0]), float(known.prior.uncertainty[0]))} is given"
+            words = "p < 1e-9" if p < 1e-9 else f"p = {number(float(p), '.2g')}"
+            agrees = ": the points do not agree with it" if p < _NOTICED else ""
+            yield f"{given}; with a free one the points have {with_error(float(free), float(error))} ({words}){agrees}"
+        times = number(float(self.noise_scale[0]), ".3g")
+        if known.noise is not None:
+            scaled = "its scale is found in them" if known.relative else "± stands on the noise as it is given"
+            yield f"each point has a noise of its own, and the residuals are {times} times as large; {scaled}"
+        elif known.sigma is not None:
+            given = f"noise {known.sigma:g} is given"
+            yield f"{given}, and the residuals are {times} times as large; ± stands on the noise as it is given"
+        if known.radial:
+            yield "the noise is taken to be along the radius alone"
 
 
 def _spare(sets: Weighted) -> Floats:

@@ -9,6 +9,7 @@ it. For τ → 0 this is the fit with the radius r₀, for τ → ∞ the radius
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +19,20 @@ from numpy.typing import ArrayLike
 from study.arrays import Floats, real_array
 from study.fits.bounds import is_per_point, noise_covariance, point_noise
 from study.fits.intervals import AtRadius
-from study.fits.samples import Estimator, Given, StatedRadius
+from study.fits.samples import Estimator, Given, GivenWay, StatedRadius
+from study.fits.weighted import closed, corrected_equations, least_squares
 
 RADIUS, UNCERTAIN = "known radius", "uncertain radius"
 NOISE, COVARIANCE, LAW = "noise for each point", "covariance for each point", "law = 'radial'"
 RADIUS_AND_COVARIANCE = "known radius and a covariance for each point"
-ALL_GIVEN = frozenset([RADIUS, UNCERTAIN, NOISE, COVARIANCE, LAW, RADIUS_AND_COVARIANCE])
-"""Knowledge that `Estimator.takes` names, as messages name it."""
+_ALL = frozenset([RADIUS, UNCERTAIN, NOISE, COVARIANCE, LAW, RADIUS_AND_COVARIANCE])
+"""Knowledge that estimators may take, as messages name it."""
+_CLOSED = frozenset([RADIUS, UNCERTAIN, NOISE])
+MLE, CORRECTED = GivenWay(least_squares, _ALL), GivenWay(corrected_equations, _ALL)
+ROBUST = GivenWay(least_squares, frozenset([RADIUS]))
+GDKE, UGDK = (GivenWay(form, _CLOSED | {COVARIANCE}) for form in (closed, partial(closed, subtract=True)))
+ALS = GivenWay(partial(closed, find=True), _CLOSED)
+"""What shipped estimators take, and their ways to fit it."""
 _EXACT = 1e-9
 """Uncertainty of a radius, in radii, below which rounding leaves no less of it."""
 _GRID = 101
@@ -95,10 +103,10 @@ def check_way(estimator: str, given: Given, entries: Mapping[str, Estimator]) ->
     if given.noise is not None:
         wanted += [RADIUS_AND_COVARIANCE] * (radius and given.noise.ndim == 4)
         wanted.append(NOISE if given.noise.ndim == 2 else COVARIANCE)
-    if not entry.takes.issuperset(wanted):
-        able = [name for name, other in entries.items() if other.takes.issuperset(wanted)]
+    if not entry.given.takes.issuperset(wanted):
+        able = [name for name, other in entries.items() if other.given.takes.issuperset(wanted)]
         names = " and ".join([", ".join(able[:-1]), able[-1]])
-        if given.radial and LAW not in entry.takes:
+        if given.radial and LAW not in entry.given.takes:
             wanted = [LAW]
         said = " and ".join(word for word in wanted if word != RADIUS_AND_COVARIANCE)
         raise ValueError(f"estimator = {estimator!r}: takes no {said}; {names} do")

@@ -38,18 +38,9 @@ from study.fits.geometric import mle, mle_centroid, mle_early, mle_mirror
 from study.fits.given import fit_given
 from study.fits.judge import NOTHING, Assumptions
 from study.fits.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
-from study.fits.prior import (
-    ALL_GIVEN,
-    COVARIANCE,
-    NOISE,
-    RADIUS,
-    UNCERTAIN,
-    check_way,
-    given_of,
-)
+from study.fits.prior import ALS, CORRECTED, GDKE, MLE, ROBUST, UGDK, check_way, given_of
 from study.fits.robust import robust
 from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
-from study.fits.weighted import closed, corrected_equations, least_squares
 from study.words import estimator_remedy, hinting
 
 if TYPE_CHECKING:
@@ -143,18 +134,11 @@ def _moments(d: int) -> float:
     return d * d + 8 * d + 2
 
 
-_CLOSED = frozenset([RADIUS, UNCERTAIN, NOISE])
-"""What closed forms take of what is known beforehand."""
 _BIASED = "biased towards the points by the noise, which its standard errors do not include; als has no such bias"
 
 ESTIMATORS: dict[str, Estimator] = {
     "mle": Estimator(
-        mle,
-        "paper §4.3; Shakarji 1998",
-        flops=lambda d: d * d + 10 * d + 6,
-        flops_of="a pass",
-        given=least_squares,
-        takes=ALL_GIVEN,
+        mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", given=MLE
     ),
     "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points"),
     "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points"),
@@ -163,8 +147,7 @@ ESTIMATORS: dict[str, Estimator] = {
         corrected,
         "theory §9: geometric, without its bias, for every law of directions",
         covariance=corrected_covariance,
-        given=corrected_equations,
-        takes=ALL_GIVEN,
+        given=CORRECTED,
     ),
     "corrected_01": Estimator(corrected_01, "theory §9, with ν = 0", covariance=partial(sandwich, pair=0.0)),
     "corrected_02": Estimator(corrected_02, "theory §9, with ν = ½", covariance=partial(sandwich, pair=0.5)),
@@ -174,39 +157,17 @@ ESTIMATORS: dict[str, Estimator] = {
         "Torr & Zisserman 2000; Hadi & Simonoff 1993: mle, each point by its probability to be no clutter",
         without_outliers=True,
         version=4,
-        given=least_squares,
-        takes=frozenset([RADIUS]),
+        given=ROBUST,
     ),
     "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, version=3),
     "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
     "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
     "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),
     "gdke": Estimator(
-        gdke,
-        "paper eqs 2-6; Kåsa 1976",
-        flops=_moments,
-        moments_suffice=True,
-        caution=_BIASED,
-        given=closed,
-        takes=_CLOSED | {COVARIANCE},
+        gdke, "paper eqs 2-6; Kåsa 1976", "", _moments, caution=_BIASED, moments_suffice=True, given=GDKE
     ),
-    "ugdk": Estimator(
-        ugdk,
-        "paper eqs 15-21",
-        needs="noise",
-        flops=_moments,
-        moments_suffice=True,
-        given=partial(closed, subtract=True),
-        takes=_CLOSED | {COVARIANCE},
-    ),
-    "als": Estimator(
-        als,
-        "Kukush, Markovsky & Van Huffel 2004",
-        flops=_moments,
-        moments_suffice=True,
-        given=partial(closed, find=True),
-        takes=_CLOSED,
-    ),
+    "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True, given=UGDK),
+    "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", "", _moments, moments_suffice=True, given=ALS),
     "fuller": Estimator(fuller, "Fuller 1987, for als", flops=_moments, moments_suffice=True),
     "hinge": Estimator(
         hinge,

@@ -251,6 +251,21 @@ class Samples:
         return self.formed if isinstance(self.formed, Regression) else Regression.about_centroids(self.moments)
 
 
+class GivenWay(NamedTuple):
+    """A way to fit points of which something is known.
+
+    Attributes:
+        fit: `study.fits.weighted.Spheres` from a `study.fits.weighted.Weighted`; None if there is none.
+        takes: the knowledge that it takes: words of `study.fits.prior`.
+    """
+
+    fit: Callable[[Any], Any] | None = None
+    takes: frozenset[str] = frozenset()
+
+
+_NO_WAY = GivenWay()
+
+
 @dataclass(frozen=True)
 class Estimator:
     """An estimator as the registry lists it.
@@ -268,8 +283,7 @@ class Estimator:
             and with the noise that they show; None for the Cramér-Rao bound with the estimates plugged in.
         without_outliers: the function leaves out the points that `study.fits.robust.outliers` names, so
             that intervals are to be formed without them.
-        given: fits points of which something is known, from a `study.fits.weighted.Weighted`; None if it cannot.
-        takes: what it takes of that: words of `study.fits.prior.ALL_GIVEN`.
+        given: its way to fit points of which something is known; it takes nothing by default.
         version: to be raised with every change of its numbers, so that runs do not mix old rows with new ones; a digest
             of its code, for an estimator that is not shipped.
 
@@ -292,8 +306,7 @@ class Estimator:
     without_outliers: bool = False
     version: int | str = 1
     takes_noise: bool = False
-    given: Callable[[Any], Any] | None = None
-    takes: frozenset[str] = frozenset()
+    given: GivenWay = _NO_WAY
 
     def __call__(self, samples: Samples) -> Estimates:
         """Fit each set of the batch."""

