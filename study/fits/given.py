@@ -133,7 +133,10 @@ class GivenPoints(FittedPoints):
         """True for the points (b, n) that do not belong to the sphere of the majority; see the class."""
         if self.given.noise is None or not self._weighs:
             return self.found.named
-        return weighted_outliers(replace(self.observed, weights=self._along(self._free)))
+        named = weighted_outliers(replace(self.observed, weights=self._along(self._free)))
+        if self._plain is not None:
+            named[self._nothing_known] = self._plain.outliers
+        return named
 
     @cached_property
     def _sets(self) -> Weighted:
@@ -182,6 +185,15 @@ class GivenPoints(FittedPoints):
         return self._sets.alike & np.isnan(self.given.radius)
 
     @cached_property
+    def _plain(self) -> FittedPoints | None:
+        """Such sets of a batch that has others, too, which answer as they do alone; None if there are none."""
+        sets = np.flatnonzero(self._nothing_known)
+        if not 0 < len(sets) < len(self._nothing_known):
+            return None
+        part = Estimates._make([np.asarray(array[sets]) for array in self.estimates])
+        return FittedPoints(part, replace(self.samples.take(sets), given=None), self.entry, self.assumed)
+
+    @cached_property
     def _believed(self) -> Believed:
         """Radii by points and statement together, in the units of the sets."""
         assert self.given.prior is not None
@@ -212,6 +224,9 @@ class GivenPoints(FittedPoints):
             ratio = np.sqrt((freedom * seen.ratio**2 + shift) / (freedom + 1.0)) * noise
         wider = (test.p < _NOTICED).reshape(-1, 1) & (ratio > seen.ratio) & np.isfinite(ratio)
         ratio, freedom = np.where(wider, ratio, seen.ratio), np.where(wider, freedom + 1.0, seen.freedom)
+        if self._plain is not None:
+            alone = self._plain.evidence
+            ratio[self._nothing_known], freedom[self._nothing_known] = alone.ratio, alone.freedom
         return seen._replace(ratio=ratio, freedom=freedom)
 
     @property
@@ -304,6 +319,10 @@ class GivenPoints(FittedPoints):
     def judged(self) -> tuple[Ints, Goodness]:
         """The status by the rule for every fit, which a known radius must pass, and a noise that is given, by χ²."""
         status, goodness = super().judged
+        if self._plain is not None:
+            status[self._nothing_known], answers = self._plain.judged
+            for whole, part in zip(goodness, answers, strict=True):
+                whole[..., self._nothing_known] = part
         refused = self.radius_test.p < _NOTICED
         if self.noise_is_known:
             sets, sphere = self._sets, self._answers

@@ -383,7 +383,7 @@ def test_what_a_table_says_and_does_not_say(tmp_path):
         read(tmp_path, text)
     with pytest.raises(RecordingError, match="its rate in frames per second is not given"):
         read(tmp_path, text, unit="m")
-    with pytest.raises(RecordingError, match="its rate in frames per second is 10{39}; give one above 0"):
+    with pytest.raises(RecordingError, match=r"its rate in frames per second is 10{39}; give one above 0"):
         read(tmp_path, trc(), name="walk.trc", rate=10**400)
     found = read(tmp_path, "# rate: 5\n# unit: m\nA_x,A_y,A_z\n1,2,3\n,,\n1,2,4\n")
     assert found.seen()[0].tolist() == [True, False, True]
