@@ -250,7 +250,7 @@ class CircleFit(Hinting):
         errors, (low, high) = self.standard_errors, self.interval("radius")
         sizes = [with_error(*pair) for pair in zip(self.center, errors, strict=False)]
         middle = ", ".join(f"{name} {size}" for name, size in zip(names, sizes, strict=True))
-        axis = ", ".join(f"{part:.4f}" for part in self.axis)
+        axis = ", ".join(f"{round(part, 4) + 0.0:.4f}" for part in self.axis)
         angle = number(float(self.interval("axis")[1]), ".2g")
         yield f"circle: centre {middle}; radius {with_error(float(self.radius), float(errors[3]))}"
         yield f"axis ({axis}) ± {number(float(self.axis_error), '.2g')} rad; with 95 % within {angle} rad"
