@@ -195,7 +195,7 @@ def find_gait(
         >>> walk, truth = synthesize(Recipe(frames=600, gait=True, markers="rizzoli"))
         >>> gait = study.find_gait(walk)
         >>> sorted(gait.means()["joint"].unique())
-        ['ankle', 'hip', 'knee']
+        ['ankle', 'foot', 'hip', 'knee', 'pelvis']
     """
     every = [_read(walk) for walk in _several(walks)]
     if joints is None:

@@ -66,7 +66,9 @@ def test_intervals_of_ok_circles_cover(arc, n, noise):
 
 
 @pytest.mark.parametrize(
-    "shape", [lambda t: 0.03 * t, lambda t: 0.03 * np.cos(2 * t), lambda t: 0.03 * np.sin(3 * t)], ids=str
+    "shape",
+    [lambda t: 0.03 * t, lambda t: 0.03 * np.cos(2 * t), lambda t: 0.03 * np.sin(3 * t)],
+    ids=["helix", "saddle", "wave"],
 )
 def test_what_leaves_the_plane(shape):
     """A helix and warped rings by 3 σ are misfits, by the test out of the plane."""
