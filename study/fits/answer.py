@@ -137,7 +137,7 @@ class Fit(Hinting):
     def _statuses(self) -> Ints:
         """Numbers of the statuses (…)."""
         if self._samples is not None:
-            return self._fitted.judged[0].reshape(self.shape)
+            return self._points.judged[0].reshape(self.shape)
         untested = (self._estimates.status == Status.OK) & (not self._assumed.sphere)
         return np.asarray(np.where(untested, Status.UNTESTED, self._estimates.status))
 
@@ -470,7 +470,7 @@ class Fit(Hinting):
 
     @cached_property
     def _fitted(self) -> FittedPoints:
-        """The points, flat, as they were when they were looked at first."""
+        """The points, flat, with what was computed of them."""
         if self._samples is None:
             raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
         kind = FittedPoints if self._samples.given is None else GivenPoints
