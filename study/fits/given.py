@@ -93,7 +93,7 @@ class GivenPoints(FittedPoints):
 
     @cached_property
     def given(self) -> Given:
-        """What was known."""
+        """The radius, the noise or the law that was given."""
         assert self.samples.given is not None
         return self.samples.given
 

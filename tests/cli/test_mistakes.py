@@ -152,7 +152,7 @@ REFUSED = {
     "fit cap.csv -e ugdk": (2, "--estimator ugdk: needs the noise level"),
     "fit bad.csv --plot out.png": (2, "bad.csv: row 3, column 2: 'four' is not a number"),
     "fit timed.csv": (2, "timed.csv:  ... choose, as with --columns 1,2,3, or fit all with --dimension 4\n"),
-    "fit cap.csv --radius 2 -e taubin": (2, "estimator = 'taubin': takes no known radius; corrected, mle, robust, "),
+    "fit cap.csv --radius 2 -e taubin": (2, "estimator = 'taubin': takes no known radius; mle, corrected, robust, "),
     # estimators of one's own
     **{
         line.replace("FILE", file): (2, f"{file}: {words}")
