@@ -418,16 +418,14 @@ def _with_landmarks(
     if both[0] is None or both[1] is None:
         return place
     middle = 0.5 * (both[0] + both[1])
-    if place.usable and place.known and place.axis is not None and by_width:
-        return moved_along_axis(place, middle)  # motion does not show where along it
     if place.axis is not None and place.known and not by_width:
         basis = across(place.axis)
         far = float(np.linalg.norm(basis.T @ (middle - place.in_parent)))
         place = replace(place, beside=far)
         if place.usable and far > _FARTHEST * np.hypot(place.standard_error, LANDMARK):
             place = replace(place, status=JointStatus.IMPLAUSIBLE)
-    if place.usable:
-        return place
+    if place.usable:  # motion does not show where along its axis a hinge is
+        return place if place.axis is None or not place.known else moved_along_axis(place, middle)
     away = "" if np.isnan(place.beside) else f", {1000 * place.beside:.0f} mm from there across its axis"
     source = f"by the {joint}'s width (chord method)" if by_width else f"midway between the {kind}"
     words = f"{source}; by motion: {SHORT_TEXTS[place.status]}{away}"
