@@ -410,7 +410,8 @@ def _with_landmarks(
     """A knee or an ankle, compared with the middle of epicondyles or malleoli, and there if motion leaves it in doubt.
 
     A hinge is doubted that is farther from there, across its axis, than 2.5 √(error² + (1 cm)²). It is not compared
-    with a middle by width, which is as wrong as the plane of the markers.
+    with a middle by width, which is as wrong as the plane of the markers. A hinge that is not doubted moves along its
+    axis to there.
     """
     one, _, part = name.partition(" ")
     above, joint, kind = _ENDS[part]

@@ -170,7 +170,7 @@ def test_angles_shown_are_the_true_ones(name):
 
 
 def test_epicondyles_of_the_static_trial_alone_place_a_knee_along_its_axis():
-    """A knee by motion is midway between them: its adduction is 2° off at most, not 8° as that of a knee at the marker."""
+    """A knee by motion is midway between them: its adduction is 2° off at most, and not 8° as at the marker."""
     walk, truth = plug_in_gait(1)
     joints = api.find_joints([walk], static=plug_in_gait(2, static=True, medial=True)[0], segments="legs")
     assert all(joints[f"{side}_knee"].usable for side in SIDES)
