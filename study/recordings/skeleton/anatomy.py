@@ -410,7 +410,8 @@ def _with_landmarks(
     """A knee or an ankle, compared with the middle of epicondyles or malleoli, and there if motion leaves it in doubt.
 
     A hinge is doubted that is farther from there, across its axis, than 2.5 √(error² + (1 cm)²). It is not compared
-    with a middle by width, which is as wrong as the plane of the markers.
+    with a middle by width, which is as wrong as the plane of the markers. A hinge that is not doubted moves along its
+    axis to there.
     """
     one, _, part = name.partition(" ")
     above, joint, kind = _ENDS[part]
@@ -418,16 +419,14 @@ def _with_landmarks(
     if both[0] is None or both[1] is None:
         return place
     middle = 0.5 * (both[0] + both[1])
-    if place.usable and place.known and place.axis is not None and by_width:
-        return moved_along_axis(place, middle)  # motion does not show where along it
     if place.axis is not None and place.known and not by_width:
         basis = across(place.axis)
         far = float(np.linalg.norm(basis.T @ (middle - place.in_parent)))
         place = replace(place, beside=far)
         if place.usable and far > _FARTHEST * np.hypot(place.standard_error, LANDMARK):
             place = replace(place, status=JointStatus.IMPLAUSIBLE)
-    if place.usable:
-        return place
+    if place.usable:  # motion does not show where along its axis a hinge is
+        return place if place.axis is None or not place.known else moved_along_axis(place, middle)
     away = "" if np.isnan(place.beside) else f", {1000 * place.beside:.0f} mm from there across its axis"
     source = f"by the {joint}'s width (chord method)" if by_width else f"midway between the {kind}"
     words = f"{source}; by motion: {SHORT_TEXTS[place.status]}{away}"

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from study.arrays import Floats
 from study.recordings.joints.find import SegmentShape
-from study.recordings.markersets import landmarks
+from study.recordings.markersets import landmarks, match
 from study.recordings.recording import Recording
 from study.recordings.rigid import fit_rigid_motion, relative_rotation, to_world, zxy_angles
 from study.recordings.skeleton.anatomy import legs
@@ -33,6 +33,9 @@ _FLIPPED = np.radians(90.0)
 _AS_WELL = 0.01
 """Metres: misfit of a cluster with two labels exchanged up to which skin may hide the exchange: it moves markers by a
 centimetre against each other in a session (see `study.recordings.skeleton.calibrate`)."""
+_KEEPS = 0.009
+"""Metres by which the distance of two markers of a thigh or a shank is off its median, in the median over the frames:
+half of the 18 mm by which skin slides (see `RULES`). In recorded walks and jumps it is 3 mm at most."""
 _UPRIGHT = float(np.cos(np.radians(45.0)))
 """Cosine of the greatest angle between up and the line from the heels to the pelvis of who stands or walks."""
 
@@ -166,6 +169,39 @@ def _angle(rotations: Floats) -> Floats:
     return np.asarray(Rotation.from_matrix(rotations).magnitude())
 
 
+def _stretched(body: Body) -> Iterator[Barred]:
+    """Thighs and shanks two of whose markers do not keep their distance, so that one is on another segment.
+
+    In single frames, by 5 cm, only those of two markers: the fit of a cluster leaves such a marker out.
+    """
+    markers = match(body.skeleton.calibration.markerset, body.recording).recording
+    for part, name in body.segments.items():
+        shape = body.skeleton.calibration.shape(name)
+        own = [marker for marker in shape.markers if marker in markers.markers]
+        for one, other in itertools.combinations(own, 2) if part.endswith(("thigh", "shank")) else ():
+            far = np.linalg.norm(markers.of(one) - markers.of(other), axis=0)
+            if np.isnan(far).all():
+                continue
+            off = np.abs(far - np.nanmedian(far))
+            always = np.full(len(off), np.nanmedian(off) > _KEEPS)
+            frames = always if always.any() or shape.has_own_pose else off > LARGEST_ERROR
+            if frames.any():
+                most = 1000 * np.nanmedian(off[frames])
+                yield Barred(name, frames, f"{one} and {other} are {most:.0f} mm off their usual distance")
+                break
+
+
+def _following(body: Body) -> Iterator[Barred]:
+    """Segments without a pose of their own that were placed about a joint in a segment that is missing."""
+    barred = {found.name: found.frames for found in body.skeleton.barred}
+    for place in body.skeleton.calibration.joints:
+        parent, child = place.joint.parent, place.joint.child
+        follows = child in body.segments.values() and not body.skeleton.calibration.shape(child).has_own_pose
+        if follows and parent in barred and child not in barred:
+            barred[child] = barred[parent]
+            yield Barred(child, barred[parent], f"its pose follows from {parent}")
+
+
 def _lying(body: Body) -> Iterator[Barred]:
     """Up, if the heels are not below the pelvis: who lies down shows none, or labels are wrong."""
     points, name = landmarks(body.recording.markers), body.segments.get("pelvis")
@@ -188,6 +224,9 @@ RULES: dict[str, Callable[[Body], Iterator[Barred]]] = {
     # Roaas & Andersson 1982, as above
     "the mean flexion of a knee is from -20° to 160°": _bent,
     "no cluster fits as well with two labels exchanged, and is nearer to its mean pose so": _exchanged,
+    # PMC8631460, as above
+    "two markers of a thigh or a shank are within 9 mm of their usual distance, in the median": _stretched,
+    "a segment of two markers is placed about a joint of a segment that is not missing": _following,
     "the pelvis is above the heels, within 45°; else angles to the floor, and gait, are missing": _lying,
 }
 """What every leg must be, in the order in which it is asked; `study.recordings.gait` asks that feet strike in turn."""
