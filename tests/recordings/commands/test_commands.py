@@ -1,6 +1,7 @@
 """The commands on recordings, as a user calls them: options, output, files, objects of --json, and refusals."""
 
 import inspect
+import re
 import json
 import os
 import shutil
@@ -152,7 +153,7 @@ def test_output_of_skeleton(works, read, body, drawn):
     """Bone lengths, bridged joints and files are printed; the object has the numbers of the tables."""
     said = works("skeleton", body, "--calibration", drawn, "--out", "again")
     assert "left_hip - left_knee" in said
-    assert "bridged in" in said
+    assert re.search(r"^joint +status .* bridged +unknown$", said, re.MULTILINE)
     assert sorted(said.splitlines()[-8:]) == WRITTEN
     found = read("skeleton", body, "--calibration", drawn, "--out", "again")
     assert (found["recording"], found["frames"], found["source"]) == ("body", 500, "joints found in this recording")
@@ -430,7 +431,8 @@ def test_hips_by_regression(works, refused, made, tmp_path):
     table = pd.read_parquet(tmp_path / "out" / "joints.parquet").set_index("joint")
     assert table.status[["left_hip", "right_hip"]].tolist() == ["regression"] * 2
     said = works("skeleton", walk, "--calibration", "out", "--write", "walk.trc", "--out", "drawn")
-    assert "left_hip: not reliable: by regression" in said
+    assert re.search(r"^left_hip +regression ", said, re.MULTILINE)
+    assert "not reliable" not in said  # a kind of placing, and no doubt
     labels = set(read_recording(tmp_path / "drawn" / "walk.trc").markers)
     assert {"left_hip_regression", "left_knee_landmark"} <= labels  # skin of 2 cm leaves both in doubt
     refused("skeleton", walk, "--calibration", "out", "--hips", "regression", says="a calibration has its hips")
