@@ -1,9 +1,9 @@
 """The commands on recordings, as a user calls them: options, output, files, objects of --json, and refusals."""
 
 import inspect
-import re
 import json
 import os
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -432,7 +432,7 @@ def test_hips_by_regression(works, refused, made, tmp_path):
     assert table.status[["left_hip", "right_hip"]].tolist() == ["regression"] * 2
     said = works("skeleton", walk, "--calibration", "out", "--write", "walk.trc", "--out", "drawn")
     assert re.search(r"^left_hip +regression ", said, re.MULTILINE)
-    assert "not reliable" not in said  # a kind of placing, and no doubt
+    assert "left_hip: not reliable" not in said  # a kind of placing, and no doubt
     labels = set(read_recording(tmp_path / "drawn" / "walk.trc").markers)
     assert {"left_hip_regression", "left_knee_landmark"} <= labels  # skin of 2 cm leaves both in doubt
     refused("skeleton", walk, "--calibration", "out", "--hips", "regression", says="a calibration has its hips")
