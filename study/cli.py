@@ -270,10 +270,11 @@ def fit(
     as_json: FitsAsJson = False,
     as_csv: Csv = False,
 ) -> None:
-    """Fit a sphere, or a circle in the plane or in space, to the points in each file.
+    """Fit a sphere, or a circle, to the points in each file.
 
-    Columns sigma, or sx, sy and sz, are the noise of each point. Several files make a table, a line each. A file that
-    cannot be read costs the others nothing; the exit code is then 2. It is 3 if a fit is not ok.
+    With --circle it is a circle in space. Columns sigma, or sx, sy and sz, are the noise of each point. Several files
+    make a table, a line each. A file that cannot be read costs the others nothing; the exit code is then 2. It is 3 if
+    a fit is not ok.
     """
     from study.fits import fitting
     from study.fits.fitting import choose, fit_all

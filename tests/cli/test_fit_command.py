@@ -463,7 +463,7 @@ def test_a_radius_with_an_uncertainty_and_forms_that_move(well, call_here, rng, 
         (["--radius-error", "0.1"], "--radius-error 0.1: give the radius too"),
         (["--sensitivity", "--json"], "--sensitivity prints lines about one file"),
         (["--law", "along"], "--law along: isotropic, or radial"),
-        (["--law", "radial", "-e", "als"], "takes no law = 'radial'; corrected and mle do"),
+        (["--law", "radial", "-e", "als"], "takes no law = 'radial'; mle and corrected do"),
         (["--radius", "1", "--radius-error", "-1"], "standard uncertainty must be positive"),
     ):
         code, _, complaint = call_here(tmp_path, "fit", "p.npy", *words)

@@ -138,7 +138,7 @@ def test_files_of_ones_own(tmp_path):
     try:
         made = study.run(tmp_path / "own.toml", folder=tmp_path / "run", plugins=[tmp_path / "own.py"])
         registry.unload(str(tmp_path / "own.py"))
-        with pytest.raises(RunError, match="middle"):
+        with pytest.raises(RunError, match=r"of own\.py: give --plugin own\.py$"):
             study.read_run(made.folder)
         again = study.read_run(made.folder, plugins=[tmp_path / "own.py"])
         assert set(again.errors["estimator"]) == {"middle", "gdke"}
