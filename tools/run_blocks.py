@@ -177,7 +177,7 @@ def main() -> None:
     else:
         with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:  # blocks print, and change folders
             faults = list(pool.map(check, given.files))
-    sys.exit("\n".join(filter(None, faults)))
+    sys.exit("\n".join(filter(None, faults)) or None)
 
 
 if __name__ == "__main__":
