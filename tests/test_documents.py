@@ -164,6 +164,14 @@ def test_what_commands_print_on_a_slow_machine_is_not_compared():
     assert not run_blocks.WAITING.match("mine-a998cf00cc: 4 cells, 200 trials")
 
 
+def test_documents_without_a_fault_end_with_code_0(monkeypatch):
+    """An empty text would be code 1."""
+    monkeypatch.setattr(sys, "argv", ["run_blocks.py", "--made", str(ROOT / "docs" / "index.md")])
+    with pytest.raises(SystemExit) as end:
+        run_blocks.main()
+    assert end.value.code is None
+
+
 def test_the_site_lists_every_page():
     """Every page of docs/ stands in the navigation, and everything there is a page."""
     listed = set(re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE))
