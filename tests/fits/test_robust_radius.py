@@ -60,5 +60,5 @@ def test_what_it_does_not_take():
     points = scene(np.random.default_rng(51), 57.0, 0.2)[0]
     with pytest.raises(ValueError, match="takes no uncertain radius"):
         study.fit(points, "robust", radius=(1.0, 0.1))
-    with pytest.raises(ValueError, match="takes no known radius and a noise for each point"):
+    with pytest.raises(ValueError, match="takes no known radius and noise for each point"):
         study.fit(points, "robust", np.ones(60), radius=1.0)
