@@ -76,7 +76,6 @@ def draw_all(
     for place in {folder or own_folder(run) for run in runs}:
         make_folder(place)
     drawn = gallery(names, kinds or (*style.KINDS, "pdf"))
-    for tables in of_runs:
-        drawn.add(tables)
+    drawn.draw(of_runs)
     reasons = {name: gathered(reasons, len(runs)) for name, reasons in drawn.undrawn.items()}
     return drawn.save(folder), reasons
