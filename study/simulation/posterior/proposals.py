@@ -119,7 +119,7 @@ class Proposals:
         # a normal is known to √(s/n) over the extent along an axis, for residuals of variance s from its plane
         scales = [1.0 / (n * np.maximum(extents, 0.0) / max(s, _TINY) + 1.0) for s in (of_fit, max(of_fit, extents[0]))]
         scales = [scale / scale[0] for scale in scales]
-        root, reach = np.linalg.cholesky(covariance), 2.0 * math.sqrt(d) * width
+        root, reach = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64), 2.0 * math.sqrt(d) * width
         return cls(points, best[:d], root, noise, reach, axes, np.array([*scales, np.ones(d)]), np.array(_SHARES))
 
     @property
@@ -205,12 +205,11 @@ class Proposals:
         """Log-density of radius, and of log σ if it is unknown, given the centre (k,)."""
         d, n = self.points.shape
         mean, squares = self._distances(parameters[:, :d])
+        log_noise, by_noise = np.full(len(mean), math.log(self.noise or 1.0)), np.zeros(len(mean))
         if self.noise is None:
             log_noise = parameters[:, d + 1]
             half = 0.5 * squares * np.exp(-2.0 * log_noise)
             by_noise = math.log(2.0) - gammaln(0.5 * (n - 1)) + 0.5 * (n - 1) * np.log(np.maximum(half, _TINY)) - half
-        else:
-            log_noise, by_noise = math.log(self.noise), 0.0
         score = (parameters[:, d] - mean) * np.exp(-log_noise)
         return np.asarray(by_noise - 0.5 * n * score**2 + 0.5 * math.log(n / (2.0 * math.pi)) - log_noise)
 

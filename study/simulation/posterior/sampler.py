@@ -235,6 +235,11 @@ class FittedMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
         return _drawn(s, np.concatenate(c, axis=0), random)
 
 
+def scaled(parameters: Floats, origin: Floats, spread: Floats) -> Floats:
+    """Walkers at parameters (k, p): offsets from the best sphere's, scaled by a matrix (p, p)."""
+    return np.asarray(np.linalg.solve(spread, (parameters - origin).T).T, dtype=np.float64)
+
+
 class IndependentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
     """Propose spheres from all places where the posterior may have mass; see `Proposals`.
 
@@ -252,7 +257,7 @@ class IndependentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
         """Places for walkers ``s`` (k, p), and log-ratios of proposal densities."""
         drawn = self.proposals.draw(random, len(s))
         here, there = map(self.proposals.log_density, (self.origin + s @ self.spread.T, drawn))
-        return np.linalg.solve(self.spread, (drawn - self.origin).T).T, here - there
+        return scaled(drawn, self.origin, self.spread), here - there
 
 
 def _drawn(s: Floats, others: Floats, random: OldStream) -> tuple[Floats, Floats]:
@@ -386,12 +391,12 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
     noise = prior.noise if prior.known else None
     proposals = Proposals.of(samples.x[0], origin, spread[:d] @ spread[:d].T, noise, prior.width)
     # a stream of its own, so that the chain's numbers do not depend on how many draws are taken here
-    own = stream(int(random.get_state()[1][-1]), "posterior", "draws")
+    own = stream(int(random.get_state(legacy=False)["state"]["key"][-1]), "posterior", "draws")
     with np.errstate(all="ignore"):  # the density is zero where no sphere exists
-        drawn = proposals.search(lambda places: density(np.linalg.solve(spread, (places - origin).T).T), own)
+        drawn = proposals.search(lambda places: density(scaled(places, origin, spread)), own)
         apart = drawn.weights[proposals.apart(drawn.parameters, _APART)].sum() > _LEAST_MASS
     if apart:
-        first = np.linalg.solve(spread, (drawn.resampled(random, walkers) - origin).T).T
+        first = scaled(drawn.resampled(random, walkers), origin, spread)
         everywhere = IndependentMove(proposals, origin, spread)
         moves = [(FittedMove(), _FITTED - _ANYWHERE), (everywhere, _ANYWHERE), moves[1]]
     first = _inside(first, density)

@@ -11,7 +11,6 @@ import pytest
 from scipy import integrate, stats
 from scipy.special import logsumexp
 
-from study.simulation.posterior import sampler
 from study.simulation.posterior.proposals import Proposals
 from study.simulation.posterior.sampler import Reference, geometric, whole_sphere
 
