@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import study
+from study.recordings.events import gait_events
 from study.recordings.export.tree import ExportedMotion, joint_angles
-from study.recordings.gait import ANGLES, PANELS, PERCENT, Gait, _spikes, gait_events, gait_lines, gait_of
+from study.recordings.gait import ANGLES, PANELS, PERCENT, Gait, _spikes, gait_lines, gait_of
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.markersets import choose, load_markerset
 from study.recordings.recording import Contact, GaitEvent, Laboratory, Recording, RecordingError

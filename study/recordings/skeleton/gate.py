@@ -8,6 +8,7 @@ The limits are those of bodies, not of samples: a leg that passes may still be w
 """
 
 import itertools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,6 +37,9 @@ centimetre against each other in a session (see `study.recordings.skeleton.calib
 _KEEPS = 0.009
 """Metres by which the distance of two markers of a thigh or a shank is off its median, in the median over the frames:
 half of the 18 mm by which skin slides (see `RULES`). In recorded walks and jumps it is 3 mm at most."""
+_PROPORTION = 1.5
+"""Greatest ratio of a thigh to its shank, either way. On average they are 0.245 and 0.246 of the height (Drillis &
+Contini 1966, in Winter 2009, Biomechanics and Motor Control of Human Movement, figure 4.1)."""
 _UPRIGHT = float(np.cos(np.radians(45.0)))
 """Cosine of the greatest angle between up and the line from the heels to the pelvis of who stands or walks."""
 
@@ -191,12 +195,32 @@ def _stretched(body: Body) -> Iterator[Barred]:
                 break
 
 
+def _unlike(body: Body) -> Iterator[Barred]:
+    """Thighs and shanks of one leg whose lengths no leg has: a marker of one is elsewhere on the leg."""
+    calibration = body.skeleton.calibration
+    above = {place.joint.child: place for place in calibration.joints}
+    for one in ("left", "right"):
+        parts = [f"{one} {part}" for part in ("thigh", "shank", "foot")]
+        if not {*parts} <= body.segments.keys():
+            continue
+        hip, knee, ankle = (above[body.segments[part]] for part in parts)
+        thigh, shank = math.dist(hip.in_child, knee.in_parent), math.dist(knee.in_child, ankle.in_parent)
+        if max(thigh, shank) > _PROPORTION * min(thigh, shank):
+            reason = (
+                f"the {one} thigh is {1000 * thigh:.0f} mm and the shank {1000 * shank:.0f} mm: labels are exchanged"
+            )
+            yield from (body.always(body.segments[part], reason) for part in parts[:2])
+
+
 def _following(body: Body) -> Iterator[Barred]:
-    """Segments without a pose of their own that were placed about a joint in a segment that is missing."""
+    """Segments without a pose of their own that were placed about a joint that is unknown, or in a missing segment."""
     barred = {found.name: found.frames for found in body.skeleton.barred}
     for place in body.skeleton.calibration.joints:
-        parent, child = place.joint.parent, place.joint.child
+        parent, child, error = place.joint.parent, place.joint.child, place.standard_error
         follows = child in body.segments.values() and not body.skeleton.calibration.shape(child).has_own_pose
+        if follows and error > LARGEST_ERROR and child not in barred:
+            yield body.always(child, f"its pose follows from {place.joint.name}, whose error is {1000 * error:.0f} mm")
+            barred[child] = np.ones(body.skeleton.frames, dtype=np.bool_)
         if follows and parent in barred and child not in barred:
             barred[child] = barred[parent]
             yield Barred(child, barred[parent], f"its pose follows from {parent}")
@@ -226,7 +250,9 @@ RULES: dict[str, Callable[[Body], Iterator[Barred]]] = {
     "no cluster fits as well with two labels exchanged, and is nearer to its mean pose so": _exchanged,
     # PMC8631460, as above
     "two markers of a thigh or a shank are within 9 mm of their usual distance, in the median": _stretched,
-    "a segment of two markers is placed about a joint of a segment that is not missing": _following,
+    # Drillis & Contini 1966, as above
+    "a thigh is at most 1.5 times as long as its shank, and the other way round": _unlike,
+    "a segment of two markers is placed about a joint known to 5 cm, in a segment that is not missing": _following,
     "the pelvis is above the heels, within 45°; else angles to the floor, and gait, are missing": _lying,
 }
 """What every leg must be, in the order in which it is asked; `study.recordings.gait` asks that feet strike in turn."""

@@ -120,6 +120,17 @@ VARIANTS = {
     "a thigh's marker gone for a second": {"change": lambda walk: without(walk, "LTHI", slice(150, 250))},
     "left and right knee exchanged": {"change": lambda walk: exchanged(walk, "LKNE", "RKNE"), "static": False},
     "thigh and shank exchanged": {"change": lambda walk: exchanged(walk, "LTHI", "LTIB"), "static": False},
+    "thigh and shank of a child exchanged, hips by motion": {
+        "height": 1.1,
+        "hips": "motion",
+        "static": False,
+        "change": lambda walk: exchanged(walk, "LTHI", "LTIB"),
+    },
+    "knee and thigh exchanged, hips by motion": {
+        "hips": "motion",
+        "change": lambda walk: exchanged(walk, "LTHI", "LKNE"),
+    },
+    "ankle and shank exchanged": {"static": False, "change": lambda walk: exchanged(walk, "LTIB", "LANK")},
     "thigh and shank exchanged for half a second": {
         "change": lambda walk: exchanged(walk, "LTHI", "LTIB", slice(150, 200))
     },
@@ -129,6 +140,9 @@ MISSING = {
     "a thigh's marker gone": {("left", joint) for joint in ("hip", "knee", "ankle")},
     "left and right knee exchanged": {(side, joint) for side in SIDES for joint in ("hip", "knee", "ankle")},
     "thigh and shank exchanged": {("left", joint) for joint in ("hip", "knee", "ankle")},
+    "thigh and shank of a child exchanged, hips by motion": {("left", joint) for joint in ("hip", "knee", "ankle")},
+    "knee and thigh exchanged, hips by motion": {("left", joint) for joint in ("hip", "knee", "ankle")},
+    "ankle and shank exchanged": {("left", joint) for joint in ("hip", "knee", "ankle")},
 }
 """Joints none of whose angles is shown; of all others the flexion is, in nine of ten frames that are not barred."""
 
