@@ -42,7 +42,7 @@ from study.recordings.joints.estimate import ANATOMICAL, SHORT_TEXTS, JointStatu
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, moved_along_axis
 from study.recordings.markersets import MarkerSet, MarkerSetError, landmarks, side, side_of
 from study.recordings.recording import Recording
-from study.recordings.rigid import across, to_local, to_world
+from study.recordings.rigid import across, nearest_rotation, relative_rotation, to_local, to_world
 from study.recordings.skeleton.draw import Flag, Skeleton, draw_skeleton
 
 Hips = Literal["motion", "regression"]
@@ -324,7 +324,22 @@ def with_anatomy(calibration: Calibration, trial: DrawnTrial, source: Recording,
         replace(s, anatomy=axes[s.segment], anatomy_covariance=errors[s.segment]) if s.segment in axes else s
         for s in calibration.shapes
     )
-    return replace(calibration, shapes=tuple(shapes))
+    drawn = {place.joint.child for place in calibration.joints if place.status in ANATOMICAL}
+    joints = (
+        _with_mean_rotation(place, trial.skeleton) if drawn & {place.joint.parent, place.joint.child} else place
+        for place in calibration.joints
+    )
+    return replace(calibration, shapes=tuple(shapes), joints=tuple(joints))
+
+
+def _with_mean_rotation(place: JointPlace, skeleton: Skeleton) -> JointPlace:
+    """A joint with the mean rotation of a skeleton, which has other poses than those that the joint was found with."""
+    ends = [skeleton.segments.index(name) for name in (place.joint.parent, place.joint.child)]
+    both = (skeleton.segment_flags[ends] == Flag.SEEN).all(axis=0)
+    if not both.any():
+        return place
+    turns = relative_rotation(*(skeleton.rotations[k][:, :, both] for k in ends))
+    return replace(place, mean_rotation=nearest_rotation(turns.sum(axis=2)))
 
 
 def _redrawn(

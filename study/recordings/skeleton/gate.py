@@ -213,17 +213,23 @@ def _unlike(body: Body) -> Iterator[Barred]:
 
 
 def _following(body: Body) -> Iterator[Barred]:
-    """Segments without a pose of their own that were placed about a joint that is unknown, or in a missing segment."""
+    """Segments without a pose of their own about a joint that is unknown or missing, or in a missing segment."""
     barred = {found.name: found.frames for found in body.skeleton.barred}
     for place in body.skeleton.calibration.joints:
-        parent, child, error = place.joint.parent, place.joint.child, place.standard_error
-        follows = child in body.segments.values() and not body.skeleton.calibration.shape(child).has_own_pose
-        if follows and error > LARGEST_ERROR and child not in barred:
-            yield body.always(child, f"its pose follows from {place.joint.name}, whose error is {1000 * error:.0f} mm")
-            barred[child] = np.ones(body.skeleton.frames, dtype=np.bool_)
-        if follows and parent in barred and child not in barred:
-            barred[child] = barred[parent]
-            yield Barred(child, barred[parent], f"its pose follows from {parent}")
+        joint, error = place.joint, place.standard_error
+        own = joint.child not in body.segments.values() or body.skeleton.calibration.shape(joint.child).has_own_pose
+        if own or joint.child in barred:
+            continue
+        if error > LARGEST_ERROR:
+            found = body.always(
+                joint.child, f"its pose follows from {joint.name}, which is known to {1000 * error:.0f} mm"
+            )
+        elif (cause := next((name for name in (joint.name, joint.parent) if name in barred), "")) != "":
+            found = Barred(joint.child, barred[cause], f"its pose follows from {cause}")
+        else:
+            continue
+        barred[joint.child] = found.frames
+        yield found
 
 
 def _lying(body: Body) -> Iterator[Barred]:
@@ -252,7 +258,7 @@ RULES: dict[str, Callable[[Body], Iterator[Barred]]] = {
     "two markers of a thigh or a shank are within 9 mm of their usual distance, in the median": _stretched,
     # Drillis & Contini 1966, as above
     "a thigh is at most 1.5 times as long as its shank, and the other way round": _unlike,
-    "a segment of two markers is placed about a joint known to 5 cm, in a segment that is not missing": _following,
+    "a segment of two markers follows a joint known to 5 cm; neither this nor the segment above is missing": _following,
     "the pelvis is above the heels, within 45°; else angles to the floor, and gait, are missing": _lying,
 }
 """What every leg must be, in the order in which it is asked; `study.recordings.gait` asks that feet strike in turn."""
