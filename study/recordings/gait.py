@@ -136,7 +136,8 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
         barred = {place.joint.name: skeleton.barred_at(place.joint)[1] for place in skeleton.calibration.joints}
         told |= {name: why for name, why in barred.items() if why}
         notes += [f"{name}: {found.text}" for found in skeleton.barred]
-        if any(found.name == "up" for found in skeleton.barred):
+        gone = {found.name for found in skeleton.barred if found.frames.all()}
+        if gone & {"up", legs(skeleton.calibration.markerset)["pelvis"]}:
             continue
         course = walk_course(motion)
         events.append(gait_events(motion, course))

@@ -18,8 +18,8 @@ joint coordinate systems, part I; Grood and Suntay 1983 for the angles between t
 Plug-in Gait has no medial epicondyle and no medial malleolus, but measured widths. By its chord method the centre of a
 knee is half the knee's width and half a marker's diameter from the lateral marker, in the plane of this marker, the
 thigh's marker and the hip, and sees marker and hip at a right angle; the ankle follows likewise from shank and knee.
-The medial point is as far on the other side. Rotation offsets of a static trial are not read. Source: Davis et al.
-1991, Hum Mov Sci 10:575-587; Vicon, Plug-in Gait Reference Guide.
+The medial point is as far on the other side. Rotation offsets of a static trial are not applied; a note names them.
+Source: Davis et al. 1991, Hum Mov Sci 10:575-587; Vicon, Plug-in Gait Reference Guide.
 
 The regression is Harrington et al. 2007, J Biomech 40:595-602, by the pelvis' width w between the anterior spines and
 its depth d from their middle to that of the posterior ones. From the middle of the anterior spines the hip is

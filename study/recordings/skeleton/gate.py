@@ -25,12 +25,17 @@ from study.recordings.skeleton.anatomy import legs
 from study.recordings.skeleton.draw import LARGEST_ERROR, Barred, Flag, Skeleton
 from study.recordings.skeleton.scene import up_of
 
-KNEE = -20.0, 160.0
-"""Degrees: least and greatest mean flexion of a knee. Knees of men bend to 144 ± 6° and overextend by 2 ± 3° (Roaas &
-Andersson 1982, Acta Orthop Scand 53:205-208); the mean of a motion stays within."""
+_BENDS = {"thigh": (-50.0, 160.0), "shank": (-20.0, 160.0), "foot": (-90.0, 45.0)}
+"""Degrees: least and greatest mean flexion of the joint above a part. In children, whose joints move most, hips bend to
+141° and overextend by 28°, knees to 153° and by 5°, and ankles to 25° (means of Soucie et al. 2011, Haemophilia
+17:500-507)."""
+_TURNS = 90.0
+"""Degrees: greatest mean rotation of a joint about its long axis, either way; beyond, the lateral side is medial, or a
+foot points back. Hips rotate by 30° inwards and 39° outwards (Kouyoumdjian et al. 2012, Orthop Traumatol Surg Res
+98:17-23)."""
 _FLIPPED = np.radians(90.0)
 """Angle by which a pose must be nearer to the mean one with two labels exchanged. An exchange turns a plane cluster by
-180°; hips rotate by 30° inwards and 39° outwards (Kouyoumdjian et al. 2012, Orthop Traumatol Surg Res 98:17-23)."""
+180°, a joint by less than `_TURNS`."""
 _AS_WELL = 0.01
 """Metres: misfit of a cluster with two labels exchanged up to which skin may hide the exchange: it moves markers by a
 centimetre against each other in a session (see `study.recordings.skeleton.calibrate`)."""
@@ -107,34 +112,30 @@ def _unseen(body: Body) -> Iterator[Barred]:
                 yield body.always(body.joint_above(foot), f"its zero follows from {name}, which no frame shows")
 
 
-def _backwards(body: Body) -> Iterator[Barred]:
-    """Thighs whose lateral side is medial: z of their axes is more than 90° from that of the pelvis, in the median."""
-    pelvis = body.axes("pelvis")
-    for one in ("left", "right"):
-        thigh = body.axes(f"{one} thigh")
-        if pelvis is None or thigh is None:
-            continue
-        cosine = np.einsum("it,it->t", pelvis[:, 2], thigh[:, 2])
-        if np.nanmedian(cosine) < 0.0:
-            angle = np.degrees(np.arccos(np.nanmedian(cosine)))
-            reason = f"its medio-lateral axis is {angle:.0f}° from that of the pelvis: labels are exchanged"
-            yield body.always(body.segments[f"{one} thigh"], reason)
-
-
 def _bent(body: Body) -> Iterator[Barred]:
-    """Knees whose mean flexion no knee has."""
-    for one in ("left", "right"):
-        thigh, shank = body.axes(f"{one} thigh"), body.axes(f"{one} shank")
-        if thigh is None or shank is None:
+    """Joints of legs that bend or turn as none does, in the mean; and the pelvis, if both hips do."""
+    hips = 0
+    for (part, (low, high)), one in itertools.product(_BENDS.items(), ("left", "right")):
+        above = {"thigh": "pelvis", "shank": f"{one} thigh", "foot": f"{one} shank"}[part]
+        parent, child = body.axes(above), body.axes(f"{one} {part}")
+        if parent is None or child is None:
             continue
-        turn = relative_rotation(thigh, shank)
-        known = ~np.isnan(turn[0, 0])
-        if not known.any():
+        turn = relative_rotation(parent, child)
+        angles = zxy_angles(turn[:, :, ~np.isnan(turn[0, 0])])
+        if not angles.size:
             continue
-        mean = float(np.degrees(np.angle(np.exp(-1j * zxy_angles(turn[:, :, known])[0]).mean())))
-        if not KNEE[0] <= mean <= KNEE[1]:
-            reason = f"its mean flexion is {mean:.0f}°, and a knee's from {KNEE[0]:.0f}° to {KNEE[1]:.0f}°"
-            yield body.always(body.joint_above(f"{one} shank"), reason)
+        flexion, _, rotation = np.degrees(np.angle(np.exp(1j * angles).mean(axis=1)))
+        flexion = -flexion if part == "shank" else flexion
+        words = f"its mean flexion is {flexion:.0f}°, of bodies {low:.0f}° to {high:.0f}°" * (
+            not low <= flexion <= high
+        )
+        if abs(rotation) > _TURNS:
+            words = f"its segments are turned by {abs(rotation):.0f}° about its long axis: labels are exchanged"
+        if words:
+            hips += part == "thigh"
+            yield body.always(body.joint_above(f"{one} {part}"), words)
+    if hips == len(("left", "right")):
+        yield body.always(body.segments["pelvis"], "both hips are as no body's: labels are exchanged")
 
 
 def _exchanged(body: Body) -> Iterator[Barred]:
@@ -239,20 +240,19 @@ def _lying(body: Body) -> Iterator[Barred]:
     if name is None or not heels:
         return
     line = body.skeleton.origins[body.skeleton.segments.index(name)] - np.array(heels)
-    line = (up_of(body.recording)[0] @ line) / np.linalg.norm(line, axis=1, keepdims=True)
-    if (upwards := np.nanmedian(line[:, 2])) < _UPRIGHT:
-        reason = f"the pelvis is {np.degrees(np.arccos(upwards)):.0f}° from above the heels, so that up is not known"
-        yield body.always("up", reason)
+    line = up_of(body.recording)[0] @ line / np.linalg.norm(line, axis=1, keepdims=True)
+    upwards = line[:, 2][~np.isnan(line[:, 2])]
+    if upwards.size and np.median(upwards) < _UPRIGHT:
+        angle = np.degrees(np.arccos(np.median(upwards)))
+        yield body.always("up", f"the pelvis is {angle:.0f}° from above the heels, so that up is not known")
 
 
 RULES: dict[str, Callable[[Body], Iterator[Barred]]] = {
     # a thigh's skin slides by 18 mm in fluoroscopy (PMC8631460)
     "the two segments of a joint put it at most 5 cm apart": _apart,
     "markers show each segment of a leg in some frame; its neighbours alone do not place it": _unseen,
-    # Kouyoumdjian et al. 2012, as above
-    "the medio-lateral axis of a thigh is within 90° of that of the pelvis": _backwards,
-    # Roaas & Andersson 1982, as above
-    "the mean flexion of a knee is from -20° to 160°": _bent,
+    # Soucie et al. 2011 and Kouyoumdjian et al. 2012, as above
+    "the mean flexion of hips, knees and ankles is one of bodies, and they are turned by at most 90°": _bent,
     "no cluster fits as well with two labels exchanged, and is nearer to its mean pose so": _exchanged,
     # PMC8631460, as above
     "two markers of a thigh or a shank are within 9 mm of their usual distance, in the median": _stretched,

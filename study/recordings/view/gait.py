@@ -119,7 +119,7 @@ def _draw_sticks(ax: Axes, sticks: Sticks) -> None:
     ax.set(xlabel="gait cycle / %", ylabel="height / m")
 
 
-_APART = 0.7
+_APART = 0.55
 """Metres between two bodies of the stick figure."""
 
 
@@ -193,7 +193,7 @@ th, td { padding: .15rem .8rem .15rem 0; text-align: right; }
 th:first-child, td:first-child { text-align: left; font-weight: normal; } tr { border-bottom: 1px solid #ddd; }
 .key span { display: inline-block; width: 1.8em; border-top: 2px solid; vertical-align: middle; margin-right: .4em; }
 @media (max-width: 40rem) {
-  .wide { grid-column: auto; } body { padding: 0 .6rem; font-size: 14px; }
+  .wide { grid-column: auto; overflow-x: auto; } .wide svg { min-width: 34rem; } body { padding: 0 .6rem; font-size: 14px; }
   table { font-size: 12px; } th, td { padding-right: .45rem; }
 }
 @media print {
@@ -215,23 +215,24 @@ def _table(head: str, rows: list[list[str]]) -> str:
 def page(gait: Gait, title: str) -> str:
     """The report as one page: parameters of the cycles, the curves and the body over one cycle, and the notes."""
     walks = ", ".join(dict.fromkeys(gait.cycles["recording"]))
+    walked = f"<p>Walks: {html.escape(walks)}.</p>" * (walks != title)
     dashes = {"left": "solid", "right": "dashed"}
-    key = " &emsp; ".join(
-        f'<span style="border-color: {COLORS[s]}; border-style: {dashes[s]}"></span>{s}' for s in SIDES
-    )
+    lines = [f'<span style="border-color: {COLORS[s]}; border-style: {dashes[s]}"></span>{s}' for s in SIDES]
+    most, doubtful = int(gait.cycles["side"].value_counts().max()), int(gait.curves["suspect"].sum())
+    lines += ["thick: mean; thin: single cycles"] * (most > 1)
+    lines += [f"band: ± one standard deviation of {FEW} cycles or more"] * (most >= FEW)
+    lines += ["upright line: toes off"]
+    lines += [f"○ suspect ({doubtful} points): a segment is bridged, or a spike"] * (doubtful > 0)
+    spread = f"In the table of cycles ± is the standard deviation of {FEW} cycles or more. " * (most >= FEW)
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in gait.notes)
-    doubtful = int(gait.curves["suspect"].sum())
-    rings = f" &emsp; ○ suspect ({doubtful} points): a segment is bridged, or a spike" if doubtful else ""
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{html.escape(title)}</title><style>{_STYLE}</style></head><body>
 <h1>Gait: {html.escape(title)}</h1>
-<p>Walks: {html.escape(walks)}.</p>
+{walked}
 <div class="tables">{_table("", list(parameter_rows(gait)))}{_table("mean curve, range", list(angle_rows(gait)))}</div>
-<p>In the table of cycles ± is the standard deviation of three cycles or more. Beside an angle it is the standard error
-of its mean curve, the median over the curve, {TOTAL}.</p>
-<p class="key">{key} &emsp; thick: mean; thin: single cycles; band: ± one standard deviation of {FEW} cycles or more;
-upright line: toes off{rings}</p>
+<p>{spread}Beside an angle ± is the standard error of its mean curve, the median over the curve, {TOTAL}.</p>
+<p class="key">{" &emsp; ".join(lines)}</p>
 <div class="panels">{"".join(_panels(gait))}</div>
 <h2>Notes</h2>
 <ul>{notes}</ul>
