@@ -128,7 +128,8 @@ def _way(pelvis: Floats, forward: Floats, rate: float) -> Floats:
 
 def _feet(motion: ExportedMotion, segments: Mapping[str, str]) -> dict[str, Floats]:
     """Markers of heels and toes in the world (3, frames), z up; by their segment's pose where that is known."""
-    points, feet = landmarks(motion.recording.markers, motion.skeleton.calibration.markerset.landmarks), {}
+    feet: dict[str, Floats] = {}
+    points = landmarks(motion.recording.markers, motion.skeleton.calibration.markerset.landmarks)
     for side in SIDES:
         kinds = {"heel": ("heel",), "toe": ("toe", "first metatarsal", "fifth metatarsal")}
         for kind, names in kinds.items():

@@ -159,12 +159,10 @@ def gait_of(motions: Sequence[ExportedMotion]) -> Gait:
     notes += by_words((motion.skeleton.name, up_of(motion.recording)[1]) for motion in motions)
     others = sorted(legs_of - set(clinical))
     if others:
-        named = [p for m in motions for p in landmarks(m.recording.markers, calibration.markerset.landmarks)]
-        gone = " or a ".join(p for p in ("medial epicondyle", "medial malleolus") if f"left {p}" not in named)
-        gone = f" (no label is that of a {gone})" * bool(gone)
-        words = (
-            f"no anatomical axes{gone}: zero is where bones hang straight, and curves of two subjects do not compare"
-        )
+        named = {p for m in motions for p in landmarks(m.recording.markers, calibration.markerset.landmarks)}
+        lacking = " or a ".join(p for p in ("medial epicondyle", "medial malleolus") if f"left {p}" not in named)
+        words = f"no anatomical axes{f' (no label is that of a {lacking})' * bool(lacking)}: zero is where bones hang"
+        words += " straight, and curves of two subjects do not compare"
         notes.append(f"{', '.join(others)}: {words}")
     doubted = [place for place in calibration.joints if place.joint.name in legs_of and not place.usable]
     notes += by_words((p.joint.name, "doubted: " * (p.status not in ANATOMICAL) + p.reason) for p in doubted)
@@ -207,7 +205,7 @@ def _angles(motion: ExportedMotion, course: Course, joints: Mapping[tuple[str, s
     table, skeleton = joint_angles(motion), motion.skeleton
     result: dict[str, Any] = {"time": table["time"].to_numpy()}
     for (side, joint), name in joints.items():
-        own = [column for column in table if column.startswith(f"{name}_")]
+        own = [column for column in map(str, table) if column.startswith(f"{name}_")]
         result |= {f"{side} {joint}{column.removeprefix(name)}": table[column].to_numpy() for column in own}
     up = np.broadcast_to([[0.0], [0.0], [1.0]], course.way.shape)
     ahead = np.stack([course.way, up, np.cross(course.way, up, axis=0)])  # rows: ahead, up, to the right

@@ -16,7 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from study import style
-from study.recordings.gait import FEW, PANELS, SIDES, TOTAL, Gait, Sticks, angle_rows, parameter_rows
+from study.recordings.events import SIDES
+from study.recordings.gait import FEW, PANELS, TOTAL, Gait, Sticks, angle_rows, parameter_rows
 from study.recordings.view.figure import SIDES as COLORS
 from study.style import encode, journal, save_bytes
 
@@ -193,7 +194,8 @@ th, td { padding: .15rem .8rem .15rem 0; text-align: right; }
 th:first-child, td:first-child { text-align: left; font-weight: normal; } tr { border-bottom: 1px solid #ddd; }
 .key span { display: inline-block; width: 1.8em; border-top: 2px solid; vertical-align: middle; margin-right: .4em; }
 @media (max-width: 40rem) {
-  .wide { grid-column: auto; overflow-x: auto; } .wide svg { min-width: 34rem; } body { padding: 0 .6rem; font-size: 14px; }
+  .wide { grid-column: auto; overflow-x: auto; } .wide svg { min-width: 34rem; }
+  body { padding: 0 .6rem; font-size: 14px; }
   table { font-size: 12px; } th, td { padding-right: .45rem; }
 }
 @media print {
@@ -222,7 +224,7 @@ def page(gait: Gait, title: str) -> str:
     lines += ["thick: mean; thin: single cycles"] * (most > 1)
     lines += [f"band: ± one standard deviation of {FEW} cycles or more"] * (most >= FEW)
     lines += ["upright line: toes off"]
-    lines += [f"○ suspect ({doubtful} points): a segment is bridged, or a spike"] * (doubtful > 0)
+    lines += [f"○&nbsp;suspect ({doubtful} points): a segment is bridged, or a spike"] * (doubtful > 0)
     spread = f"In the table of cycles ± is the standard deviation of {FEW} cycles or more. " * (most >= FEW)
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in gait.notes)
     return f"""<!DOCTYPE html>

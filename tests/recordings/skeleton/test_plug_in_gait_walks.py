@@ -11,7 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from study.recordings import api
 from study.recordings.export.tree import ExportedMotion, joint_angles
+from study.recordings.joints.estimate import ANATOMICAL
 from study.recordings.recording import Recording
+from study.recordings.rigid import relative_rotation
 from study.recordings.skeleton.scene import skeleton_scene
 
 KINDS = ("flexion", "adduction", "rotation")
@@ -192,3 +194,16 @@ def test_epicondyles_of_the_static_trial_alone_place_a_knee_along_its_axis():
     table = joint_angles(ExportedMotion(skeleton, walk, skeleton_scene(skeleton, walk)))
     for side in SIDES:
         assert abs(np.nanmedian(table[f"{side}_knee_adduction"] - truth[side, "knee"][1])) < 2.0
+
+
+def test_the_mean_pose_of_a_joint_by_regression_or_landmarks_is_that_of_the_drawn_poses():
+    """Angles without anatomical axes have their zero from it: it was 18° off at an ankle, by poses of before."""
+    walk, _ = plug_in_gait(1)
+    joints = api.find_joints([walk], hips="regression", segments="legs")
+    skeleton = api.draw_skeleton(walk, joints, segments="legs")
+    placed = [place for place in joints.joints if place.status in ANATOMICAL]
+    assert {place.joint.name for place in placed} >= {"left_hip", "left_ankle", "right_hip", "right_ankle"}
+    for place in placed:
+        turns = relative_rotation(skeleton.rotation(place.joint.parent), skeleton.rotation(place.joint.child))
+        mean = Rotation.from_matrix(turns[:, :, ~np.isnan(turns[0, 0])].transpose(2, 0, 1)).mean()
+        assert (mean.inv() * Rotation.from_matrix(place.mean_rotation)).magnitude() < np.radians(2.0)
