@@ -253,7 +253,7 @@ def _cycles(
             count += 1
             row: dict[str, object] = {"recording": skeleton.name, "side": side, "cycle": count}
             row |= {"start": one.time, "end": other.time, "duration": duration}
-            row |= _parameters(course, skeleton.rate, (one, other), offs[:1], events)
+            row |= _parameters(course, skeleton.rate, (one, other), offs[0] if offs else np.nan, events)
             row |= {"events": " and ".join(dict.fromkeys((one.source, other.source)))}
             tables = [
                 pd.DataFrame({"joint": j, "angle": a, "percent": PERCENT} | _curve(angles, (side, j, a), (one, other)))
@@ -270,11 +270,7 @@ def _at(rows: Floats, rate: float, time: float) -> Floats:
 
 
 def _parameters(
-    course: Course,
-    rate: float,
-    strikes: tuple[GaitEvent, GaitEvent],
-    offs: Sequence[float],
-    events: Sequence[GaitEvent],
+    course: Course, rate: float, strikes: tuple[GaitEvent, GaitEvent], off: float, events: Sequence[GaitEvent]
 ) -> dict[str, float]:
     """Stance, stride, speed, cadence, step, width and double support of a cycle; NaN where the events do not show them.
 
@@ -282,30 +278,21 @@ def _parameters(
         course: of the walk.
         rate: frames per second.
         strikes: the first and the last.
-        offs: the time of the off between, if it is known.
+        off: the time of the off between; NaN if it is not known.
         events: of the walk.
     """
-    start, end = (strike.time for strike in strikes)
-    side, duration = strikes[0].side, end - start
-    opposite = "right" if side == "left" else "left"
+    side, start, end = strikes[0].side, strikes[0].time, strikes[1].time
+    opposite, duration = "right" if side == "left" else "left", end - start
     stride = float(np.linalg.norm((_at(course.pelvis, rate, end) - _at(course.pelvis, rate, start))[:2]))
-    own_off = offs[0] if offs else np.nan
-    others = {
-        kind: next((e.time for e in events if (e.side, e.kind) == (opposite, kind) and start < e.time < end), np.nan)
-        for kind in ("strike", "off")
-    }
-    double = (others["off"] - start) + (own_off - others["strike"])
-    double = double if others["off"] < others["strike"] < own_off else np.nan
+    others = [e for e in events if e.side == opposite and start < e.time < end]
+    struck, gone = (next((e.time for e in others if e.kind == kind), np.nan) for kind in ("strike", "off"))
+    double = (gone - start) + (off - struck) if gone < struck < off else np.nan
     step = width = np.nan
-    if not np.isnan(others["strike"]) and {f"{side} heel", f"{opposite} heel"} <= course.feet.keys():
-        heels = (
-            _at(course.feet[f"{side} heel"], rate, end),
-            _at(course.feet[f"{opposite} heel"], rate, others["strike"]),
-        )
+    if not np.isnan(struck) and {f"{side} heel", f"{opposite} heel"} <= course.feet.keys():
         way = _at(course.way, rate, end)[:2]
-        apart = (heels[0] - heels[1])[:2]
-        step, width = float(apart @ way), float(abs(apart[0] * way[1] - apart[1] * way[0]))
-    row = {"stance": 100.0 * (own_off - start) / duration, "stride": stride, "speed": stride / duration}
+        apart = _at(course.feet[f"{side} heel"], rate, end) - _at(course.feet[f"{opposite} heel"], rate, struck)
+        step, width = float(apart[:2] @ way), float(abs(apart[0] * way[1] - apart[1] * way[0]))
+    row = {"stance": 100.0 * (off - start) / duration, "stride": stride, "speed": stride / duration}
     row |= {"cadence": 120.0 / duration, "step": step, "width": width}
     return row | {"double_support": 100.0 * double / duration}
 

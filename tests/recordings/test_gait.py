@@ -194,7 +194,7 @@ def test_without_a_pelvis(one_line):
     body, _ = synthesize(Recipe(200, 100.0))
     motion = motion_of(body, calibrate(body, load_markerset("cmu41")))
     with one_line(RecordingError, "no pelvis with both spines"):
-        gait_events(motion)
+        gait_of([motion])
 
 
 def vicon(shared_file, name, still):

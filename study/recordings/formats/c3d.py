@@ -258,15 +258,13 @@ def _by_ezc3d(path: Path) -> FileContents:
     residuals = file["data"]["meta_points"]["residuals"][0]
     rate, first = float(file["header"]["points"]["frame_rate"]), file["header"]["points"]["first_frame"]
     contents = _contents(points, residuals, parameters, rate, prefixes)
-    contexts, labels = (
-        file["parameters"].get("EVENT", {}).get(key, {}).get("value", ()) for key in ("CONTEXTS", "LABELS")
-    )
-    times = np.ravel(file["parameters"].get("EVENT", {}).get("TIMES", {}).get("value", ()), order="F")
+    group, stretch = file["parameters"].get("EVENT", {}), (0.0, 0.0)
+    contexts, labels, times = (group.get(key, {}).get("value", ()) for key in ("CONTEXTS", "LABELS", "TIMES"))
     plates, analog = file["data"].get("platform", ()), file["header"]["analogs"]["frame_rate"]
     contacts = tuple(load for plate in plates for load in _contacts(plate["force"], plate["corners"].T, analog))
-    events = _events(
-        contexts, labels, times, (first / rate if rate > 0 else 0.0, points.shape[2] / rate if rate > 0 else 0.0)
-    )
+    if rate > 0:
+        stretch = first / rate, points.shape[2] / rate
+    events = _events(contexts, labels, np.ravel(times, order="F"), stretch)
     return replace(contents, laboratory=Laboratory(events, contacts))
 
 

@@ -283,14 +283,14 @@ def gated(skeleton: Skeleton, recording: Recording) -> Skeleton:
 
 def _without(skeleton: Skeleton, finding: Barred) -> Skeleton:
     """The skeleton without a joint or a segment in some frames."""
-    rotations, origins, turning = skeleton.rotations.copy(), skeleton.origins.copy(), skeleton.turning.copy()
-    centers, flags, segment_flags = skeleton.centers.copy(), skeleton.flags.copy(), skeleton.segment_flags.copy()
-    joints = [k for k, p in enumerate(skeleton.calibration.joints) if finding.name in (p.joint.name, p.joint.parent)]
-    for k in joints:
-        centers[k][:, finding.frames], flags[k][finding.frames] = np.nan, Flag.UNKNOWN
+    names = "rotations", "origins", "turning", "segment_flags", "centers", "flags"
+    rotations, origins, turning, segment_flags, centers, flags = (getattr(skeleton, name).copy() for name in names)
+    for k, place in enumerate(skeleton.calibration.joints):
+        if finding.name in (place.joint.name, place.joint.parent):
+            centers[k][:, finding.frames], flags[k][finding.frames] = np.nan, Flag.UNKNOWN
     if finding.name in skeleton.segments:
         k = skeleton.segments.index(finding.name)
         rotations[k][:, :, finding.frames], origins[k][:, finding.frames] = np.nan, np.nan
         segment_flags[k][finding.frames], turning[k][finding.frames] = Flag.UNKNOWN, np.nan
-    poses = replace(skeleton, rotations=rotations, origins=origins, segment_flags=segment_flags, turning=turning)
-    return replace(poses, centers=centers, flags=flags, barred=(*skeleton.barred, finding))
+    changed = dict(zip(names, (rotations, origins, turning, segment_flags, centers, flags), strict=True))
+    return replace(skeleton, barred=(*skeleton.barred, finding), **changed)

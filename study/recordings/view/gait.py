@@ -38,6 +38,7 @@ _WORDS = {
 }
 """The titles of the panels."""
 _STYLES = {"left": "-", "right": (0, (5, 1.5))}
+_RING: dict[str, Any] = {"linestyle": "", "marker": "o", "fillstyle": "none", "markersize": 2.6, "zorder": 4}
 
 
 def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, panel: tuple[str, str]) -> None:
@@ -58,17 +59,7 @@ def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, panel: tuple[str, str]) -> 
             below, above = (wide["mean"] + sign * wide["sd"] for sign in (-1.0, 1.0))
             ax.fill_between(wide.index, below, above, color=COLORS[side], alpha=0.15, linewidth=0.0, zorder=0)
         doubt = _of(gait.curves, side, panel).query("suspect")
-        ax.plot(
-            doubt["percent"],
-            doubt["value"],
-            linestyle="",
-            marker="o",
-            fillstyle="none",
-            color=COLORS[side],
-            markersize=2.6,
-            markeredgewidth=0.6,
-            zorder=4,
-        )
+        ax.plot(doubt["percent"], doubt["value"], color=COLORS[side], **_RING)
         stance = gait.cycles.loc[gait.cycles["side"] == side, "stance"].mean()
         ax.axvline(stance, color=COLORS[side], linewidth=0.6, linestyle=_STYLES[side])
     low, high = ax.get_ylim()
@@ -106,14 +97,10 @@ def _draw_sticks(ax: Axes, sticks: Sticks) -> None:
     percent = np.linspace(0, 100, len(sticks.places))
     for number, shown in enumerate(sticks.places):
         for one, other in sticks.bones:
-            side = next((s for s in (sticks.sides[one], sticks.sides[other]) if s), "")
+            side = sticks.sides[one] or sticks.sides[other]
             x, z = shown[[one, other]].T
-            look: dict[str, Any] = {
-                "color": COLORS.get(side, "0.45"),
-                "linestyle": _STYLES.get(side, "-"),
-                "zorder": 2 + (side == "right"),
-            }
-            ax.plot(x + _APART * number, z, linewidth=0.9, **look)
+            look: dict[str, Any] = {"color": COLORS.get(side, "0.45"), "linestyle": _STYLES.get(side, "-")}
+            ax.plot(x + _APART * number, z, linewidth=0.9, zorder=2 + (side == "right"), **look)
     ax.set_aspect("equal")
     ax.set_title(f"{sticks.title}, seen from the right", fontsize=style.SMALL + 0.5)
     ax.set(xticks=_APART * np.arange(len(percent)), xticklabels=[f"{p:.0f}" for p in percent])
