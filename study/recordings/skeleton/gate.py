@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Floats
-from study.recordings.joints.find import SegmentShape
+from study.recordings.joints.find import JointPlace, SegmentShape
 from study.recordings.markersets import landmarks, match
 from study.recordings.recording import Recording
 from study.recordings.rigid import fit_rigid_motion, relative_rotation, to_world, zxy_angles
@@ -66,6 +66,11 @@ class Body:
         """Names of the segments by what they are, as "left thigh" (see `legs`)."""
         return legs(self.skeleton.calibration.markerset)
 
+    @cached_property
+    def above(self) -> dict[str, JointPlace]:
+        """The joint above each segment."""
+        return {place.joint.child: place for place in self.skeleton.calibration.joints}
+
     def axes(self, part: str) -> Floats | None:
         """Anatomical axes of a part in the world (3, 3, frames); None if they are not known."""
         if part not in self.segments:
@@ -80,8 +85,7 @@ class Body:
 
     def joint_above(self, part: str) -> str:
         """Name of the joint above a part."""
-        joints = self.skeleton.calibration.joints
-        return next(place.joint.name for place in joints if place.joint.child == self.segments[part])
+        return self.above[self.segments[part]].joint.name
 
 
 def _apart(body: Body) -> Iterator[Barred]:
@@ -100,11 +104,11 @@ def _apart(body: Body) -> Iterator[Barred]:
 
 def _unseen(body: Body) -> Iterator[Barred]:
     """Segments of legs that no frame shows, for their neighbours alone place them, and what has its zero from them."""
-    skeleton, above = body.skeleton, {place.joint.child: place for place in body.skeleton.calibration.joints}
+    skeleton = body.skeleton
     for part, name in body.segments.items():
         flags = skeleton.segment_flags[skeleton.segments.index(name)]
         if (flags != Flag.SEEN).all() and (flags != Flag.UNKNOWN).any():
-            place = above.get(name)
+            place = body.above.get(name)
             own = f": {place.joint.name}: {place.reason}" if place is not None and not place.known else ""
             yield body.always(name, f"no frame shows its pose{own}")
             foot = part.split(" ")[0] + " foot"
@@ -140,9 +144,9 @@ def _bent(body: Body) -> Iterator[Barred]:
 
 def _exchanged(body: Body) -> Iterator[Barred]:
     """Segments of legs whose pose is far from the mean one, and near to it with two labels exchanged."""
-    skeleton, above = body.skeleton, {p.joint.child: p for p in body.skeleton.calibration.joints}
+    skeleton = body.skeleton
     for name in body.segments.values():
-        shape, place = skeleton.calibration.shape(name), above.get(name)
+        shape, place = skeleton.calibration.shape(name), body.above.get(name)
         if place is None or not shape.has_own_pose:
             continue
         turn = relative_rotation(skeleton.rotation(place.joint.parent), skeleton.rotation(name))
@@ -198,13 +202,11 @@ def _stretched(body: Body) -> Iterator[Barred]:
 
 def _unlike(body: Body) -> Iterator[Barred]:
     """Thighs and shanks of one leg whose lengths no leg has: a marker of one is elsewhere on the leg."""
-    calibration = body.skeleton.calibration
-    above = {place.joint.child: place for place in calibration.joints}
     for one in ("left", "right"):
         parts = [f"{one} {part}" for part in ("thigh", "shank", "foot")]
         if not {*parts} <= body.segments.keys():
             continue
-        hip, knee, ankle = (above[body.segments[part]] for part in parts)
+        hip, knee, ankle = (body.above[body.segments[part]] for part in parts)
         thigh, shank = math.dist(hip.in_child, knee.in_parent), math.dist(knee.in_child, ankle.in_parent)
         if max(thigh, shank) > _PROPORTION * min(thigh, shank):
             reason = (
