@@ -18,7 +18,7 @@ WINGS = {"fits": set(), "simulation": {"fits"}, "recordings": {"fits"}}
 """For each wing the others that it may import."""
 ORDER = {
     "simulation": "experiment statistics runs posterior analysis claims figures report compile_loops commands library",
-    "recordings": "recording formats rigid markersets joints skeleton one_joint session live export gait view "
+    "recordings": "recording formats rigid markersets joints skeleton one_joint session live export events gait view "
     "synthetic case_study api commands live_commands",
 }
 ORDER = {name: chapters.split() for name, chapters in ORDER.items()}

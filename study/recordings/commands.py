@@ -249,6 +249,7 @@ def joints(
     from study.recordings.session import fit_session, session_lines, session_table
     from study.recordings.skeleton.anatomy import regression_hint
     from study.recordings.skeleton.calibrate import with_joints
+    from study.recordings.skeleton.scene import up_of
 
     if len(files) == 1 and static is None and force:
         raise typer.BadParameter("--force: there is nothing to overrule with one recording")
@@ -271,7 +272,7 @@ def joints(
     paths = [folder / "joints.parquet", save_calibration(calibration, folder / "calibration.json")]
     if not as_json:
         _print_match(match)
-        echo([*lines, *regression_hint(calibration, match.source)])
+        echo([*lines, f"note: {up_of(match.source)[1]}", *regression_hint(calibration, match.source)])
     head = {"recording": match.source.name, "notes": list(match.source.notes), "markerset": match.data()}
     data = head | {"joints": table.to_dict("records")} | further | {"files": paths}
     echo([json_text(data)] if as_json else paths)

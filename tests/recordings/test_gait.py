@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import study
+from study.recordings.events import gait_events
 from study.recordings.export.tree import ExportedMotion, joint_angles
-from study.recordings.gait import ANGLES, PANELS, PERCENT, Gait, _spikes, gait_events, gait_lines, gait_of
+from study.recordings.gait import ANGLES, PANELS, PERCENT, Gait, _spikes, gait_lines, gait_of
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.markersets import choose, load_markerset
 from study.recordings.recording import Contact, GaitEvent, Laboratory, Recording, RecordingError
@@ -88,6 +89,72 @@ def calibrate_by_name(recording):
     return calibrate(placed.recording, placed.markerset, recording)
 
 
+WANDS = {"~ASIS": "~_ASIS", "V.Sacral": "L_PSIS R_PSIS", "~Heel": "~_HEEL", "~Toe": "~_TOE", "~Knee": "~_LAT_KNEE"}
+WANDS |= {"~Ankle": "~_LAT_ANKLE", "~Thigh": "~_THIGH_1 ~_THIGH_2", "~Shank": "~_SHANK_1 ~_SHANK_2"}
+HAYES = ["~ASI", "VSAC", "~HEE", "~TOE", "~KNE", "~ANK", "~THI", "~SHA"]
+CODA = {"~PSIS": "~_PSIS", "~Ant.Fem": "~_THIGH_1", "~Post.Fem": "~_THIGH_4", "~Ant.Tib": "~_SHANK_1"}
+CODA |= {"~Post.Tib": "~_SHANK_4"} | {label: WANDS[label] for label in ("~ASIS", "~Knee", "~Ankle", "~Heel", "~Toe")}
+SHORT = {"~ASI": "~_ASIS", "~PSI": "~_PSIS", "~HEE": "~_HEEL", "~MT1": "~_MT1", "~MT5": "~_MT5"}
+SHORT |= {f"~TH{k}": f"~_THIGH_{k}" for k in range(1, 5)} | {f"~SK{k}": f"~_SHANK_{k}" for k in range(1, 5)}
+FEET = {label: marker for label, marker in SHORT.items() if label not in ("~HEE", "~MT1", "~MT5")}
+FEET |= {"~FT1": "~_HEEL", "~FT2": "~_MT5", "~FT3": "~_MT1"}
+WORN = {
+    "Helen Hayes, Cortex": {label.replace("~", "~."): marker for label, marker in WANDS.items()},
+    "Helen Hayes, short": dict(zip(HAYES, WANDS.values(), strict=True)),
+    "Codamotion": {label.replace("~", "~."): marker for label, marker in CODA.items()},
+    "Visual3D, short": SHORT,
+}
+"""The labels of a set, and the markers of a made walk in whose middle each is; ~ stands for a side."""
+
+
+def worn(recording, labels):
+    """The recording of a body that wears a set; its wands stand out by 6 cm."""
+    markers, positions = [], []
+    for label, marker in labels.items():
+        for letter in "LR" if "~" in label else " ":
+            places = [recording.of(one.replace("~", letter)) for one in marker.split()]
+            out = 0.06 * {"L": 1, "R": -1, " ": 0}[letter] * label.lower().endswith(("thigh", "shank", "thi", "sha"))
+            markers.append(label.replace("~", letter))
+            positions.append(np.mean(places, axis=0) + np.array([[0.0], [out], [0.0]]))
+    return replace(recording, markers=tuple(markers), positions=np.array(positions))
+
+
+@pytest.mark.parametrize("name", WORN)
+def test_sets_of_laboratories_have_a_gait_table(name):
+    """Knees and hips bend as the limbs do; with widths the wands of Helen Hayes show the angles of Grood and Suntay.
+
+    Without widths a note names the points that no label is.
+    """
+    recording, _ = made_walk(3, seconds=4.0)
+    markers = worn(recording, WORN[name])
+    gait = study.find_gait(markers, hips="regression")
+    assert {"hip", "knee", "ankle", "pelvis"} <= {*gait.means()["joint"]}
+    assert any("no label is that of a medial epicondyle or a medial malleolus" in note for note in gait.notes)
+    measured = gait
+    if name.startswith("Helen Hayes"):  # the middle of a knee and an ankle is 5 cm from their markers
+        widths = {f"{side} {joint}": 0.086 for side in ("left", "right") for joint in ("knee", "ankle")}
+        measured = study.find_gait(replace(markers, widths=widths), hips="regression")
+        assert not any("no anatomical axes" in note for note in measured.notes)
+    for side, letter, out in (("left", "L", 0.085), ("right", "R", -0.085)):
+        pelvis = 0.5 * (recording.of("L_ASIS") + recording.of("R_ASIS"))
+        knee, ankle = (
+            0.5 * (recording.of(f"{letter}_LAT_{end}") + recording.of(f"{letter}_MED_{end}"))
+            for end in ("KNEE", "ANKLE")
+        )
+        thigh, shank = knee - pelvis - np.array([[-0.07], [out], [-0.08]]), ankle - knee
+        lean = [np.degrees(np.arctan2(line[0], -line[2])) for line in (thigh, shank)]
+        for joint, wanted in (("hip", lean[0]), ("knee", lean[0] - lean[1])):
+            means = measured.means().query(f"side == '{side}' and joint == '{joint}' and angle == 'flexion'")["mean"]
+            assert abs(means.min() - wanted.min()) < 3.0
+            assert abs(means.max() - wanted.max()) < 3.0
+
+
+def test_a_walk_without_heels_names_the_labels_that_lack():
+    recording, _ = made_walk(3, seconds=4.0)
+    with pytest.raises(RecordingError, match="no label of the file is that of a left heel, left toe, right heel"):
+        study.find_gait(worn(recording, FEET), hips="regression")
+
+
 def test_events_of_the_file_go_first_then_plates():
     """A side with two strikes in the file has its strikes alone; a plate's counts if the heel is on it."""
     recording, truth = made_walk(2)
@@ -127,7 +194,7 @@ def test_without_a_pelvis(one_line):
     body, _ = synthesize(Recipe(200, 100.0))
     motion = motion_of(body, calibrate(body, load_markerset("cmu41")))
     with one_line(RecordingError, "no pelvis with both spines"):
-        gait_events(motion)
+        gait_of([motion])
 
 
 def vicon(shared_file, name, still):

@@ -235,8 +235,11 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
     places = dict(zip([f"{root}_{axis}" for axis in ("tx", "ty", "tz")], world @ skeleton.origins[0], strict=True))
     columns: dict[str, Floats | Ints] = {"time": np.arange(skeleton.frames) / skeleton.rate}
     columns |= places
-    tilts, of_root = dict(zip(names, _zxy(turn), strict=True)), axes_errors(skeleton.calibration, turn, None, root)
-    columns |= _flagged(motion, root, tilts, errors, skeleton.segment_flags[0], of_root)
+    tilts, of_root = (
+        dict(zip(names, known_angles(turn), strict=True)),
+        angles_errors(skeleton.calibration, turn, None, root),
+    )
+    columns |= flagged(motion, root, tilts, errors, skeleton.segment_flags[0], of_root)
     between, segments = clinical_joints(skeleton.calibration), legs(skeleton.calibration.markerset)
     shanks = {segments.get("left shank"), segments.get("right shank")}
     for place in skeleton.calibration.joints:
@@ -244,7 +247,7 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
         rotations = clinical if anatomical else turns
         turn = relative_rotation(rotations[joint.parent], rotations[joint.child])
         parent, child = (skeleton.segments.index(name) for name in (joint.parent, joint.child))
-        of_axes: Floats | float = 0.0
+        of_axes = np.zeros(1)
         back = np.moveaxis(rotations[joint.parent], 2, 0).swapaxes(1, 2) @ motion.upright
         covariance = back @ (skeleton.turning[parent] + skeleton.turning[child]) @ back.swapaxes(1, 2)
         if joint.kind == "hinge" and place.axis is not None and not anatomical:
@@ -255,14 +258,14 @@ def joint_angles(motion: ExportedMotion) -> pd.DataFrame:
             angles = _ball(joint.name, turn, -1.0 if anatomical and joint.child in shanks else 1.0)
             errors = zxy_errors(turn, covariance)
             if anatomical:
-                of_axes = axes_errors(skeleton.calibration, turn, joint.parent, joint.child)
+                of_axes = angles_errors(skeleton.calibration, turn, joint.parent, joint.child)
         flags = np.maximum(*(skeleton.segment_flags[[parent, child]]))
         errors = np.where(skeleton.barred_at(joint)[0], np.nan, errors)
-        columns |= _flagged(motion, joint.name, angles, errors, flags, of_axes)
+        columns |= flagged(motion, joint.name, angles, errors, flags, of_axes)
     return pd.DataFrame(columns)
 
 
-def axes_errors(calibration: Calibration, turn: Floats, parent: str | None, child: str) -> Floats:
+def angles_errors(calibration: Calibration, turn: Floats, parent: str | None, child: str) -> Floats:
     """Standard errors of a joint's angles (3, frames), degrees, or of a root's without a parent, from those of axes."""
     own = []
     for shape in (calibration.shape(name) for name in (parent, child) if name is not None):
@@ -271,8 +274,8 @@ def axes_errors(calibration: Calibration, turn: Floats, parent: str | None, chil
     return zxy_errors(turn, turned + own[0] if parent is not None else turned)
 
 
-def _flagged(
-    motion: ExportedMotion, name: str, angles: dict[str, Floats], errors: Floats, flags: Bytes, axes: Floats | float
+def flagged(
+    motion: ExportedMotion, name: str, angles: dict[str, Floats], errors: Floats, flags: Bytes, axes: Floats
 ) -> dict[str, Floats | Ints]:
     """Angles of a joint that are sure enough by the errors of its poses, their whole errors, and the joint's flag.
 
@@ -332,7 +335,7 @@ def _ball(name: str, turn: Floats, bends: float = 1.0) -> dict[str, Floats]:
     names, signs = (_LIMB if side(name) else _TRUNK), np.array([bends, 1.0, 1.0])
     if side(name) == "left":  # mirrored
         signs[1:] = -1.0
-    return {f"{name}_{one}": sign * angle for one, sign, angle in zip(names, signs, _zxy(turn), strict=True)}
+    return {f"{name}_{one}": sign * angle for one, sign, angle in zip(names, signs, known_angles(turn), strict=True)}
 
 
 def _about(axis: Floats, turn: Floats) -> Floats:
@@ -347,7 +350,7 @@ def _about(axis: Floats, turn: Floats) -> Floats:
     return angle
 
 
-def _zxy(turn: Floats) -> Floats:
+def known_angles(turn: Floats) -> Floats:
     """Angles about z, x and y (3, frames), degrees, without jumps; NaN where the rotation is not known."""
     known = ~np.isnan(turn[0, 0])
     angles = np.full((3, turn.shape[2]), np.nan)

@@ -137,6 +137,8 @@ class C3DHeader:
     """Of the subject's joints, metres, from the group PROCESSING, in which Vicon's programs keep them."""
     offsets: Mapping[str, float]
     """Of the static trial, radians, from the same group."""
+    unused: tuple[str, ...]
+    """Names of rotation offsets in that group that are not 0."""
 
 
 def read_header(path: Path) -> C3DHeader:
@@ -181,8 +183,13 @@ def read_header(path: Path) -> C3DHeader:
     plain = sound and agree and held - promised < 2 * _BLOCK
     processing = {key.removeprefix("PROCESSING:"): x for key, x in numbers.items() if key.startswith("PROCESSING:")}
     processing, rate = processing if known else {}, rate if 0.0 < rate < _FASTEST else 0.0
-    told = measured_widths(processing), static_offsets(processing)
+    unused = tuple(name for name, angle in processing.items() if _ROTATION.fullmatch(name) and angle)
+    told = measured_widths(processing), static_offsets(processing), unused
     return C3DHeader(frames, sound, rate, plain, held // max(frame_bytes, 1), *told)
+
+
+_ROTATION = re.compile(r"[LR](THIGHROTATION|SHANKROTATION|TIBIALTORSION)")
+"""Offsets of Plug-in Gait about the long axes of a leg. Programs differ in their signs: they are not applied."""
 
 
 def _size(count: int) -> str:
@@ -223,6 +230,9 @@ def read_c3d(path: Path) -> FileContents:
         contents = replace(contents, points=contents.points[:, :, : header.whole])  # c3d reads a part of a frame, too
         count, _, frames = contents.points.shape
         notes = (*contents.notes, *(missing_frames_note(frames, header.frames) if count else ()))
+        if header.unused:
+            words = "so that rotations of hips, knees and ankles have another zero than Vicon's"
+            notes += (f"its offsets {', '.join(header.unused)} of Plug-in Gait are not applied, {words}",)
         rate = contents.rate
         if header.rate and not (rate is not None and 0.0 < rate < _FASTEST):
             notes += (f"its parameter POINT:RATE is no rate: {header.rate:g} Hz of its header is used",)
@@ -248,15 +258,13 @@ def _by_ezc3d(path: Path) -> FileContents:
     residuals = file["data"]["meta_points"]["residuals"][0]
     rate, first = float(file["header"]["points"]["frame_rate"]), file["header"]["points"]["first_frame"]
     contents = _contents(points, residuals, parameters, rate, prefixes)
-    contexts, labels = (
-        file["parameters"].get("EVENT", {}).get(key, {}).get("value", ()) for key in ("CONTEXTS", "LABELS")
-    )
-    times = np.ravel(file["parameters"].get("EVENT", {}).get("TIMES", {}).get("value", ()), order="F")
+    group, stretch = file["parameters"].get("EVENT", {}), (0.0, 0.0)
+    contexts, labels, times = (group.get(key, {}).get("value", ()) for key in ("CONTEXTS", "LABELS", "TIMES"))
     plates, analog = file["data"].get("platform", ()), file["header"]["analogs"]["frame_rate"]
     contacts = tuple(load for plate in plates for load in _contacts(plate["force"], plate["corners"].T, analog))
-    events = _events(
-        contexts, labels, times, (first / rate if rate > 0 else 0.0, points.shape[2] / rate if rate > 0 else 0.0)
-    )
+    if rate > 0:
+        stretch = first / rate, points.shape[2] / rate
+    events = _events(contexts, labels, np.ravel(times, order="F"), stretch)
     return replace(contents, laboratory=Laboratory(events, contacts))
 
 

@@ -18,8 +18,8 @@ joint coordinate systems, part I; Grood and Suntay 1983 for the angles between t
 Plug-in Gait has no medial epicondyle and no medial malleolus, but measured widths. By its chord method the centre of a
 knee is half the knee's width and half a marker's diameter from the lateral marker, in the plane of this marker, the
 thigh's marker and the hip, and sees marker and hip at a right angle; the ankle follows likewise from shank and knee.
-The medial point is as far on the other side. Rotation offsets of a static trial are not read. Source: Davis et al.
-1991, Hum Mov Sci 10:575-587; Vicon, Plug-in Gait Reference Guide.
+The medial point is as far on the other side. Rotation offsets of a static trial are not applied; a note names them.
+Source: Davis et al. 1991, Hum Mov Sci 10:575-587; Vicon, Plug-in Gait Reference Guide.
 
 The regression is Harrington et al. 2007, J Biomech 40:595-602, by the pelvis' width w between the anterior spines and
 its depth d from their middle to that of the posterior ones. From the middle of the anterior spines the hip is
@@ -42,7 +42,7 @@ from study.recordings.joints.estimate import ANATOMICAL, SHORT_TEXTS, JointStatu
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape, moved_along_axis
 from study.recordings.markersets import MarkerSet, MarkerSetError, landmarks, side, side_of
 from study.recordings.recording import Recording
-from study.recordings.rigid import across, to_local, to_world
+from study.recordings.rigid import across, nearest_rotation, relative_rotation, to_local, to_world
 from study.recordings.skeleton.draw import Flag, Skeleton, draw_skeleton
 
 Hips = Literal["motion", "regression"]
@@ -324,7 +324,22 @@ def with_anatomy(calibration: Calibration, trial: DrawnTrial, source: Recording,
         replace(s, anatomy=axes[s.segment], anatomy_covariance=errors[s.segment]) if s.segment in axes else s
         for s in calibration.shapes
     )
-    return replace(calibration, shapes=tuple(shapes))
+    drawn = {place.joint.child for place in calibration.joints if place.status in ANATOMICAL}
+    joints = (
+        _with_mean_rotation(place, trial.skeleton) if drawn & {place.joint.parent, place.joint.child} else place
+        for place in calibration.joints
+    )
+    return replace(calibration, shapes=tuple(shapes), joints=tuple(joints))
+
+
+def _with_mean_rotation(place: JointPlace, skeleton: Skeleton) -> JointPlace:
+    """A joint with the mean rotation of a skeleton, which has other poses than those that the joint was found with."""
+    ends = [skeleton.segments.index(name) for name in (place.joint.parent, place.joint.child)]
+    both = (skeleton.segment_flags[ends] == Flag.SEEN).all(axis=0)
+    if not both.any():
+        return place
+    turns = relative_rotation(*(skeleton.rotations[k][:, :, both] for k in ends))
+    return replace(place, mean_rotation=nearest_rotation(turns.sum(axis=2)))
 
 
 def _redrawn(

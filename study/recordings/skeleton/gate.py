@@ -8,6 +8,7 @@ The limits are those of bodies, not of samples: a leg that passes may still be w
 """
 
 import itertools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Floats
-from study.recordings.joints.find import SegmentShape
+from study.recordings.joints.find import JointPlace, SegmentShape
 from study.recordings.markersets import landmarks, match
 from study.recordings.recording import Recording
 from study.recordings.rigid import fit_rigid_motion, relative_rotation, to_world, zxy_angles
@@ -24,18 +25,26 @@ from study.recordings.skeleton.anatomy import legs
 from study.recordings.skeleton.draw import LARGEST_ERROR, Barred, Flag, Skeleton
 from study.recordings.skeleton.scene import up_of
 
-KNEE = -20.0, 160.0
-"""Degrees: least and greatest mean flexion of a knee. Knees of men bend to 144 ± 6° and overextend by 2 ± 3° (Roaas &
-Andersson 1982, Acta Orthop Scand 53:205-208); the mean of a motion stays within."""
+_BENDS = {"thigh": (-50.0, 160.0), "shank": (-20.0, 160.0), "foot": (-90.0, 45.0)}
+"""Degrees: least and greatest mean flexion of the joint above a part. In children, whose joints move most, hips bend to
+141° and overextend by 28°, knees to 153° and by 5°, and ankles to 25° (means of Soucie et al. 2011, Haemophilia
+17:500-507)."""
+_TURNS = 90.0
+"""Degrees: greatest mean rotation of a joint about its long axis, either way; beyond, the lateral side is medial, or a
+foot points back. Hips rotate by 30° inwards and 39° outwards (Kouyoumdjian et al. 2012, Orthop Traumatol Surg Res
+98:17-23)."""
 _FLIPPED = np.radians(90.0)
 """Angle by which a pose must be nearer to the mean one with two labels exchanged. An exchange turns a plane cluster by
-180°; hips rotate by 30° inwards and 39° outwards (Kouyoumdjian et al. 2012, Orthop Traumatol Surg Res 98:17-23)."""
+180°, a joint by less than `_TURNS`."""
 _AS_WELL = 0.01
 """Metres: misfit of a cluster with two labels exchanged up to which skin may hide the exchange: it moves markers by a
 centimetre against each other in a session (see `study.recordings.skeleton.calibrate`)."""
 _KEEPS = 0.009
 """Metres by which the distance of two markers of a thigh or a shank is off its median, in the median over the frames:
 half of the 18 mm by which skin slides (see `RULES`). In recorded walks and jumps it is 3 mm at most."""
+_PROPORTION = 1.5
+"""Greatest ratio of a thigh to its shank, either way. On average they are 0.245 and 0.246 of the height (Drillis &
+Contini 1966, in Winter 2009, Biomechanics and Motor Control of Human Movement, figure 4.1)."""
 _UPRIGHT = float(np.cos(np.radians(45.0)))
 """Cosine of the greatest angle between up and the line from the heels to the pelvis of who stands or walks."""
 
@@ -57,6 +66,11 @@ class Body:
         """Names of the segments by what they are, as "left thigh" (see `legs`)."""
         return legs(self.skeleton.calibration.markerset)
 
+    @cached_property
+    def above(self) -> dict[str, JointPlace]:
+        """The joint above each segment."""
+        return {place.joint.child: place for place in self.skeleton.calibration.joints}
+
     def axes(self, part: str) -> Floats | None:
         """Anatomical axes of a part in the world (3, 3, frames); None if they are not known."""
         if part not in self.segments:
@@ -71,8 +85,7 @@ class Body:
 
     def joint_above(self, part: str) -> str:
         """Name of the joint above a part."""
-        joints = self.skeleton.calibration.joints
-        return next(place.joint.name for place in joints if place.joint.child == self.segments[part])
+        return self.above[self.segments[part]].joint.name
 
 
 def _apart(body: Body) -> Iterator[Barred]:
@@ -91,11 +104,11 @@ def _apart(body: Body) -> Iterator[Barred]:
 
 def _unseen(body: Body) -> Iterator[Barred]:
     """Segments of legs that no frame shows, for their neighbours alone place them, and what has its zero from them."""
-    skeleton, above = body.skeleton, {place.joint.child: place for place in body.skeleton.calibration.joints}
+    skeleton = body.skeleton
     for part, name in body.segments.items():
         flags = skeleton.segment_flags[skeleton.segments.index(name)]
         if (flags != Flag.SEEN).all() and (flags != Flag.UNKNOWN).any():
-            place = above.get(name)
+            place = body.above.get(name)
             own = f": {place.joint.name}: {place.reason}" if place is not None and not place.known else ""
             yield body.always(name, f"no frame shows its pose{own}")
             foot = part.split(" ")[0] + " foot"
@@ -103,41 +116,37 @@ def _unseen(body: Body) -> Iterator[Barred]:
                 yield body.always(body.joint_above(foot), f"its zero follows from {name}, which no frame shows")
 
 
-def _backwards(body: Body) -> Iterator[Barred]:
-    """Thighs whose lateral side is medial: z of their axes is more than 90° from that of the pelvis, in the median."""
-    pelvis = body.axes("pelvis")
-    for one in ("left", "right"):
-        thigh = body.axes(f"{one} thigh")
-        if pelvis is None or thigh is None:
-            continue
-        cosine = np.einsum("it,it->t", pelvis[:, 2], thigh[:, 2])
-        if np.nanmedian(cosine) < 0.0:
-            angle = np.degrees(np.arccos(np.nanmedian(cosine)))
-            reason = f"its medio-lateral axis is {angle:.0f}° from that of the pelvis: labels are exchanged"
-            yield body.always(body.segments[f"{one} thigh"], reason)
-
-
 def _bent(body: Body) -> Iterator[Barred]:
-    """Knees whose mean flexion no knee has."""
-    for one in ("left", "right"):
-        thigh, shank = body.axes(f"{one} thigh"), body.axes(f"{one} shank")
-        if thigh is None or shank is None:
+    """Joints of legs that bend or turn as none does, in the mean; and the pelvis, if both hips do."""
+    hips = 0
+    for (part, (low, high)), one in itertools.product(_BENDS.items(), ("left", "right")):
+        above = {"thigh": "pelvis", "shank": f"{one} thigh", "foot": f"{one} shank"}[part]
+        parent, child = body.axes(above), body.axes(f"{one} {part}")
+        if parent is None or child is None:
             continue
-        turn = relative_rotation(thigh, shank)
-        known = ~np.isnan(turn[0, 0])
-        if not known.any():
+        turn = relative_rotation(parent, child)
+        angles = zxy_angles(turn[:, :, ~np.isnan(turn[0, 0])])
+        if not angles.size:
             continue
-        mean = float(np.degrees(np.angle(np.exp(-1j * zxy_angles(turn[:, :, known])[0]).mean())))
-        if not KNEE[0] <= mean <= KNEE[1]:
-            reason = f"its mean flexion is {mean:.0f}°, and a knee's from {KNEE[0]:.0f}° to {KNEE[1]:.0f}°"
-            yield body.always(body.joint_above(f"{one} shank"), reason)
+        flexion, _, rotation = np.degrees(np.angle(np.exp(1j * angles).mean(axis=1)))
+        flexion = -flexion if part == "shank" else flexion
+        words = f"its mean flexion is {flexion:.0f}°, of bodies {low:.0f}° to {high:.0f}°" * (
+            not low <= flexion <= high
+        )
+        if abs(rotation) > _TURNS:
+            words = f"its segments are turned by {abs(rotation):.0f}° about its long axis: labels are exchanged"
+        if words:
+            hips += part == "thigh"
+            yield body.always(body.joint_above(f"{one} {part}"), words)
+    if hips == len(("left", "right")):
+        yield body.always(body.segments["pelvis"], "both hips are as no body's: labels are exchanged")
 
 
 def _exchanged(body: Body) -> Iterator[Barred]:
     """Segments of legs whose pose is far from the mean one, and near to it with two labels exchanged."""
-    skeleton, above = body.skeleton, {p.joint.child: p for p in body.skeleton.calibration.joints}
+    skeleton = body.skeleton
     for name in body.segments.values():
-        shape, place = skeleton.calibration.shape(name), above.get(name)
+        shape, place = skeleton.calibration.shape(name), body.above.get(name)
         if place is None or not shape.has_own_pose:
             continue
         turn = relative_rotation(skeleton.rotation(place.joint.parent), skeleton.rotation(name))
@@ -191,15 +200,39 @@ def _stretched(body: Body) -> Iterator[Barred]:
                 break
 
 
+def _unlike(body: Body) -> Iterator[Barred]:
+    """Thighs and shanks of one leg whose lengths no leg has: a marker of one is elsewhere on the leg."""
+    for one in ("left", "right"):
+        parts = [f"{one} {part}" for part in ("thigh", "shank", "foot")]
+        if not {*parts} <= body.segments.keys():
+            continue
+        hip, knee, ankle = (body.above[body.segments[part]] for part in parts)
+        thigh, shank = math.dist(hip.in_child, knee.in_parent), math.dist(knee.in_child, ankle.in_parent)
+        if max(thigh, shank) > _PROPORTION * min(thigh, shank):
+            reason = (
+                f"the {one} thigh is {1000 * thigh:.0f} mm and the shank {1000 * shank:.0f} mm: labels are exchanged"
+            )
+            yield from (body.always(body.segments[part], reason) for part in parts[:2])
+
+
 def _following(body: Body) -> Iterator[Barred]:
-    """Segments without a pose of their own that were placed about a joint in a segment that is missing."""
+    """Segments without a pose of their own about a joint that is unknown or missing, or in a missing segment."""
     barred = {found.name: found.frames for found in body.skeleton.barred}
     for place in body.skeleton.calibration.joints:
-        parent, child = place.joint.parent, place.joint.child
-        follows = child in body.segments.values() and not body.skeleton.calibration.shape(child).has_own_pose
-        if follows and parent in barred and child not in barred:
-            barred[child] = barred[parent]
-            yield Barred(child, barred[parent], f"its pose follows from {parent}")
+        joint, error = place.joint, place.standard_error
+        own = joint.child not in body.segments.values() or body.skeleton.calibration.shape(joint.child).has_own_pose
+        if own or joint.child in barred:
+            continue
+        if error > LARGEST_ERROR:
+            found = body.always(
+                joint.child, f"its pose follows from {joint.name}, which is known to {1000 * error:.0f} mm"
+            )
+        elif (cause := next((name for name in (joint.name, joint.parent) if name in barred), "")) != "":
+            found = Barred(joint.child, barred[cause], f"its pose follows from {cause}")
+        else:
+            continue
+        barred[joint.child] = found.frames
+        yield found
 
 
 def _lying(body: Body) -> Iterator[Barred]:
@@ -209,24 +242,25 @@ def _lying(body: Body) -> Iterator[Barred]:
     if name is None or not heels:
         return
     line = body.skeleton.origins[body.skeleton.segments.index(name)] - np.array(heels)
-    line = (up_of(body.recording)[0] @ line) / np.linalg.norm(line, axis=1, keepdims=True)
-    if (upwards := np.nanmedian(line[:, 2])) < _UPRIGHT:
-        reason = f"the pelvis is {np.degrees(np.arccos(upwards)):.0f}° from above the heels, so that up is not known"
-        yield body.always("up", reason)
+    line = up_of(body.recording)[0] @ line / np.linalg.norm(line, axis=1, keepdims=True)
+    upwards = line[:, 2][~np.isnan(line[:, 2])]
+    if upwards.size and np.median(upwards) < _UPRIGHT:
+        angle = np.degrees(np.arccos(np.median(upwards)))
+        yield body.always("up", f"the pelvis is {angle:.0f}° from above the heels, so that up is not known")
 
 
 RULES: dict[str, Callable[[Body], Iterator[Barred]]] = {
     # a thigh's skin slides by 18 mm in fluoroscopy (PMC8631460)
     "the two segments of a joint put it at most 5 cm apart": _apart,
     "markers show each segment of a leg in some frame; its neighbours alone do not place it": _unseen,
-    # Kouyoumdjian et al. 2012, as above
-    "the medio-lateral axis of a thigh is within 90° of that of the pelvis": _backwards,
-    # Roaas & Andersson 1982, as above
-    "the mean flexion of a knee is from -20° to 160°": _bent,
+    # Soucie et al. 2011 and Kouyoumdjian et al. 2012, as above
+    "the mean flexion of hips, knees and ankles is one of bodies, and they are turned by at most 90°": _bent,
     "no cluster fits as well with two labels exchanged, and is nearer to its mean pose so": _exchanged,
     # PMC8631460, as above
     "two markers of a thigh or a shank are within 9 mm of their usual distance, in the median": _stretched,
-    "a segment of two markers is placed about a joint of a segment that is not missing": _following,
+    # Drillis & Contini 1966, as above
+    "a thigh is at most 1.5 times as long as its shank, and the other way round": _unlike,
+    "a segment of two markers follows a joint known to 5 cm; neither this nor the segment above is missing": _following,
     "the pelvis is above the heels, within 45°; else angles to the floor, and gait, are missing": _lying,
 }
 """What every leg must be, in the order in which it is asked; `study.recordings.gait` asks that feet strike in turn."""
@@ -251,14 +285,14 @@ def gated(skeleton: Skeleton, recording: Recording) -> Skeleton:
 
 def _without(skeleton: Skeleton, finding: Barred) -> Skeleton:
     """The skeleton without a joint or a segment in some frames."""
-    rotations, origins, turning = skeleton.rotations.copy(), skeleton.origins.copy(), skeleton.turning.copy()
-    centers, flags, segment_flags = skeleton.centers.copy(), skeleton.flags.copy(), skeleton.segment_flags.copy()
-    joints = [k for k, p in enumerate(skeleton.calibration.joints) if finding.name in (p.joint.name, p.joint.parent)]
-    for k in joints:
-        centers[k][:, finding.frames], flags[k][finding.frames] = np.nan, Flag.UNKNOWN
+    names = "rotations", "origins", "turning", "segment_flags", "centers", "flags"
+    rotations, origins, turning, segment_flags, centers, flags = (getattr(skeleton, name).copy() for name in names)
+    for k, place in enumerate(skeleton.calibration.joints):
+        if finding.name in (place.joint.name, place.joint.parent):
+            centers[k][:, finding.frames], flags[k][finding.frames] = np.nan, Flag.UNKNOWN
     if finding.name in skeleton.segments:
         k = skeleton.segments.index(finding.name)
         rotations[k][:, :, finding.frames], origins[k][:, finding.frames] = np.nan, np.nan
         segment_flags[k][finding.frames], turning[k][finding.frames] = Flag.UNKNOWN, np.nan
-    poses = replace(skeleton, rotations=rotations, origins=origins, segment_flags=segment_flags, turning=turning)
-    return replace(poses, centers=centers, flags=flags, barred=(*skeleton.barred, finding))
+    changed = dict(zip(names, (rotations, origins, turning, segment_flags, centers, flags), strict=True))
+    return replace(skeleton, barred=(*skeleton.barred, finding), **changed)

@@ -169,9 +169,8 @@ def up_of(recording: Recording) -> tuple[Floats, str]:
     mean = known_mean(positions - known_mean(positions, axis=0), axis=2)
     _, y, z = np.nanstd(mean[~np.isnan(mean[:, 0])], axis=0)
     axis = 1 if y > _Y_UP * z else 2
-    return _to_z(
-        axis, False
-    ), f"up is {'xyz'[axis]} of the recording, along which the markers extend; no label is a foot's"
+    words = f"up is {'xyz'[axis]} of the recording, along which the markers extend; no label is a foot's"
+    return _to_z(axis, False), words
 
 
 _Y_UP = 1.3

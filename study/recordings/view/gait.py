@@ -16,7 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from study import style
-from study.recordings.gait import FEW, PANELS, SIDES, TOTAL, Gait, Sticks, angle_rows, parameter_rows
+from study.recordings.events import SIDES
+from study.recordings.gait import FEW, PANELS, TOTAL, Gait, Sticks, angle_rows, parameter_rows
 from study.recordings.view.figure import SIDES as COLORS
 from study.style import encode, journal, save_bytes
 
@@ -37,6 +38,7 @@ _WORDS = {
 }
 """The titles of the panels."""
 _STYLES = {"left": "-", "right": (0, (5, 1.5))}
+_RING: dict[str, Any] = {"linestyle": "", "marker": "o", "fillstyle": "none", "markersize": 2.6, "zorder": 4}
 
 
 def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, panel: tuple[str, str]) -> None:
@@ -57,17 +59,7 @@ def _draw(ax: Axes, means: pd.DataFrame, gait: Gait, panel: tuple[str, str]) -> 
             below, above = (wide["mean"] + sign * wide["sd"] for sign in (-1.0, 1.0))
             ax.fill_between(wide.index, below, above, color=COLORS[side], alpha=0.15, linewidth=0.0, zorder=0)
         doubt = _of(gait.curves, side, panel).query("suspect")
-        ax.plot(
-            doubt["percent"],
-            doubt["value"],
-            linestyle="",
-            marker="o",
-            fillstyle="none",
-            color=COLORS[side],
-            markersize=2.6,
-            markeredgewidth=0.6,
-            zorder=4,
-        )
+        ax.plot(doubt["percent"], doubt["value"], color=COLORS[side], **_RING)
         stance = gait.cycles.loc[gait.cycles["side"] == side, "stance"].mean()
         ax.axvline(stance, color=COLORS[side], linewidth=0.6, linestyle=_STYLES[side])
     low, high = ax.get_ylim()
@@ -105,21 +97,17 @@ def _draw_sticks(ax: Axes, sticks: Sticks) -> None:
     percent = np.linspace(0, 100, len(sticks.places))
     for number, shown in enumerate(sticks.places):
         for one, other in sticks.bones:
-            side = next((s for s in (sticks.sides[one], sticks.sides[other]) if s), "")
+            side = sticks.sides[one] or sticks.sides[other]
             x, z = shown[[one, other]].T
-            look: dict[str, Any] = {
-                "color": COLORS.get(side, "0.45"),
-                "linestyle": _STYLES.get(side, "-"),
-                "zorder": 2 + (side == "right"),
-            }
-            ax.plot(x + _APART * number, z, linewidth=0.9, **look)
+            look: dict[str, Any] = {"color": COLORS.get(side, "0.45"), "linestyle": _STYLES.get(side, "-")}
+            ax.plot(x + _APART * number, z, linewidth=0.9, zorder=2 + (side == "right"), **look)
     ax.set_aspect("equal")
     ax.set_title(f"{sticks.title}, seen from the right", fontsize=style.SMALL + 0.5)
     ax.set(xticks=_APART * np.arange(len(percent)), xticklabels=[f"{p:.0f}" for p in percent])
     ax.set(xlabel="gait cycle / %", ylabel="height / m")
 
 
-_APART = 0.7
+_APART = 0.55
 """Metres between two bodies of the stick figure."""
 
 
@@ -193,7 +181,8 @@ th, td { padding: .15rem .8rem .15rem 0; text-align: right; }
 th:first-child, td:first-child { text-align: left; font-weight: normal; } tr { border-bottom: 1px solid #ddd; }
 .key span { display: inline-block; width: 1.8em; border-top: 2px solid; vertical-align: middle; margin-right: .4em; }
 @media (max-width: 40rem) {
-  .wide { grid-column: auto; } body { padding: 0 .6rem; font-size: 14px; }
+  .wide { grid-column: auto; overflow-x: auto; } .wide svg { min-width: 34rem; }
+  body { padding: 0 .6rem; font-size: 14px; }
   table { font-size: 12px; } th, td { padding-right: .45rem; }
 }
 @media print {
@@ -215,23 +204,24 @@ def _table(head: str, rows: list[list[str]]) -> str:
 def page(gait: Gait, title: str) -> str:
     """The report as one page: parameters of the cycles, the curves and the body over one cycle, and the notes."""
     walks = ", ".join(dict.fromkeys(gait.cycles["recording"]))
+    walked = f"<p>Walks: {html.escape(walks)}.</p>" * (walks != title)
     dashes = {"left": "solid", "right": "dashed"}
-    key = " &emsp; ".join(
-        f'<span style="border-color: {COLORS[s]}; border-style: {dashes[s]}"></span>{s}' for s in SIDES
-    )
+    lines = [f'<span style="border-color: {COLORS[s]}; border-style: {dashes[s]}"></span>{s}' for s in SIDES]
+    most, doubtful = int(gait.cycles["side"].value_counts().max()), int(gait.curves["suspect"].sum())
+    lines += ["thick: mean; thin: single cycles"] * (most > 1)
+    lines += [f"band: ± one standard deviation of {FEW} cycles or more"] * (most >= FEW)
+    lines += ["upright line: toes off"]
+    lines += [f"○&nbsp;suspect ({doubtful} points): a segment is bridged, or a spike"] * (doubtful > 0)
+    spread = f"In the table of cycles ± is the standard deviation of {FEW} cycles or more. " * (most >= FEW)
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in gait.notes)
-    doubtful = int(gait.curves["suspect"].sum())
-    rings = f" &emsp; ○ suspect ({doubtful} points): a segment is bridged, or a spike" if doubtful else ""
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{html.escape(title)}</title><style>{_STYLE}</style></head><body>
 <h1>Gait: {html.escape(title)}</h1>
-<p>Walks: {html.escape(walks)}.</p>
+{walked}
 <div class="tables">{_table("", list(parameter_rows(gait)))}{_table("mean curve, range", list(angle_rows(gait)))}</div>
-<p>In the table of cycles ± is the standard deviation of three cycles or more. Beside an angle it is the standard error
-of its mean curve, the median over the curve, {TOTAL}.</p>
-<p class="key">{key} &emsp; thick: mean; thin: single cycles; band: ± one standard deviation of {FEW} cycles or more;
-upright line: toes off{rings}</p>
+<p>{spread}Beside an angle ± is the standard error of its mean curve, the median over the curve, {TOTAL}.</p>
+<p class="key">{" &emsp; ".join(lines)}</p>
 <div class="panels">{"".join(_panels(gait))}</div>
 <h2>Notes</h2>
 <ul>{notes}</ul>

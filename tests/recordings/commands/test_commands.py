@@ -101,8 +101,9 @@ def test_markersets(works, read, refused, tmp_path):
 
 
 def test_joints(works, read, body, tmp_path):
-    """A line and a row per joint; the object has the table's numbers."""
+    """A line and a row per joint, and which way is up; the object has the table's numbers."""
     lines = works("joints", body).splitlines()
+    assert any(line.startswith("note: up is z of the recording, in which ") for line in lines)
     table = pd.read_parquet(tmp_path / lines[-2])
     names = [joint.name for joint in load_markerset("cmu41").joints]
     assert sorted(table["joint"]) == sorted(names)

@@ -16,6 +16,7 @@ def test_the_command(works, read, refused, tmp_path):
     paths = [write_recording(replace(recording, name=name), tmp_path / f"{name}.csv") for name in ("one", "two")]
     said = works("gait", *paths, "--out", "report")
     assert "cycles" in said
+    assert "one, two: up is z of the recording, in which " in said
     names = {path.name for path in (tmp_path / "report").iterdir()}
     tables = {f"gait_{name}.parquet" for name in ("cycles", "curves", "means")}
     assert names == {"gait.html", "fig_gait.png", "fig_gait.svg", *tables}

@@ -397,6 +397,19 @@ def test_events_and_markers_of_a_model(tmp_path, either, first, started):
     np.testing.assert_allclose([event.time for event in part], [0.2], atol=1e-5)
 
 
+def test_rotation_offsets_that_are_not_applied_are_named(tmp_path, either):
+    path = event_file(tmp_path / "a.c3d", 0, 0.0)
+    assert not any("not applied" in note for note in read_recording(path).notes)
+    import ezc3d
+
+    file = ezc3d.c3d(str(path))
+    for name, angle in (("LThighRotation", 0.16), ("RThighRotation", 0.0), ("RTibialTorsion", -0.2)):
+        file.add_parameter("PROCESSING", name, [angle])
+    file.write(str(path))
+    (note,) = (note for note in read_recording(path).notes if "not applied" in note)
+    assert "LTHIGHROTATION, RTIBIALTORSION of Plug-in Gait" in note
+
+
 def test_loads_on_force_plates(shared_file):
     """A walk's two plates are loaded when Vicon's events say so, to 10 ms; their corners are in metres."""
     told = read_recording(shared_file("plug_in_gait/HC030A05.c3d")).laboratory
