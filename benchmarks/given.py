@@ -23,7 +23,7 @@ from studies import store
 
 import study
 from study.fits import registry
-from study.simulation.analysis import rank
+from study.simulation.analysis import losses, rank
 from study.simulation.experiment.config import load
 
 RANSAC = ("skimage_ransac", "pyransac3d")
@@ -51,7 +51,7 @@ def fitted(points, name):
     return fit.center, fit.radius
 
 
-def losses(folder, names):
+def missed(folder, names):
     """One less the Jaccard index of the fitted and the marked disc, by threshold (cell), photograph and method."""
     truth = pd.read_csv(folder / "truth.csv").set_index("frame")
     for (threshold, frame), part in pd.read_csv(folder / "edges.csv").groupby(["threshold", "frame"]):
@@ -59,7 +59,7 @@ def losses(folder, names):
         for name in names:
             center, radius = fitted(points, name)
             apart = np.linalg.norm(center - marked[["X", "Y"]].to_numpy(float))
-            loss = rank.disc_loss(apart, radius, marked["R"])
+            loss = losses.disc_loss(apart, radius, marked["R"])
             yield {"cell": threshold, "trial": frame, "estimator": name, "error": float(loss)}
 
 
@@ -69,8 +69,8 @@ def balls(folder):
     The error of a mean is that over photographs, whose three thresholds belong together.
     """
     names = methods("b1")
-    table = pd.DataFrame(losses(folder, names))
-    ranks = rank.ranked([rank.compared(table, names, "balls")]).set_index("estimator")
+    table = pd.DataFrame(missed(folder, names))
+    ranks = rank.ranked([rank.compared(losses.Losses("balls", names, [table]))]).set_index("estimator")
     published = pd.read_csv(folder / "published_frames.csv").set_index("method")["jaccard_mean"]
     published = {METHODS[name]: value for name, value in published.items() if name in METHODS}
     table["index"] = 1.0 - table["error"].clip(upper=1.0)
