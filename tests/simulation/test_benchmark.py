@@ -203,18 +203,20 @@ def test_the_archive_is_what_its_methods_compute(name):
         pytest.skip(f"not checked, for their packages are not installed: {', '.join(absent)}")
 
 
-def test_a_copy_and_a_slightly_worse_method_in_the_archive():
+@pytest.mark.parametrize("loss", rank.LOSSES)
+@pytest.mark.parametrize("name", ["b1", "lesouple-spheres"])
+def test_a_copy_and_a_slightly_worse_method_in_the_archive(name, loss):
     """A copy of a mechanism's best stands beside it with its numbers; one 2 % worse in each trial loses its mark."""
-    for name in ("b1", "lesouple-spheres"):
-        (table,) = losses.read_tables(ARCHIVE / f"{name}.parquet")
-        best = rank.ranked([rank.compared(table.losses())])["estimator"].iloc[0]
-        mine = table.rows[table.rows["estimator"] == best]
-        for method, factor in (("copy", 1.0), ("worse", 1.02)):
-            more = mine.assign(estimator=method, error=factor * mine["error"])
-            table.rows, table.given[method] = pd.concat([table.rows, more]), "points"
-        table.methods = [*table.methods, "copy", "worse"]
-        rows = rank.ranked([rank.compared(table.losses())]).set_index("estimator")
-        assert rows.drop(columns="seconds").loc[best].equals(rows.drop(columns="seconds").loc["copy"])
-        assert rows.loc["copy", ["median_best", "rms_best"]].all()
-        assert not rows.loc["worse", ["median_best", "rms_best"]].any()
-        assert rows.loc["worse", "rms"] == pytest.approx(1.02)
+    (table,) = losses.read_tables(ARCHIVE / f"{name}.parquet")
+    before = rank.ranked([rank.compared(table.losses())]).query("given == 'points'")
+    best = before.sort_values(loss)["estimator"].iloc[0]
+    mine = table.rows[table.rows["estimator"] == best]
+    for method, factor in (("copy", 1.0), ("worse", 1.02)):
+        more = mine.assign(estimator=method, error=factor * mine["error"])
+        table.rows, table.given[method] = pd.concat([table.rows, more]), "points"
+    table.methods = [*table.methods, "copy", "worse"]
+    rows = rank.ranked([rank.compared(table.losses())]).set_index("estimator").drop(columns="seconds")
+    assert rows.loc[best].equals(rows.loc["copy"])
+    assert rows.loc["copy", f"{loss}_best"]
+    assert not rows.loc["worse", f"{loss}_best"]
+    assert rows.loc["worse", loss] == pytest.approx(1.02)
