@@ -44,12 +44,15 @@ KINDS = {
     "lesouple-one-sided": "near noise",
     "semicircle": "clean arc",
     "lesouple-spheres": "near noise",
+    "sphere-clutter": "clutter",
+    "sphere-tumbling": "clean sphere",
+    "sphere-caps": "clean arc",
 }
 """The mechanisms, and the kind of their data."""
 LAWS = ["em_vmf_given", "em_vmf_given_2"]
 """Methods that are given the law of the directions."""
 WORDS = ["mechanism", "kind", "cell", "method", "given"]
-PACKAGES = ["circle-fit", "scikit-image", "scikit-guess", "scikit-spatial", "pyransac3d"]
+PACKAGES = ["circle-fit", "scikit-image", "scikit-guess", "scikit-spatial", "pyransac3d", "trimesh"]
 METHODS = {"Guo": "guo", "Greco": "greco", "Qi": "qi", "Nurunnabi": "nurunnabi", "RFCA": "rfca"}
 """The methods of arXiv 2507.11476 that stand in benchmarks/methods/robust_circles.py."""
 INDEX, DISTANCE = "mean Jaccard index", "mean distance of centres, mm"

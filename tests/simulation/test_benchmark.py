@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "configs" / "benchmark").glob("*.toml"))
 ARCHIVE = ROOT / "benchmarks" / "archive"
 METHODS = sorted((ROOT / "benchmarks" / "methods").glob("*.py"))
-NEEDS = {"circlefit": "circle_fit", "pyransac": "pyransac3d", "scikit": "skimage"}
+NEEDS = {"circlefit": "circle_fit", "pyransac": "pyransac3d", "scikit": "skimage", "trimesh_fit": "trimesh"}
 """Packages that files of methods need."""
 
 
@@ -35,7 +35,11 @@ def _benchmark():
         for file in files:
             registry.load(file)
     absent = {name for config in CONFIGS for name in re.findall(r'"([a-z_0-9]+)"', config.read_text())}
-    absent = {name for name in absent - set(ESTIMATORS) if name.startswith(("circle_fit", "skimage", "sk", "pyransac"))}
+    absent = {
+        name
+        for name in absent - set(ESTIMATORS)
+        if name.startswith(("circle_fit", "skimage", "sk", "pyransac", "trimesh"))
+    }
     for name in sorted(absent):
         study.register(name, lambda points: (points.mean(axis=0), 1.0))
     yield
