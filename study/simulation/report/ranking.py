@@ -18,14 +18,17 @@ def page(table: pd.DataFrame, by: str, level: float, names: Sequence[str] = ()) 
         level: of the comparisons with the best.
         names: the methods whose places stand first.
     """
-    sections = []
+    sections, numeric = [], range(1, 1 + len(rank.TITLES))
     for number, name in enumerate(names):
-        numeric = range(1, len(rank.PLACES) - 1)
-        rows = rank.places(table, name)
-        part = html.table(f"Places of {name}", "", ["ranking", *rank.PLACES[1:]], rows, numeric, "stacked")
+        rows, head = rank.places(table, name), ["ranking", *rank.PLACES[1:]]
+        part = html.table(f"Places of {name}", "", head, rows, range(1, len(head) - 1), "stacked")
         sections.append(Section(f"{name}, among the methods that are given the same", f"place-{number}", [part]))
-    for number, (title, rows) in enumerate(rank.tables(table)):
-        head, numeric = ["method", *rank.TITLES], range(1, 1 + len(rank.TITLES))
-        sections.append(Section(title, f"ranking-{number}", [html.table(title, "", head, rows, numeric, "stacked")]))
+    parts = [
+        (title, html.table(title, "", ["method", *rank.TITLES], rows, numeric)) for title, rows in rank.tables(table)
+    ]
+    folded = [
+        html.folded(title, part) if names else html.joined([html.paragraph(title), part]) for title, part in parts
+    ]
+    sections.append(Section("All rankings", "rankings", folded))
     title = f"Place of {', '.join(names)}" if names else "Ranking"
     return html.rendered("assets/ranking.html", title=title, words=rank.explained(by, level), sections=sections)
