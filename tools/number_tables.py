@@ -256,7 +256,7 @@ def _ranking(table: pd.DataFrame, whole: str, kinds: dict[str, str]) -> Rows:
         texts = []
         for run, loss in columns:
             row = points.loc[(run, name)]
-            error = row[f"{loss}_error"]
+            error = row[f"{loss}_error"] if run == whole else 0.0
             text = with_error(row[loss], error) if error > 0.0 else f"{row[loss]:.3g}"
             texts.append(f"**{text}**" if row[f"{loss}_best"] else text)
         rows.setdefault(tuple(texts), []).append(f"`{name}`")

@@ -23,12 +23,10 @@ def page(table: pd.DataFrame, by: str, level: float, names: Sequence[str] = ()) 
         rows, head = rank.places(table, name), ["ranking", *rank.PLACES[1:]]
         part = html.table(f"Places of {name}", "", head, rows, range(1, len(head) - 1), "stacked")
         sections.append(Section(f"{name}, among the methods that are given the same", f"place-{number}", [part]))
-    parts = [
-        (title, html.table(title, "", ["method", *rank.TITLES], rows, numeric)) for title, rows in rank.tables(table)
-    ]
-    folded = [
-        html.folded(title, part) if names else html.joined([html.paragraph(title), part]) for title, part in parts
-    ]
-    sections.append(Section("All rankings", "rankings", folded))
+    parts = []
+    for title, rows in rank.tables(table):
+        part = html.table(title, "", ["method", *rank.TITLES], rows, numeric)
+        parts.append(html.folded(title, part) if names else html.joined([html.paragraph(title), part]))
+    sections.append(Section("All rankings", "rankings", parts))
     title = f"Place of {', '.join(names)}" if names else "Ranking"
     return html.rendered("assets/ranking.html", title=title, words=rank.explained(by, level), sections=sections)
