@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -121,6 +122,21 @@ def test_methods_are_exact(file):
         tolerance = 0.01 if name == "rfca" else 1e-5  # its last step is 0.001 of a sum over the points
         assert fit.center == pytest.approx([3.0, -1.0], abs=tolerance), name
         assert fit.radius == pytest.approx(2.0, abs=tolerance), name
+
+
+@pytest.mark.parametrize("name", ["skimage_ransac", "pyransac3d", "nurunnabi"])
+def test_random_methods_do_not_depend_on_threads(rng, name):
+    """Each of 40 sets has the same answer whether two threads fit them or one, though the methods draw at random."""
+    if registry.ORIGINS[name].name == registry.IN_PROGRAM:
+        pytest.skip(f"the package of {name} is not installed")
+    sets = [trial(rng, 30).directions + 0.05 * rng.standard_normal((30, 2)) for _ in range(40)]
+
+    def center(points):
+        return study.fit(points, name, noise=0.05 if ESTIMATORS[name].needs else None).center
+
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(center, sets))
+    np.testing.assert_array_equal(together, [center(points) for points in sets])
 
 
 @pytest.mark.parametrize("name", ["guo", "greco", "qi", "rfca"])
