@@ -25,7 +25,6 @@ QUOTED = {
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"]),
     "benchmark": ("benchmark", "run == 'all, circles' and given == 'points'", ["median", "rms"]),
     "benchmark_spheres": ("benchmark", "run == 'all, spheres' and given == 'points'", ["median", "rms"]),
-    "benchmark_given": ("benchmark", "run == 'all, circles' and given == 'noise'", ["median"]),
     "benchmark_published": ("benchmark_published", "", ["deviation"]),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"]),
 }

@@ -276,18 +276,6 @@ def benchmark_spheres(tables: Tables) -> Rows:
     yield from _ranking(tables("benchmark"), "all, spheres", kinds)
 
 
-def benchmark_given(tables: Tables) -> Rows:
-    """Methods that are given more than points, the first of each ranking that has some before the others."""
-    words = {"noise": "the noise", "law": "the law of the directions"}
-    yield ["mechanisms", "given", "methods, best first"]
-    table = tables("benchmark")
-    for given, word in words.items():
-        for run in ("all, circles", "all, spheres", "lesouple", "lesouple-one-sided", "lesouple-spheres"):
-            part = table[(table["run"] == run) & (table["given"] == given)]
-            if len(part) and (run.startswith("all") or given == "law"):
-                yield [run, word, ", ".join(f"`{r.estimator}` {r.median:.3g}" for r in part.itertuples())]
-
-
 def benchmark_published(tables: Tables) -> Rows:
     """How many published numbers of each method agree with those of our sets, by mechanism."""
     table = tables("benchmark_published")
