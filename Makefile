@@ -107,9 +107,10 @@ tables: paper
 	$(BIN)/python benchmarks/limits.py; \
 	$(BIN)/python benchmarks/ask.py
 
-# The ranking of circle and sphere fits. CIRCLES=FOLDER has published numbers, SCANS=FOLDER scans; see benchmarks/*.py.
+# The ranking of circle and sphere fits, from the archive in benchmarks/archive. METHOD=FILE puts a file's methods into
+# it, ALL=1 computes it anew; CIRCLES=FOLDER has published numbers, SCANS=FOLDER scans; see benchmarks/*.py.
 benchmark: $(VENV)/.bench
-	$(BIN)/python benchmarks/ranking.py $(CIRCLES)
+	$(BIN)/python benchmarks/ranking.py $(if $(METHOD),--method $(METHOD)) $(if $(ALL),--all) $(CIRCLES)
 	$(if $(CIRCLES),$(BIN)/python benchmarks/given.py $(CIRCLES) $(SCANS))
 
 # Speed as ratios to the limits of this machine and to other packages; stored in docs/assets/tables/bench.csv.

@@ -3,9 +3,10 @@
     pip install '.[bench]'
     python benchmarks/given.py FOLDER [SCANS]
 
-FOLDER has ``edges.csv``, ``truth.csv`` and ``published_frames.csv``: edge pixels of balls in 72 photographs at three
-thresholds of green each, circles marked by hand, and the numbers of arXiv 2507.11476 over twice as many photographs
-(its program's repository, Apache License 2.0). SCANS has ``SPH101.xyz`` to ``SPH106.xyz``, laser scans of spheres of a
+FOLDER has ``edges.csv``, ``preprocessed.parquet``, ``truth.csv`` and ``published_frames.csv``: edge pixels of balls in
+72 photographs, at three thresholds of green and under the 18 preprocessings of nordlinglab/cibica, circles marked by
+hand, and the numbers of arXiv 2507.11476 over twice as many photographs (both programs' repositories, Apache License
+2.0). SCANS has ``SPH101.xyz`` to ``SPH106.xyz``, laser scans of spheres of a
 nominal radius of 50 mm, and the same cut to a cap of 60° by their authors, ``tSPH101.xyz`` …
 (usnistgov/DMG_SphereFitting, in the public domain). None of these is part of this project. Made are
 docs/assets/tables/benchmark-balls.csv and docs/assets/tables/benchmark-scans.csv.
@@ -23,11 +24,12 @@ from studies import store
 
 import study
 from study.fits import registry
-from study.simulation.analysis import rank
+from study.simulation.analysis import losses, rank
 from study.simulation.experiment.config import load
 
 RANSAC = ("skimage_ransac", "pyransac3d")
 """Methods that must be given the noise, which nobody knows here."""
+RANKED = ["median", "median_error", "median_best", "rms_best", "failures"]
 MILLIMETRES, MICROMETRES = 1e3, 1e6
 LOST = 1e-3
 """Metres from the centre of the cut scan at which a fit has lost the sphere."""
@@ -51,35 +53,40 @@ def fitted(points, name):
     return fit.center, fit.radius
 
 
-def losses(folder, names):
-    """One less the Jaccard index of the fitted and the marked disc, by threshold (cell), photograph and method."""
-    truth = pd.read_csv(folder / "truth.csv").set_index("frame")
-    for (threshold, frame), part in pd.read_csv(folder / "edges.csv").groupby(["threshold", "frame"]):
+def missed(edges, truth, names):
+    """One less the Jaccard index of the fitted and the marked disc, by preprocessing (cell), photograph and method."""
+    for (cell, frame), part in edges.groupby(["cell", "frame"]):
         points, marked = part[["column", "row"]].to_numpy(float), truth.loc[frame]
         for name in names:
             center, radius = fitted(points, name)
             apart = np.linalg.norm(center - marked[["X", "Y"]].to_numpy(float))
-            loss = rank.disc_loss(apart, radius, marked["R"])
-            yield {"cell": threshold, "trial": frame, "estimator": name, "error": float(loss)}
+            loss = losses.disc_loss(apart, radius, marked["R"])
+            yield {"cell": cell, "trial": frame, "estimator": name, "error": float(loss)}
 
 
 def balls(folder):
-    """A row per method: its mean Jaccard index, that of the article, and its place in a ranking.
+    """A row per method: its Jaccard index at the thresholds and under all preprocessings, and its place in a ranking.
 
-    The error of a mean is that over photographs, whose three thresholds belong together.
+    The error of a mean is that over photographs, whose preprocessings belong together. The ranking is of the latter.
     """
-    names = methods("b1")
-    table = pd.DataFrame(losses(folder, names))
-    ranks = rank.ranked([rank.compared(table, names, "balls")]).set_index("estimator")
+    names, truth = methods("b1"), pd.read_csv(folder / "truth.csv").set_index("frame")
     published = pd.read_csv(folder / "published_frames.csv").set_index("method")["jaccard_mean"]
     published = {METHODS[name]: value for name, value in published.items() if name in METHODS}
-    table["index"] = 1.0 - table["error"].clip(upper=1.0)
-    of_frames = table.groupby(["estimator", "trial"])["index"].mean().unstack()
-    for name in ranks.index:
-        own = of_frames.loc[name]
-        row = {"method": name, "photographs": len(own), "index": own.mean(), "index_error": own.sem()}
-        row["published"] = published.get(name, np.nan)
-        yield row | ranks.loc[name, ["median", "median_error", "median_best", "failures"]].to_dict()
+    sets = {"": pd.read_csv(folder / "edges.csv").rename(columns={"threshold": "cell"})}
+    sets["all_"] = pd.read_parquet(folder / "preprocessed.parquet").rename(columns={"preprocessing": "cell"})
+    tables = {key: pd.DataFrame(missed(edges, truth, names)) for key, edges in sets.items()}
+    ranking = rank.ranked([rank.compared(losses.Losses("balls", names, [tables["all_"]]))]).set_index("estimator")
+    for name in ranking.index:
+        row = {"method": name, "photographs": len(truth), "published": published.get(name, np.nan)}
+        for key, table in tables.items():
+            index = 1.0 - table[table["estimator"] == name].set_index(["cell", "trial"])["error"].clip(upper=1.0)
+            of_frames = index.groupby("trial").mean()
+            row |= {
+                f"{key}index": of_frames.mean(),
+                f"{key}index_error": of_frames.sem(),
+                f"{key}median": index.median(),
+            }
+        yield row | ranking.loc[name, RANKED].rename({"median": "loss", "median_error": "loss_error"}).to_dict()
 
 
 def scans(folder):

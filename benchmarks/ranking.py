@@ -1,34 +1,58 @@
-"""The benchmark of circle and sphere fits: its runs, a ranking of all methods, and published numbers beside ours.
+"""The benchmark of circle and sphere fits: its archive, a ranking of all methods, and published numbers beside ours.
 
     pip install '.[bench]'
-    python benchmarks/ranking.py [FOLDER]
+    python benchmarks/ranking.py [--method FILE | --all] [FOLDER]
 
-The configs of configs/benchmark are run in results/, as far as they have not been, with the methods of other packages
-and of articles in benchmarks/methods. FOLDER has ``published_b1.csv`` and ``published_b2.csv``, tables of arXiv
-2507.11476 (its program's repository, Apache License 2.0), which are not part of this project. Without them the tables
-beside published numbers are left as they are: docs/assets/tables/benchmark-published.csv from our sets of points, and
-docs/assets/tables/benchmark-same-sets.csv from the very sets behind the published numbers, whose seeds are known.
+benchmarks/archive has the errors of all methods in the mechanisms of configs/benchmark, which the ranking is made of.
+``--method`` runs the methods of a file in every mechanism, and puts their rows into the archive; ``--all`` computes it
+anew, with the methods of other packages and of articles in benchmarks/methods.
+
+FOLDER has ``published_b1.csv`` and ``published_b2.csv``, tables of arXiv 2507.11476 (its program's repository, Apache
+License 2.0), which are not part of this project. Without them the tables beside published numbers are left as they are:
+docs/assets/tables/benchmark-published.csv from our sets of points, and docs/assets/tables/benchmark-same-sets.csv from
+the very sets behind the published numbers, whose seeds are known.
 """
 
+import argparse
 import contextlib
-import sys
+import json
+from importlib import metadata
 from pathlib import Path
 
 import joblib
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 from studies import ROOT, store
 
 import study
+from study.files import of_file, replacing, write
 from study.fits import registry
-from study.simulation.analysis import rank
+from study.simulation.analysis import losses, rank
 
 CONFIGS = ROOT / "configs" / "benchmark"
 HERE = ROOT / "benchmarks"
 PLUGINS = [CONFIGS / "laws.py", *sorted((HERE / "methods").glob("*.py")), HERE / "em_vmf.py"]
-CIRCLES = ["b1", "b2", "b2-pixels", "b2-coarse", "lesouple", "lesouple-one-sided", "semicircle"]
-"""Mechanisms in the plane, which are ranked together, too."""
-SPHERES = ["lesouple-spheres"]
+ARCHIVE = HERE / "archive"
+KINDS = {
+    "b1": "clutter",
+    "b2": "clutter",
+    "b2-pixels": "clutter",
+    "b2-coarse": "clutter",
+    "lesouple": "near noise",
+    "lesouple-one-sided": "near noise",
+    "semicircle": "clean arc",
+    "lesouple-spheres": "near noise",
+    "sphere-clutter": "clutter",
+    "sphere-tumbling": "clean sphere",
+    "sphere-caps": "clean arc",
+}
+"""The mechanisms, and the kind of their data."""
+LAWS = ["em_vmf_given", "em_vmf_given_2"]
+"""Methods that are given the law of the directions."""
+WORDS = ["mechanism", "kind", "cell", "method", "given"]
+PACKAGES = ["circle-fit", "scikit-image", "scikit-guess", "scikit-spatial", "pyransac3d", "trimesh"]
 METHODS = {"Guo": "guo", "Greco": "greco", "Qi": "qi", "Nurunnabi": "nurunnabi", "RFCA": "rfca"}
 """The methods of arXiv 2507.11476 that stand in benchmarks/methods/robust_circles.py."""
 INDEX, DISTANCE = "mean Jaccard index", "mean distance of centres, mm"
@@ -47,13 +71,62 @@ def run(name):
     return study.run(CONFIGS / f"{name}.toml", plugins=PLUGINS)
 
 
+def rows_of(name, made):
+    """The archive's rows of a run in a mechanism."""
+    errors = made.table("errors", ["cell", "trial", "estimator", "error", "radius_error", "radius"])
+    errors = errors.astype({"cell": str, "trial": np.int32, "estimator": str}).rename(columns={"estimator": "method"})
+    given = {name: registry.ESTIMATORS[name].needs or "points" for name in made.study.estimators}
+    given |= dict.fromkeys(LAWS, "law")
+    seconds = losses.of_run(made).seconds
+    errors["given"], errors["seconds"] = errors["method"].map(given), errors["method"].map(seconds)
+    return errors.assign(mechanism=name, kind=KINDS[name], dimension=np.int8(made.study.dimension))
+
+
+def archive(name, rows, made, known=()):
+    """Write a mechanism's rows into the archive, with the config, the software and the versions of the methods.
+
+    Args:
+        name: of the mechanism.
+        rows: of all methods.
+        made: the run that made them, or the last ones of them.
+        known: versions of the methods that it has not.
+    """
+    versions = dict(known) | {method: str(registry.ESTIMATORS[method].version) for method in made.study.estimators}
+    software = made.maker() | {"others": {package: metadata.version(package) for package in PACKAGES}}
+    texts = {
+        "config": (CONFIGS / f"{name}.toml").read_text(encoding="utf-8"),
+        "software": json.dumps(software),
+        "methods": json.dumps(versions),
+    }
+    table = pa.Table.from_pandas(rows.astype(dict.fromkeys(WORDS, "category")), preserve_index=False)
+    ARCHIVE.mkdir(exist_ok=True)
+    with replacing(ARCHIVE / f"{name}.parquet") as temporary:
+        dictionaries = [*WORDS, "dimension", "seconds", "radius"]
+        pq.write_table(table.replace_schema_metadata(texts), temporary, compression="zstd", use_dictionary=dictionaries)
+    sums = [f"{of_file(path)}  {path.name}" for path in sorted(ARCHIVE.glob("*.parquet"))]
+    write(ARCHIVE / losses.SUMS, ("\n".join(sums) + "\n").encode())
+
+
+def archive_all():
+    """Compute the archive anew."""
+    for name in KINDS:
+        made = run(name)._run
+        archive(name, rows_of(name, made), made)
+
+
+def archive_methods(file):
+    """Put the rows of a file's methods into the archive, in place of those of the same names."""
+    for table, made in losses.entered(file, losses.read_tables(ARCHIVE), ROOT / "results", print):
+        new = rows_of(table.name, made).query("method != @losses.REFERENCE")
+        path = ARCHIVE / f"{table.name}.parquet"
+        old = pq.read_table(path).to_pandas().query("method not in @new.method.unique()")
+        known = json.loads(pq.read_schema(path).metadata[b"methods"])
+        archive(table.name, pd.concat([old.astype(dict.fromkeys(WORDS, str)), new]), made, known)
+
+
 def ranking():
-    """The rankings of the circles, each and over all, and of the spheres."""
-    found = {name: rank.of_run(run(name)._run) for name in CIRCLES + SPHERES}
-    tables = [rank.ranked([found[name] for name in names]) for names in (CIRCLES, SPHERES)]
-    result = pd.concat(tables, ignore_index=True)
-    result["run"] = result["run"].str.replace(r"^benchmark-(.*)-[0-9a-f]{10}$", r"\1", regex=True)
-    return result
+    """The rankings of the archive: of each mechanism, of each kind of data, and over all kinds."""
+    return rank.ranked([rank.compared(table.losses()) for table in losses.read_tables(ARCHIVE)])
 
 
 def beside(mechanism, condition, measure, published, values):
@@ -101,7 +174,7 @@ def mean_index(method, sets, center, radius):
         with contextlib.suppress(Exception), np.errstate(all="ignore"):
             found, size = registry.ESTIMATORS[METHODS[method]].function.function(points)
             apart = np.hypot(*(found - np.array(center)))
-            loss = rank.disc_loss(apart, size, float(radius))
+            loss = losses.disc_loss(apart, size, float(radius))
             index[place], away[place] = (1.0 - loss, apart) if np.isfinite(loss) else (0.0, 0.0)
     return index.mean(), away.mean()
 
@@ -153,7 +226,7 @@ def jaccard(part, center=0.0, radius=None):
     """Jaccard indices of fitted discs with one about the true centre plus ``center``; 0 for a fit without numbers."""
     true = part["radius"].to_numpy()
     apart = np.hypot(part["error_1"] - center, part["error_2"] - center).to_numpy()
-    lost = rank.disc_loss(apart, true + part["radius_error"].to_numpy(), radius or true)
+    lost = losses.disc_loss(apart, true + part["radius_error"].to_numpy(), radius or true)
     return np.where(np.isinf(lost), 0.0, 1.0 - lost)
 
 
@@ -210,12 +283,19 @@ def published(folder):
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="the archive of the benchmark and its ranking")
+    parser.add_argument("--method", type=Path, help="a file of methods that are put into the archive")
+    parser.add_argument("--all", action="store_true", help="compute the archive anew")
+    parser.add_argument("folder", type=Path, nargs="?", help="folder of the published tables")
+    asked = parser.parse_args()
+    if asked.all:
+        archive_all()
+    if asked.method:
+        archive_methods(asked.method)
     store("benchmark", ranking().to_dict("records"), "%.6g")
-    place = Path(sys.argv[1] if len(sys.argv) > 1 else "circles")
-    if not (place / "published_b1.csv").is_file():
-        sys.exit(f"{place / 'published_b1.csv'} is not there: the tables beside published numbers are left as they are")
-    store("benchmark-same-sets", same_sets(place), "%.6g")
-    store("benchmark-published", published(place), "%.6g")
-    rows = pd.read_csv(ROOT / "docs" / "assets" / "tables" / "benchmark-published.csv")
-    within = (rows["deviation"].abs() <= MOST).groupby([rows["mechanism"], rows["method"]], sort=False)
-    print(pd.DataFrame({"numbers": within.size(), "within": within.sum()}))
+    if asked.folder:
+        store("benchmark-same-sets", same_sets(asked.folder), "%.6g")
+        store("benchmark-published", published(asked.folder), "%.6g")
+        rows = pd.read_csv(ROOT / "docs" / "assets" / "tables" / "benchmark-published.csv")
+        within = (rows["deviation"].abs() <= MOST).groupby([rows["mechanism"], rows["method"]], sort=False)
+        print(pd.DataFrame({"numbers": within.size(), "within": within.sum()}))

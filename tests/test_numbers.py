@@ -23,8 +23,8 @@ QUOTED = {
     "choices": ("readings", CHANGED, []),
     "readings_changed": ("readings", CHANGED, []),
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"]),
-    "benchmark": ("benchmark", "run == 'all'", ["median", "rms"]),
-    "benchmark_spheres": ("benchmark", "run == 'lesouple-spheres'", ["median", "rms"]),
+    "benchmark": ("benchmark", "run == 'all, circles' and given == 'points'", ["median", "rms"]),
+    "benchmark_spheres": ("benchmark", "run == 'all, spheres' and given == 'points'", ["median", "rms"]),
     "benchmark_published": ("benchmark_published", "", ["deviation"]),
     "speed": ("bench", "what.str.contains('in a loop')", ["ratio"]),
 }

@@ -238,32 +238,42 @@ def speed(tables: Tables) -> Rows:
         yield [what, beside, " / ".join(f"{r:.0f}" if r >= 10 else f"{r:.2g}" for r in ratios) + words]
 
 
-def _ranking(table: pd.DataFrame, run: str) -> Rows:
-    """The ranking of a run; methods with the same numbers share a row, and those that may be the best are bold."""
-    yield ["method", "median", "root mean square", "cells", "mechanisms"]
-    marked = table[table["median_best"] & (table["run"] != "all")].groupby("estimator")["run"].agg(list)
+def _ranking(table: pd.DataFrame, whole: str, kinds: dict[str, str]) -> Rows:
+    """The methods that are given points alone, over all kinds of data and over each.
+
+    Methods with the same numbers share a row; those that may be the best are bold.
+
+    Args:
+        table: the stored ranking.
+        whole: name of the ranking over all kinds.
+        kinds: titles, and the rankings that they are of.
+    """
+    yield ["method", "median", "root mean square", *kinds]
+    points = table[table["given"] == "points"].set_index(["run", "estimator"])
     rows: dict[tuple[str, ...], list[str]] = {}
-    for row in table[table["run"] == run].to_dict("records"):
-        texts = [
-            text if not row[f"{loss}_best"] else f"**{text}**"
-            for loss in ("median", "rms")
-            for error in [row[f"{loss}_error"]]
-            for text in [with_error(row[loss], error) if error > 0.0 else f"{row[loss]:.3g}"]
-        ]
-        where = ", ".join(f"`{name}`" for name in marked.get(row["estimator"], [])) or "-"
-        cells = f"{row['median_cells']} ({row['median_alone']}) of {row['cells']}"
-        rows.setdefault((*texts, cells, where), []).append(f"`{row['estimator']}`")
+    for name in points.loc[whole].index:
+        columns = [(whole, "median"), (whole, "rms"), *((run, "median") for run in kinds.values())]
+        texts = []
+        for run, loss in columns:
+            row = points.loc[(run, name)]
+            error = row[f"{loss}_error"] if run == whole else 0.0
+            text = with_error(row[loss], error) if error > 0.0 else f"{row[loss]:.3g}"
+            texts.append(f"**{text}**" if row[f"{loss}_best"] else text)
+        rows.setdefault(tuple(texts), []).append(f"`{name}`")
     yield from ([", ".join(names), *cells] for cells, names in rows.items())
 
 
 def benchmark(tables: Tables) -> Rows:
-    """The ranking over all mechanisms in the plane."""
-    yield from _ranking(tables("benchmark"), "all")
+    """The ranking of circles by methods that are given points alone."""
+    kinds = {"clutter": "clutter, circles", "near noise": "near noise, circles", "clean arc": "semicircle"}
+    yield from _ranking(tables("benchmark"), "all, circles", kinds)
 
 
 def benchmark_spheres(tables: Tables) -> Rows:
-    """The ranking of the spheres."""
-    yield from _ranking(tables("benchmark"), "lesouple-spheres")
+    """The ranking of spheres by methods that are given points alone."""
+    kinds = {"clutter": "sphere-clutter", "near noise": "lesouple-spheres"}
+    kinds |= {"clean sphere": "sphere-tumbling", "clean cap": "sphere-caps"}
+    yield from _ranking(tables("benchmark"), "all, spheres", kinds)
 
 
 def benchmark_published(tables: Tables) -> Rows:

@@ -261,7 +261,7 @@ def regret(
     echo(printed(run, table))
 
 
-_RANKED = "folders of runs, or their configs, each a mechanism"
+_RANKED = "folders of runs, or their configs, each a mechanism; tables of errors; with --against, .py files of methods"
 Ranked = Annotated[list[Path], typer.Argument(metavar="RUN", parser=run_folder, help=_RANKED)]
 _BY = (
     "error that estimators are ranked by: center, radius, disc (of circles: 1 - Jaccard index), or a column of numbers "
@@ -271,26 +271,59 @@ RankBy = Annotated[str, typer.Option("--by", help=_BY)]
 _LEVEL = "level at which the others are told from the best"
 RankLevel = Annotated[float, typer.Option("--level", min=0.5, max=0.999, help=_LEVEL)]
 RankTable = Annotated[Path | None, typer.Option("--table", metavar="FILE", help="file of the table, .csv or .parquet")]
+_AGAINST = "archive of other methods' errors on the same points: archive, or a folder or file"
+Against = Annotated[Path | None, typer.Option("--against", metavar="ARCHIVE", help=_AGAINST)]
+RankPage = Annotated[Path | None, typer.Option("--out", metavar="PAGE", help="file of a page of all rankings, .html")]
 
 
-def rank(folders: Ranked, by: RankBy = "center", level: RankLevel = 0.95, table: RankTable = None) -> None:
+def rank(
+    entries: Ranked,
+    by: RankBy = "center",
+    level: RankLevel = 0.95,
+    table: RankTable = None,
+    against: Against = None,
+    out: RankPage = None,
+) -> None:
     """Rank estimators, with all that may be the best.
 
     Those are marked that cannot be told from the best. Estimators are compared on the same trials: by the median and
     the root mean square of their errors, in each cell, over the cells of a run, and over all runs. A fit without a
     number counts as infinitely far.
+
+    A table of errors, .csv or .parquet, has the columns mechanism, cell, trial, method and error. With --against the
+    methods that are new are ranked among those of an archive. Those of a .py file, as `study run --plugin` takes it,
+    are run in each mechanism of the archive first.
     """
     from study.files import save_frame
-    from study.simulation.analysis.rank import of_run, printed, ranked, rankings
+    from study.simulation.analysis import losses as source
+    from study.simulation.analysis.rank import compared, printed, printed_places, ranked
 
-    runs = [opened(folder) for folder in folders]
-    for run in runs:
-        if by not in (known := rankings(run)):
-            raise typer.BadParameter(f"--by {by}: must be {', '.join(known)} for {run.folder}")
-    result = ranked([of_run(run, by, level) for run in runs], level)
+    theirs = [] if against is None else source.read_tables(against)
+    found: list[source.Losses] = []
+    for entry in entries:
+        if entry.suffix == ".py":
+            if against is None:
+                raise typer.BadParameter(f"{entry}: a method is ranked among others: give --against archive")
+            runs = source.entered(entry, theirs, RUNS, functools.partial(typer.echo, err=True))
+            found += [mechanism.losses(by, run) for mechanism, run in runs]
+        elif entry.suffix in (".csv", ".parquet"):
+            found += [one.losses(by) for one in source.read_tables(entry)]
+        else:
+            run = opened(entry)
+            if by not in (known := source.rankings(run)):
+                raise typer.BadParameter(f"--by {by}: must be {', '.join(known)} for {run.folder}")
+            found.append(source.of_run(run, by) if against is None else source.beside(run, theirs, by))
+    result = ranked([compared(one, level) for one in found], level)
     if table is not None:
         save_frame(result, table)
-    echo(printed(result, by, level))
+    kept = {name for one in theirs for name in one.methods}
+    new = [name for name in dict.fromkeys(result["estimator"]) if name not in kept] if theirs else []
+    if out is not None:
+        from study.simulation.report.page import save
+        from study.simulation.report.ranking import page
+
+        save(page(result, by, level, new), out)
+    echo(printed_places(result, by, level, new) if new else printed(result, by, level))
 
 
 _CAP = "half-angle of the cap that the directions are confined to, in degrees"

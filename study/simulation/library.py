@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from study.files import RunError, explained, named_path, replacing
 from study.fits.registry import load
-from study.simulation.analysis import rank, regret
+from study.simulation.analysis import losses, rank, regret
 from study.simulation.analysis.summary import chosen_rows, summarise, up_to_date
 from study.simulation.commands import RUNS, opened, run_folder
 from study.simulation.experiment.conditions import NOISE_OVER_RADIUS, Value
@@ -260,27 +260,33 @@ class StudyRun(Hinting):
         """
         return regret.regret(regret.of_run(self._run, _texts(where)))
 
-    def rank(self, by: str = "center", level: float = 0.95) -> "pd.DataFrame":
+    def rank(self, by: str = "center", level: float = 0.95, against: str | Path | None = None) -> "pd.DataFrame":
         """Estimators from the best to the worst, with all marked that cannot be told from the best, as `study rank`.
 
         Args:
             by: the error that counts: ``"center"``, ``"radius"``, of circles ``"disc"`` (1 - Jaccard index), or a
                 number of the study's measures that is least where a fit is best, such as ``"own_errors_width"``.
             level: of the comparisons with the best.
+            against: an archive of the errors of other methods on the same sets of points: a folder or a file, or
+                ``"archive"`` for that of the benchmark. The estimators that it has not are ranked among its methods.
 
         Returns:
             A row per estimator: ``median`` and ``rms`` of its errors, as geometric means over the cells divided by
             that of the first estimator, each with its Monte-Carlo error (``…_error``), the mark (``…_best``), the
             number of cells in which it cannot be told from the best (``…_cells``) and in which it alone cannot
-            (``…_alone``); the share of ``failures``, and ``seconds`` per fit.
+            (``…_alone``); the share of ``failures``, ``seconds`` per fit, and what it is ``given``: against an archive
+            those that are given points alone stand first, and each kind has its own best.
 
         Raises:
             RunError: unless the run is a grid of several estimators with its errors, of circles for discs, and no
-                number of the measure is negative.
+                number of the measure is negative; or if the archive has other sets of points.
 
         Source: Hsu, Annals of Statistics 12 (1984) 1136-1144.
         """
-        return rank.ranked([rank.of_run(self._run, by, level)], level)
+        if against is None:
+            return rank.ranked([rank.compared(losses.of_run(self._run, by), level)], level)
+        tables = losses.read_tables(named_path(against, "against"))
+        return rank.ranked([rank.compared(losses.beside(self._run, tables, by), level)], level)
 
     def plot(self, figure: str) -> "Figure":
         """Draw one of the figures, such as ``"fig_map"``, as `study figures` does.

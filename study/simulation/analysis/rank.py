@@ -1,9 +1,10 @@
 """Rankings: estimators compared on the same trials, with all marked that cannot be told from the best.
 
-A run is one mechanism. In each of its cells an estimator has two losses: the median of its errors and their root mean
-square. A fit without a number is infinitely far off. A ranking is of the mean log loss over the cells, so that a cell
-counts the same whatever its noise; the ranking over all runs is of the mean over them. An estimator's loss is given as
-its ratio to the loss of the first.
+A run is one mechanism, or the errors of a table that say so. In each of its cells an estimator has two losses: the
+median of its errors and their root mean square. A fit without a number is infinitely far off. A ranking is of the mean
+log loss over the cells, so that a cell counts the same whatever its noise; the ranking over all runs is of the mean
+over them, first of those of a kind of data. An estimator's loss is given as its ratio to the loss of the first of those
+that are given the same.
 
 Estimators that may be the best are found by multiple comparisons with the best (Hsu 1984): one stays if its log loss
 exceeds that of no other by more than c standard errors of their paired difference. c is the quantile of the largest of
@@ -13,9 +14,9 @@ of about 1 - level at most; each comparison in one cell, in one run and over all
 in all cells together, because cells may share draws; runs are independent if their seeds differ.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -23,18 +24,10 @@ import pandas as pd
 from study.arrays import Bools, Floats, Ints
 from study.files import RunError
 from study.fits.random import stream
-from study.simulation.analysis.error_table import Grouped
-from study.simulation.analysis.regret import by_trial, check_comparable, each_cell
-from study.simulation.experiment.measures import jaccard_index
-from study.simulation.runs.run_folder import Run
+from study.simulation.analysis.losses import GIVEN, WORDS, Losses
+from study.simulation.analysis.regret import by_trial, each_cell
 from study.text import columns, listed
 
-WORDS: dict[str, str] = {
-    "center": "error of the centre",
-    "radius": "error of the radius",
-    "disc": "1 - Jaccard index of the fitted and the true disc",
-}
-"""The errors that estimators may be ranked by, besides the numbers of a study's measures."""
 LOSSES = ("median", "rms")
 ALL = "all"
 """Name of the ranking over all runs."""
@@ -47,39 +40,6 @@ _ROUNDING = 1e-4
 """Difference of log losses that is none: estimators with the same answer differ by rounding, and by where they stop."""
 _FEWEST = 10
 """Trials of a cell that its quantiles need."""
-
-
-def disc_loss(distance: Floats, radius: Floats, true_radius: Floats) -> Floats:
-    """One less the area of the intersection of two discs over that of their union; infinite without a radius.
-
-    Args:
-        distance: of the centres.
-        radius: of the fitted disc, not a number or infinite where there is none.
-        true_radius: of the true disc.
-    """
-    a, r, s = np.asarray(distance, dtype=float), np.asarray(radius, dtype=float), np.asarray(true_radius, dtype=float)
-    known = np.isfinite(a) & np.isfinite(r) & (r > 0.0)
-    a, r = np.where(known, a, 0.0), np.where(known, r, s)
-    return np.where(known, 1.0 - jaccard_index(a, r, s, 2), np.inf)
-
-
-def rankings(run: Run) -> list[str]:
-    """Losses by which a run's estimators may be ranked: errors, and columns of numbers of the study's measures."""
-    return [*WORDS, *(column.name for column in run.study.measured() if column.kind is float)]
-
-
-def _losses(errors: pd.DataFrame, by: str) -> Floats:
-    """The loss of each row of an error table."""
-    if by not in WORDS:
-        values = errors[by].to_numpy(dtype=float)
-        if np.any(values < 0.0):
-            least, words = int(np.nanargmin(values)), "losses are 0 or more, and the least is the best"
-            raise RunError(f"{by} = {values[least]:g} in cell {errors['cell'].iloc[least]}: {words}")
-        return values
-    if by == "center":
-        return errors["error"].to_numpy(dtype=float)
-    away, radius = errors["radius_error"].to_numpy(dtype=float), errors["radius"].to_numpy(dtype=float)
-    return np.abs(away) if by == "radius" else disc_loss(errors["error"].to_numpy(dtype=float), radius + away, radius)
 
 
 class Logs(NamedTuple):
@@ -98,6 +58,10 @@ class Logs(NamedTuple):
     def error(self, first: int) -> Floats:
         """Standard error of the difference of each log loss to that of one estimator (k,)."""
         return np.asarray(np.std(self.deviations - self.deviations[:, [first]], axis=0))
+
+    def only(self, rows: Ints) -> "Logs":
+        """Those of some estimators."""
+        return Logs(self.values[rows], self.swapped[:, rows][:, :, rows], self.deviations[:, rows])
 
 
 def signs(name: str) -> Floats:
@@ -187,17 +151,20 @@ def may_be_best(logs: Logs, level: float = 0.95) -> Bools:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """The losses of one run's estimators.
+    """A mechanism's methods, compared.
 
     Attributes:
-        name: of the run.
+        name: of the mechanism.
         estimators: names of the k estimators.
         cells: number of its cells.
         trials: largest number of trials of a cell.
         logs: mean log losses over the cells, by loss.
-        marked: of each cell the estimators that may be the best (cells, k), by loss.
+        marked: of each cell the estimators that may be the best of those that are given the same (cells, k), by loss.
         failures: share of each estimator's fits without a number (k,).
         seconds: per fit, the median over the units of work (k,); not a number where it is not known.
+        given: what each estimator is given (k,), a key of `losses.GIVEN`; empty where it is not known.
+        dimension: 2 for circles, 3 for spheres, 0 if it is not known.
+        kind: of the data, such as clutter; empty if it is not known.
     """
 
     name: str
@@ -208,85 +175,72 @@ class Mechanism:
     marked: dict[str, Bools]
     failures: Floats
     seconds: Floats
+    given: list[str]
+    dimension: int = 0
+    kind: str = ""
 
 
-def compared(
-    errors: Iterable[pd.DataFrame], estimators: Sequence[str], name: str = "", level: float = 0.95
-) -> Mechanism:
-    """Compare the estimators of an error table with the best, in each cell and over the cells.
+def _classes(given: Sequence[str]) -> dict[str, Ints]:
+    """Numbers of the estimators that are given the same, by what that is: points alone first."""
+    order = [*(name for name in GIVEN if name in given), *sorted(set(given) - set(GIVEN))]
+    return {name: np.flatnonzero(np.array(given) == name) for name in order}
+
+
+def compared(losses: Losses, level: float = 0.95) -> Mechanism:
+    """Compare the methods of a mechanism with the best, in each cell and over the cells.
 
     Args:
-        errors: cell, trial, estimator and error, which is the loss of a fit; in parts of whole cells.
-        estimators: names of the estimators that are compared.
-        name: of the run.
+        losses: of the methods.
         level: of each comparison with the best.
 
     Raises:
         RunError: if a cell has fewer than ten trials.
+        ValueError: if the level is no share.
     """
-    names, flips = list(estimators), signs(name)
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level = {level}: give a number between 0 and 1, such as 0.95")
+    names, flips = list(losses.methods), signs(losses.draws or losses.name)
+    given = [losses.given.get(name, "") for name in names]
     means, marked = {loss: MeanLog() for loss in LOSSES}, {loss: list[Bools]() for loss in LOSSES}
     lost, counts = np.zeros(len(names)), list[int]()
-    for cell, part in each_cell(errors):
+    for cell, part in each_cell(losses.parts):
         distances, trials = by_trial(part, names)
         if len(trials) < _FEWEST:
             raise RunError(f"cell {cell}: {len(trials)} trials; a ranking needs at least {_FEWEST}")
         for loss, logs in log_losses(distances, trials, flips).items():
             means[loss].add(logs)
-            marked[loss].append(may_be_best(logs, level))
+            best = np.zeros(len(names), dtype=bool)
+            for rows in _classes(given).values():
+                best[rows] = may_be_best(logs.only(rows), level)
+            marked[loss].append(best)
         lost += np.isinf(distances).sum(axis=1)
         counts.append(len(trials))
     return Mechanism(
-        name,
+        losses.name,
         names,
         len(counts),
         max(counts),
         {loss: mean.mean() for loss, mean in means.items()},
         {loss: np.array(cells) for loss, cells in marked.items()},
         lost / sum(counts),
-        np.full(len(names), np.nan),
+        np.array([losses.seconds.get(name, np.nan) for name in names]),
+        given,
+        losses.dimension,
+        losses.kind,
     )
 
 
-def of_run(run: Run, by: str = "center", level: float = 0.95) -> Mechanism:
-    """Compare the estimators of a finished run; see `compared`.
-
-    Raises:
-        RunError: if the run is not a grid of several estimators with its errors, or not of circles for discs, or a
-            measure is negative.
-        ValueError: if errors cannot be ranked by that, or the level is no share.
-    """
-    if by not in (known := rankings(run)):
-        raise ValueError(f"by = {by!r}: errors are ranked by {', '.join(map(repr, known))}")
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level = {level}: give a number between 0 and 1, such as 0.95")
-    check_comparable(run, "a ranking")
-    if by == "disc" and run.study.dimension != 2:
-        raise RunError(
-            f"{run.folder}: dimension = {run.study.dimension}: discs are of circles; rank by center or radius"
-        )
-    needed = ["error", "radius_error", "radius"] if by in WORDS else [by]
-    parts = Grouped(run).cells(["cell", "trial", "estimator", *needed])
-    losses = (part.assign(error=_losses(part, by)) for part in parts)
-    result = compared(losses, run.study.estimators, run.study.run_name(), level)
-    timings = run.table("timings", ["step", "fits", "seconds"]).astype({"step": str})
-    seconds = (timings["seconds"] / timings["fits"]).groupby(timings["step"]).median()  # one may have waited
-    result.seconds[:] = seconds.reindex(result.estimators).to_numpy(dtype=float)
-    return result
-
-
-def over_all(mechanisms: Sequence[Mechanism]) -> Mechanism | None:
+def over_all(mechanisms: Sequence[Mechanism], name: str = ALL) -> Mechanism | None:
     """The mechanisms as one, each of the same weight, for the estimators of all of them; None if these are too few."""
     first, *others = mechanisms
     shared = [name for name in first.estimators if all(name in one.estimators for one in others)]
     if len(shared) < 2:
         return None
-    rows = [[one.estimators.index(name) for name in shared] for one in mechanisms]
+    rows = [np.array([one.estimators.index(name) for name in shared]) for one in mechanisms]
     means = {loss: MeanLog() for loss in LOSSES}
     for one, row in zip(mechanisms, rows, strict=True):
-        for loss, (values, swapped, deviations) in one.logs.items():
-            means[loss].add(Logs(values[row], swapped[:, row][:, :, row], deviations[:, row]))
-    logs = {loss: mean.mean() for loss, mean in means.items()}
+        for loss, logs in one.logs.items():
+            means[loss].add(logs.only(row))
     marked = {
         loss: np.concatenate([one.marked[loss][:, row] for one, row in zip(mechanisms, rows, strict=True)])
         for loss in LOSSES
@@ -294,44 +248,74 @@ def over_all(mechanisms: Sequence[Mechanism]) -> Mechanism | None:
     weights = np.array([one.cells for one in mechanisms], dtype=float)
     failures = np.array([one.failures[row] for one, row in zip(mechanisms, rows, strict=True)])
     seconds = np.array([one.seconds[row] for one, row in zip(mechanisms, rows, strict=True)])
-    cells, trials = int(weights.sum()), max(one.trials for one in mechanisms)
-    return Mechanism(
-        ALL, shared, cells, trials, logs, marked, np.average(failures, axis=0, weights=weights), seconds.mean(axis=0)
+    return replace(
+        first,
+        name=name,
+        estimators=shared,
+        cells=int(weights.sum()),
+        trials=max(one.trials for one in mechanisms),
+        logs={loss: mean.mean() for loss, mean in means.items()},
+        marked=marked,
+        failures=np.average(failures, axis=0, weights=weights),
+        seconds=seconds.mean(axis=0),
+        given=[first.given[row] for row in rows[0]],
     )
 
 
-def _ranking(mechanism: Mechanism, level: float) -> pd.DataFrame:
-    """A row per estimator, the first by its median before the others; see `ranked` for the columns."""
-    table: dict[str, object] = {"run": mechanism.name, "estimator": mechanism.estimators, "cells": mechanism.cells}
-    table["trials"] = mechanism.trials
-    for loss in LOSSES:
-        logs, marked = mechanism.logs[loss], mechanism.marked[loss]
-        first = int(np.argmin(logs.values))
-        with np.errstate(invalid="ignore", over="ignore"):
-            ratio = np.exp(logs.values - logs.values[first])
-        known = np.isfinite(ratio)
-        table[loss] = np.where(known, ratio, np.inf)
-        table[f"{loss}_error"] = np.where(known, ratio * logs.error(first), np.inf)
-        table[f"{loss}_best"] = may_be_best(logs, level)
-        table[f"{loss}_cells"] = marked.sum(axis=0)
-        table[f"{loss}_alone"] = (marked & (marked.sum(axis=1) == 1)[:, None]).sum(axis=0)
-    table |= {"failures": mechanism.failures, "seconds": mechanism.seconds}
-    return pd.DataFrame(table).sort_values(["median", "rms", "failures"], kind="stable", ignore_index=True)
+def _with_wholes(mechanisms: Sequence[Mechanism]) -> Iterator[Mechanism]:
+    """The mechanisms, those of each kind as one, and all, each kind counting the same; circles and spheres apart."""
+    yield from mechanisms
+    dimensions = list(dict.fromkeys(one.dimension for one in mechanisms))
+    for dimension in dimensions:
+        of = {2: "circles", 3: "spheres"}.get(dimension, "others") if len(dimensions) > 1 else ""
+        kinds: dict[str, list[Mechanism]] = {}
+        for one in mechanisms:
+            if one.dimension == dimension:
+                kinds.setdefault(one.kind or one.name, []).append(one)
+        wholes = []
+        for kind, same in kinds.items():
+            whole = over_all(same, ", ".join(filter(None, [kind, of]))) if len(same) > 1 else same[0]
+            wholes += [whole] if whole else []
+            yield from [whole] if whole and len(same) > 1 else []
+        if len(wholes) > 1 and (whole := over_all(wholes, ", ".join(filter(None, [ALL, of])))):
+            yield whole
+
+
+def _ranking(mechanism: Mechanism, level: float) -> Iterator[pd.DataFrame]:
+    """A row per estimator, the first by its median before the others given the same; see `ranked` for the columns."""
+    for given, rows in _classes(mechanism.given).items():
+        names = np.array(mechanism.estimators)[rows]
+        table: dict[str, object] = {"run": mechanism.name, "estimator": names, "cells": mechanism.cells}
+        table["trials"] = mechanism.trials
+        for loss in LOSSES:
+            logs, marked = mechanism.logs[loss].only(rows), mechanism.marked[loss][:, rows]
+            first = int(np.argmin(logs.values))
+            with np.errstate(invalid="ignore", over="ignore"):
+                ratio = np.exp(logs.values - logs.values[first])
+            known = np.isfinite(ratio)
+            table[loss] = np.where(known, ratio, np.inf)
+            table[f"{loss}_error"] = np.where(known, ratio * logs.error(first), np.inf)
+            table[f"{loss}_best"] = may_be_best(logs, level)
+            table[f"{loss}_cells"] = marked.sum(axis=0)
+            table[f"{loss}_alone"] = (marked & (marked.sum(axis=1) == 1)[:, None]).sum(axis=0)
+        table |= {"failures": mechanism.failures[rows], "seconds": mechanism.seconds[rows], "given": given}
+        yield pd.DataFrame(table).sort_values(["median", "rms", "failures"], kind="stable", ignore_index=True)
 
 
 def ranked(mechanisms: Sequence[Mechanism], level: float = 0.95) -> pd.DataFrame:
-    """Rank estimators over the cells of each mechanism and, of several, over all.
+    """Rank estimators over the cells of each mechanism and, of several, over those of a kind and over all.
 
     Args:
-        mechanisms: of one run each.
+        mechanisms: of one run or table each.
         level: of each comparison with the best.
 
     Returns:
-        A row per run and estimator, best first: ``run`` ("all" for all runs), ``estimator``, ``cells``, ``trials``,
+        A row per run and estimator, best first of those that are given the same: ``run`` ("all" for all runs),
+        ``estimator``, ``cells``, ``trials``,
         and of the ``median`` and the ``rms`` the geometric mean over the cells over that of the first estimator, its
         Monte-Carlo standard error (``…_error``), whether the estimator may be the best (``…_best``), the number of
         cells in which it may be (``…_cells``) and in which it alone may be (``…_alone``); then the share of
-        ``failures``, fits without a number, and ``seconds`` per fit.
+        ``failures``, fits without a number, ``seconds`` per fit, and what it is ``given``, where that is known.
 
     Raises:
         RunError: if a run is given twice.
@@ -339,29 +323,80 @@ def ranked(mechanisms: Sequence[Mechanism], level: float = 0.95) -> pd.DataFrame
     names = [one.name for one in mechanisms]
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
         raise RunError(f"{listed(twice)}: given twice; a ranking over all runs takes each once")
-    whole = over_all(mechanisms) if len(mechanisms) > 1 else None
-    tables = [_ranking(one, level) for one in [*mechanisms, *([whole] if whole else [])]]
-    return pd.concat(tables, ignore_index=True)
+    tables = [table for one in _with_wholes(mechanisms) for table in _ranking(one, level)]
+    result = pd.concat(tables, ignore_index=True)
+    return result if result["given"].any() else result.drop(columns="given")
+
+
+def _words(row: Mapping[Any, Any]) -> list[str]:
+    """Losses with their marks, cells, failures and time of a row of `ranked`."""
+    texts = []
+    for loss in LOSSES:
+        number = f"{row[loss]:.3f} ± {row[f'{loss}_error']:.3f}" if np.isfinite(row[loss]) else "inf"
+        mark = " *" if row[f"{loss}_best"] else "  "
+        texts += [number + mark, f"{row[f'{loss}_cells']} ({row[f'{loss}_alone']})"]
+    cost = f"{1e3 * row['seconds']:.3g} ms" if np.isfinite(row["seconds"]) else "-"
+    return [*texts, f"{100.0 * row['failures']:.2g} %", cost]
+
+
+TITLES = ["median", "cells", "rms", "cells", "failures", "a fit"]
+
+
+def explained(by: str, level: float) -> list[str]:
+    """Sentences on the numbers and marks of a ranking."""
+    loss = WORDS.get(by, f"{by} (the least is the best; a failure has no finite number of it)")
+    marks = (
+        f"*: cannot be told from the best at {100.0 * level:g} %; cells: where that holds, in brackets where it alone"
+    )
+    return [f"{loss}: geometric means over cells, divided by the least, ± Monte-Carlo error", marks]
+
+
+def _each(table: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """The rankings of `ranked`: name, what the methods are given, and rows."""
+    known = table if "given" in table else table.assign(given="")
+    for (name, given), part in known.groupby(["run", "given"], sort=False):
+        yield str(name), str(given), part
+
+
+def tables(table: pd.DataFrame) -> Iterator[tuple[str, list[list[str]]]]:
+    """Each ranking of `ranked` in words: its title, and a row of cells per estimator, beside `TITLES`."""
+    for name, given, part in _each(table):
+        count, trials = int(part["cells"].iloc[0]), int(part["trials"].iloc[0])
+        words = f", {GIVEN.get(given, given)}" if given else ""
+        title = f"{name}{words}: {count} cell{'s' * (count != 1)}, {trials:,} trials"
+        yield title, [[str(row["estimator"]), *_words(row)] for row in part.to_dict("records")]
 
 
 def printed(table: pd.DataFrame, by: str, level: float) -> Iterator[str]:
     """The table of `ranked` for a terminal."""
-    loss = WORDS.get(by, f"{by} (the least is the best; a failure has no finite number of it)")
-    yield f"{loss}: geometric means over cells, divided by the least, ± Monte-Carlo error"
-    yield f"*: cannot be told from the best at {100.0 * level:g} %; cells: where that holds, in brackets where it alone"
-    for name, part in table.groupby("run", sort=False):
+    yield from explained(by, level)
+    for title, rows in tables(table):
         yield ""
-        count, trials = int(part["cells"].iloc[0]), int(part["trials"].iloc[0])
-        yield f"{name}: {count} cell{'s' * (count != 1)}, {trials:,} trials"
-        rows = []
-        for row in part.to_dict("records"):
-            texts = [str(row["estimator"])]
-            for loss in LOSSES:
-                number = f"{row[loss]:.3f} ± {row[f'{loss}_error']:.3f}" if np.isfinite(row[loss]) else "inf"
-                texts += [f"{number}{' *' if row[f'{loss}_best'] else '  '}"]
-                texts += [f"{row[f'{loss}_cells']} ({row[f'{loss}_alone']})"]
-            cost = f"{1e3 * row['seconds']:.3g} ms" if np.isfinite(row["seconds"]) else "-"
-            rows.append([*texts, f"{100.0 * row['failures']:.2g} %", cost])
-        yield from columns(rows, ["", "median", "cells", "rms", "cells", "failures", "a fit"], "<>")
-        if name == ALL and (others := set(table["estimator"]) - set(part["estimator"])):
-            yield f"not in every run: {', '.join(sorted(others))}"
+        yield title
+        yield from columns(rows, ["", *TITLES], "<>")
+    part = table[table["run"] == ALL]
+    if len(part) and (others := set(table["estimator"]) - set(part["estimator"])):
+        yield f"not in every run: {', '.join(sorted(others))}"
+
+
+def places(table: pd.DataFrame, name: str) -> list[list[str]]:
+    """The places of an estimator by its median: a row of cells per ranking, with the first of those given the same."""
+    rows = []
+    for run, _, part in _each(table):
+        for row in part[part["estimator"] == name].to_dict("records"):
+            place = 1 + int((part["median"] < row["median"]).sum())
+            rows.append([run, f"{place} of {len(part)}", *_words(row), str(part["estimator"].iloc[0])])
+    return rows
+
+
+PLACES = ["", "place", *TITLES, "the first"]
+"""Titles of the columns of `places`."""
+
+
+def printed_places(table: pd.DataFrame, by: str, level: float, names: Sequence[str]) -> Iterator[str]:
+    """The places of some estimators for a terminal."""
+    yield from explained(by, level)
+    for name in names:
+        yield ""
+        yield f"{name}, among the methods that are given the same:"
+        yield from columns(places(table, name), PLACES, "<>")

@@ -7,7 +7,7 @@ from scipy import stats
 
 import study
 from study.files import RunError
-from study.simulation.analysis import rank
+from study.simulation.analysis import losses, rank
 from tests.configs import config
 
 DESIGN = config({"dimension": 2, "estimators": ["gdke", "als", "mle"]}, trials=30, samples=[10, 20], angle=[90, 180])
@@ -22,6 +22,16 @@ def table(*cells):
         for trial, value in enumerate(values)
     ]
     return pd.DataFrame(rows, columns=["cell", "trial", "estimator", "error"])
+
+
+def compared(errors, names, name=""):
+    """The mechanism of an error table."""
+    return rank.compared(losses.Losses(name, names, [errors]))
+
+
+def of_run(run, by="center"):
+    """The mechanism of a run."""
+    return rank.compared(losses.of_run(run, by))
 
 
 def logs(distances):
@@ -64,7 +74,7 @@ def test_marks_are_those_of_a_loop(loss, seed):
     cells = np.abs(shared + 0.7 * rng.standard_normal((3, 4, 150))) * np.array([1.0, 1.02, 1.2, 1.6])[:, None]
     expected, spreads = marks_by_a_loop(loss, cells, 600, rng)
     names = list("abcd")
-    found = rank.compared([table(*(dict(zip(names, cell, strict=True)) for cell in cells))], names)
+    found = compared(table(*(dict(zip(names, cell, strict=True)) for cell in cells)), names)
     assert list(rank.may_be_best(found.logs[loss])) == expected
     assert expected[2:] == [False, False]
     mine = np.sqrt(np.mean(found.logs[loss].swapped ** 2, axis=0))
@@ -108,7 +118,7 @@ def test_a_copy_is_never_ranked_apart():
             errors[rng.random((5, 40)) < 0.02 * (seed % 3)] = np.nan
             cell = dict(zip(["a", "b", "copy", "d", "e"], errors, strict=True))
             cells.append(cell | {"copy": cell["b"]})
-        ranking = rank.ranked([rank.compared([table(*cells)], names, "run")]).set_index("estimator")
+        ranking = rank.ranked([compared(table(*cells), names, "run")]).set_index("estimator")
         pd.testing.assert_series_equal(ranking.loc["b"], ranking.loc["copy"], check_names=False, check_exact=True)
         places = sorted(ranking.index.get_indexer(["b", "copy"]))
         assert (places[1] - places[0] == 1) or not np.isfinite(ranking.loc["b", "median"])
@@ -152,14 +162,14 @@ def test_a_worse_estimator_is_told_from_the_best():
 def test_ratios_and_their_errors():
     """Ratios are geometric means over the cells; the error is the scatter over repetitions, within 30 %."""
     ones = {"x": [1.0] * 20, "y": [2.0] * 20}
-    ranking = rank.ranked([rank.compared([table(ones, {"x": [8.0] * 20, "y": [1.0] * 20})], ["x", "y"], "run")])
+    ranking = rank.ranked([compared(table(ones, {"x": [8.0] * 20, "y": [1.0] * 20}), ["x", "y"], "run")])
     assert list(ranking["estimator"]) == ["y", "x"]
     np.testing.assert_allclose(ranking[["median", "rms"]], [[1.0, 1.0], [2.0, 2.0]])
     assert list(ranking["median_alone"]) == [1, 1]
     rng, found = np.random.default_rng(6), []
     for _ in range(60):
         cells = [dict(zip("xy", np.abs(rng.standard_normal((2, 200)) * [[1.0], [3.0]]), strict=True)) for _ in range(3)]
-        row = rank.ranked([rank.compared([table(*cells)], ["x", "y"], "run")]).iloc[1]
+        row = rank.ranked([compared(table(*cells), ["x", "y"], "run")]).iloc[1]
         found.append([row["median"], row["median_error"], row["rms"], row["rms_error"]])
     for value, error in np.transpose(found).reshape(2, 2, 60):
         assert np.median(error) == pytest.approx(value.std(ddof=1), rel=0.3)
@@ -170,17 +180,17 @@ def test_fits_without_a_number():
     rng = np.random.default_rng(7)
     x, y = np.abs(rng.standard_normal((2, 50)))
     lost = {"x": [np.nan] * 50, "y": [np.inf] * 50}
-    ranking = rank.ranked([rank.compared([table({"x": [np.nan, *x[1:]], "y": y}, lost)], ["x", "y"], "run")])
+    ranking = rank.ranked([compared(table({"x": [np.nan, *x[1:]], "y": y}, lost), ["x", "y"], "run")])
     ranking = ranking.set_index("estimator")
     assert np.isfinite(ranking["median"]).all()
     assert ranking.loc["x", "rms"] == np.inf
     assert not ranking.loc["x", "rms_best"]
     assert ranking.loc["y", "rms_best"]
     assert ranking["failures"].to_dict() == {"x": 0.51, "y": 0.5}
-    nothing = rank.ranked([rank.compared([table(lost)], ["x", "y"], "run")])
+    nothing = rank.ranked([compared(table(lost), ["x", "y"], "run")])
     assert nothing[["median_best", "rms_best"]].all(axis=None)
     with pytest.raises(RunError, match="cell c0: 9 trials; a ranking needs at least 10"):
-        rank.compared([table({"x": [1.0] * 9, "y": [2.0] * 9})], ["x", "y"])
+        compared(table({"x": [1.0] * 9, "y": [2.0] * 9}), ["x", "y"])
 
 
 def test_all_runs_together():
@@ -188,14 +198,14 @@ def test_all_runs_together():
     rng = np.random.default_rng(8)
     one = {"a": np.full(40, 1.0), "b": np.full(40, 2.0), "c": rng.random(40)}
     two = {"b": np.full(40, 1.0), "a": np.full(40, 8.0)}
-    runs = [rank.compared([table(one, one, one)], list("abc"), "one"), rank.compared([table(two)], list("ba"), "two")]
+    runs = [compared(table(one, one, one), list("abc"), "one"), compared(table(two), list("ba"), "two")]
     ranking = rank.ranked(runs)
     whole = ranking[ranking["run"] == rank.ALL].set_index("estimator")
     assert whole["median"].to_dict() == pytest.approx({"b": 1.0, "a": 2.0})  # √(2 · 1) and √(1 · 8)
     assert set(whole["cells"]) == {4}
     with pytest.raises(RunError, match="one: given twice"):
         rank.ranked([runs[0], runs[0]])
-    other = rank.compared([table({"z": np.full(10, 1.0), "b": np.full(10, 2.0)})], ["z", "b"])
+    other = compared(table({"z": np.full(10, 1.0), "b": np.full(10, 2.0)}), ["z", "b"])
     assert rank.ALL not in set(rank.ranked([runs[0], other])["run"])
 
 
@@ -205,12 +215,12 @@ def test_the_index_of_two_discs(apart, radius):
     x, y = np.meshgrid(*[np.linspace(-2.0, 4.0, 2401)] * 2)
     one, two = np.hypot(x, y) <= 1.0, np.hypot(x - apart, y) <= radius
     expected = 1.0 - (one & two).sum() / (one | two).sum()
-    assert rank.disc_loss(np.array(apart), np.array(radius), np.array(1.0)) == pytest.approx(expected, abs=3e-3)
+    assert losses.disc_loss(np.array(apart), np.array(radius), np.array(1.0)) == pytest.approx(expected, abs=3e-3)
 
 
 def test_discs_without_a_radius():
     """A fit without a radius has no disc."""
-    lost = rank.disc_loss(np.array([0.1, np.nan, 0.1]), np.array([np.nan, 1.0, -1.0]), np.ones(3))
+    lost = losses.disc_loss(np.array([0.1, np.nan, 0.1]), np.array([np.nan, 1.0, -1.0]), np.ones(3))
     assert np.isinf(lost).all()
 
 
@@ -221,16 +231,16 @@ def test_rankings_of_a_run(make_run):
     away = {"center": errors["error"], "radius": errors["radius_error"].abs()}
     away["jaccard_index"] = errors["jaccard_index"]  # a number of a measure, which is ranked as it is
     for by, values in away.items():
-        ranking = rank.ranked([rank.of_run(run, by)]).set_index("estimator")
+        ranking = rank.ranked([of_run(run, by)]).set_index("estimator")
         square = (values**2).groupby([errors["cell"], errors["estimator"]], observed=True).mean().unstack()
         means = np.exp(0.5 * np.log(square).mean())
         assert ranking["rms"].to_dict() == pytest.approx((means / means.min()).to_dict())
     of_mle = timings[timings["step"] == "mle"]
     assert ranking.loc["mle", "seconds"] == pytest.approx(np.median(of_mle["seconds"] / of_mle["fits"]))
-    discs = rank.ranked([rank.of_run(run, "disc")])
+    discs = rank.ranked([of_run(run, "disc")])
     assert discs["median"].min() == 1.0
     with pytest.raises(RunError, match="dimension = 3: discs are of circles"):
-        rank.of_run(make_run(config({"estimators": ["gdke", "als"]}, trials=10)), "disc")
+        of_run(make_run(config({"estimators": ["gdke", "als"]}, trials=10)), "disc")
 
 
 def test_the_command(tmp_path, well, call_here):
@@ -252,22 +262,22 @@ def test_the_command(tmp_path, well, call_here):
 def test_a_negative_measure_is_no_loss(make_run, monkeypatch):
     """It is refused with the number and the cell, not ranked by a logarithm of nothing."""
     run = make_run(DESIGN.replace("[design]", 'measures = ["jaccard"]\n[design]'))
-    of_part = rank.Grouped.cells
+    of_part = losses.Grouped.cells
 
-    def cells(self, columns):
+    def cells(self, columns, only=None):
         for part in of_part(self, columns):
             values = part["jaccard_index"] - 2.0
             values.iloc[3] = np.nan  # a fit without a number is no reason
             yield part.assign(jaccard_index=values)
 
-    monkeypatch.setattr(rank.Grouped, "cells", cells)
+    monkeypatch.setattr(losses.Grouped, "cells", cells)
     with pytest.raises(RunError, match=r"jaccard_index = -[12]\.?\d* in cell \w+: losses are 0 or more"):
-        rank.of_run(run, "jaccard_index")
+        of_run(run, "jaccard_index")
 
 
 def test_who_is_not_in_every_run():
     """Estimators that the ranking over all runs leaves out are named below it."""
     one, two = ({name: np.arange(1.0, 21.0) for name in names} for names in ("abc", "abd"))
-    runs = [rank.compared([table(of)], list(of), name) for of, name in ((one, "one"), (two, "two"))]
+    runs = [compared(table(of), list(of), name) for of, name in ((one, "one"), (two, "two"))]
     *_, last = rank.printed(rank.ranked(runs), "center", 0.95)
     assert last == "not in every run: c, d"
