@@ -18,6 +18,7 @@ import bound_numbers
 import pandas as pd
 import typst
 import yaml
+from number_tables import share_of
 
 from study.simulation.report.material import answer
 from study.simulation.runs.provenance import swhids
@@ -35,10 +36,10 @@ as_yaml = partial(yaml.safe_dump, sort_keys=False, allow_unicode=True, width=120
 
 def claims(table: pd.DataFrame) -> Iterator[list[str]]:
     """Statements, the sentence that answers each, and verdicts."""
-    yield ["", "§", "statement", "answer", "verdict"]
+    yield ["", "§", "statement", "answer", "share", "verdict"]
     for row in table.itertuples():
         said = answer(row.name, row.verdict, row.finding) if row.value == row.value else "It needs a recording."
-        yield [str(row.number), row.section, row.statement, said, row.verdict]
+        yield [str(row.number), row.section, row.statement, said, share_of(row), row.verdict]
 
 
 def tables(bound: bound_numbers.Bound) -> dict[str, object]:

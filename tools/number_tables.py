@@ -18,9 +18,11 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
+from study.simulation.claims.claim import OTHER_CAUSE
 from study.simulation.claims.readings import Readings
 from study.simulation.claims.readings import read as read_readings
 from study.simulation.figures.fig_coverage import BAND
@@ -145,9 +147,14 @@ DERIVED = {"findings": findings, "certified": certified, "coverage_short": cover
 """Tables that are made from a stored one when it is read, by their names in ``[tables]``."""
 
 
+def share_of(claim: Any) -> str:
+    """Share of a claim's conditions in which it holds, with an error of a thousandth or more."""
+    return f"{claim.value:.3f}" + (f" ± {claim.error:.3f}" if claim.error >= 0.0005 else "")
+
+
 def claim_commands(tables: Tables) -> Rows:
     """For each claim the command that judges it, the seconds of its studies, and the number to expect."""
-    yield ["", "§", "quantity", "commands", "seconds", "expected", "verdict"]
+    yield ["", "§", "quantity", "commands", "seconds", "share that holds", "verdict"]
     seconds = tables("studies").set_index("study")["seconds"]
     for row in tables("verdicts").itertuples():
         needed = dict.fromkeys(part.split("/")[0] for part in row.reads.split(", "))
@@ -159,7 +166,7 @@ def claim_commands(tables: Tables) -> Rows:
             cost_first = ["study cost --out cost.parquet"] * cost
             commands = ["study run " + " ".join(studies), *cost_first, " ".join(claims)]
             took = f"{seconds[studies].sum():.0f}"
-            expected = f"{row.value:.4g}" + (f" ± {row.error:.2g}" if row.error > 0 else "")
+            expected = share_of(row)
         words = "; ".join(f"`{command}`" for command in commands)
         yield [str(row.number), row.section, row.quantity, words, took, expected, row.verdict]
 
@@ -183,8 +190,14 @@ def choices(tables: Tables) -> Rows:
 
 def readings(tables: Tables) -> Rows:
     """Verdicts on the claims under each reading; those that differ from the used one are bold."""
-    short = {"reproduced": "yes", "partly, within limits": "part", "partly, another cause": "part"}
-    short |= {"not reproduced": "no", "not evaluated": "–", "": "·"}
+    verdicts = {
+        "reproduced": "yes",
+        "mostly": "mostly",
+        "in part": "part",
+        "not reproduced": "no",
+        "not evaluated": "–",
+    }
+    short = {"": "·"} | verdicts | {f"{verdict}{OTHER_CAUSE}": words for verdict, words in verdicts.items()}
     judged = _readings(tables)
     yield ["claim", "used", *(judged.letters[key] for key in judged.others)]
     for row in tables("verdicts").itertuples():
@@ -194,12 +207,11 @@ def readings(tables: Tables) -> Rows:
 
 
 def readings_changed(tables: Tables) -> Rows:
-    """Verdicts that another reading changes, with the first number behind each, and the claims that stand."""
-    yield ["claim", "verdict", "reading", "first number"]
+    """Verdicts that another reading changes, with the share of conditions behind each, and the claims that stand."""
+    yield ["claim", "verdict", "reading", "share"]
     judged, numbers = _readings(tables), tables("verdicts").set_index("name")["number"]
     for row in judged.changed.itertuples():
-        first = str(row.finding).split("; ")[0]
-        yield [f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", judged.reading(row).clause, first]
+        yield [f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", judged.reading(row).clause, share_of(row)]
     stand = ", ".join(f"{numbers[name]} {name}" for name in sorted(judged.standing, key=numbers.get))
     yield f"Under every reading stand {len(judged.standing)} verdicts: {stand}."
 

@@ -195,13 +195,14 @@ def of_recordings(said):
 
 
 def test_claims(well, folder):
-    """With the recording there is a verdict on its joints, which are near with few samples, too: the claim in part."""
+    """With the recording there is a verdict on its joints, all of which are near."""
     said = well(folder, "claims", "out", "--recording", "body")
     head, *numbers = of_recordings(said)
-    assert "PARTLY" in head
-    assert numbers[0].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
-    assert "above 200 samples: 1 ± 0.07" in numbers[0]
-    assert numbers[1].endswith("joint by joint: 0")
+    assert "REPRODUCED" in head
+    assert numbers[0].startswith("    share of its conditions in which it holds: 1")
+    assert numbers[1].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
+    assert "above 200 samples: 1 ± 0.07" in numbers[1]
+    assert numbers[2].endswith("joint by joint: 0")
 
 
 def test_one_recording_twice(well, refused, folder):
@@ -209,7 +210,7 @@ def test_one_recording_twice(well, refused, folder):
     for verb in ("claims", "report"):
         refused(folder, 2, "body and body: the same case study", verb, "out", *["--recording", "body"] * 2)
     said = well(folder, "claims", "out", "--recording", "body", "--recording", "again")
-    assert of_recordings(said)[1].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
+    assert of_recordings(said)[2].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
     for name in ("scatter", "joints", "laws"):
         body, again = (pd.read_parquet(folder / out / f"case-study-{name}.parquet") for out in ("body", "again"))
         assert set(body["recording"]) == {"body"}
