@@ -120,7 +120,7 @@ class RecordingsWithin1Cm(Claim):
             "near"
         ].mean()  # each joint once, in whatever case studies
         sizes = near.groupby(["recording", "samples"])
-        most = [share(float(part.sum()), len(part)) for _, part in sizes if len(part) >= _FEWEST]
+        most = [share(float(part.to_numpy().sum()), len(part)) for _, part in sizes if len(part) >= _FEWEST]
         gain, own_error = _per_joint(above - upto), "that share with the error of the whole recording's fit"
         return [
             shared.holding(self.criterion, (Measure(0.5 - one.value, one.error) for one in most)),

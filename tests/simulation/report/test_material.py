@@ -156,7 +156,7 @@ def test_the_main_claim_comes_first(efficiency, verdict, says):
 
 def test_the_main_claim_names_its_readings(efficiency):
     """If the paper can be read otherwise, the head says as what it was read, and how the claim fares else."""
-    claims = pd.DataFrame([judged("ugdk-closest", "not reproduced", 0.0, 0.46, 26.0)])
+    claims = pd.DataFrame([judged("ugdk-closest", "not reproduced", 0.0, 0.5, 0.5, 26.0, 0.0, 0.46)])
     readings = SimpleNamespace(otherwise=lambda name: f" as {name} is read; it holds if the noise is radial")
     (first,) = material.findings(claims, None, readings)
     words = "as ugdk-closest is read; it holds if the noise is radial."

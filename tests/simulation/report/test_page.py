@@ -401,7 +401,10 @@ def rows_of(text, label):
 
 def test_readings(circles, make_claims, no_figures):
     """Every claim has a row, every other reading a column; what changes is framed and told with the claim."""
-    main = {"name": "ugdk-closest", "finding": "share: 0\nlevel: 0.5\nover: 0.5\nworst: 26 ± 7\ncloser: 0\nfarther: 0.46"}
+    main = {
+        "name": "ugdk-closest",
+        "finding": "share: 0\nlevel: 0.5\nover: 0.5\nworst: 26 ± 7\ncloser: 0\nfarther: 0.46",
+    }
     claims = make_claims((Verdict.NOT_REPRODUCED, main), (Verdict.IN_PART, {"name": "one-line"}))
     choices = read_choices(shipped_config("readings"))
     table = pd.DataFrame(
