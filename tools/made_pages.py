@@ -153,10 +153,10 @@ def chain_statuses() -> Rows:
 
 
 def figures() -> Rows:
-    """A section for each figure: its picture and the text of its module."""
+    """A section for each figure: its picture, its title and what to look at; its module says the rest."""
     for name, module in FIGURES.items():
-        title, _, text = inspect.cleandoc(module.__doc__ or "").partition("\n\n")
-        yield f"## {name}\n\n![{name}](../figures/{name}.png)\n\n**{title}**\n\n{text}"
+        title, *_, advice = inspect.cleandoc(module.__doc__ or "").split("\n\n")
+        yield f"## {name}\n\n![{name}](../figures/{name}.png)\n\n**{title}**\n\n{advice}"
 
 
 def names() -> Rows:

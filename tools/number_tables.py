@@ -152,23 +152,17 @@ def share_of(claim: Any) -> str:
     return f"{claim.value:.3f}" + (f" ± {claim.error:.3f}" if claim.error >= 0.0005 else "")
 
 
-def claim_commands(tables: Tables) -> Rows:
-    """For each claim the command that judges it, the seconds of its studies, and the number to expect."""
-    yield ["", "§", "quantity", "commands", "seconds", "share that holds", "verdict"]
+def claim_studies(tables: Tables) -> Rows:
+    """For each claim the studies that judge it, their seconds, the share of its conditions to expect, and the verdict."""
+    yield ["claim", "§", "studies", "seconds", "share that holds", "verdict"]
     seconds = tables("studies").set_index("study")["seconds"]
     for row in tables("verdicts").itertuples():
         needed = dict.fromkeys(part.split("/")[0] for part in row.reads.split(", "))
-        cost = "cost" in needed
-        studies = [name for name in needed if name in seconds] or ["paper"] * cost
-        commands, took, expected = ["study claims RUN --recording DIR"], "-", "needs a recording"
-        if studies:
-            claims = ["study claims", *(f"results/{name}-*" for name in studies), *["--cost cost.parquet"] * cost]
-            cost_first = ["study cost --out cost.parquet"] * cost
-            commands = ["study run " + " ".join(studies), *cost_first, " ".join(claims)]
-            took = f"{seconds[studies].sum():.0f}"
-            expected = share_of(row)
-        words = "; ".join(f"`{command}`" for command in commands)
-        yield [str(row.number), row.section, row.quantity, words, took, expected, row.verdict]
+        studies = [name for name in needed if name in seconds] or ["paper"] * ("cost" in needed)
+        took = f"{seconds[studies].sum():.0f}" if studies else "-"
+        words = ", ".join([*studies, *(name for name in ("cost", "case-study") if name in needed)])
+        share = share_of(row) if studies else "needs a recording"
+        yield [f"{row.number} {row.name}", row.section, words, took, share, row.verdict]
 
 
 def _readings(tables: Tables) -> Readings:

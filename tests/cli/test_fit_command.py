@@ -252,7 +252,7 @@ def test_output_to_a_pipe(call, command, cap, tmp_path, encoding):
     assert len(said.splitlines()) == 10
 
 
-PAGE = (Path(__file__).parents[2] / "docs" / "own-estimators.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "own.md").read_text(encoding="utf-8")
 
 PLUGIN, CONFIG = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[1] for kind in ("python", "toml"))
 
