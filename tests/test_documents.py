@@ -284,6 +284,7 @@ OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.DONT_ACCEPT_TRUE_FOR_1
 def test_public_names():
     """Each is there, is offered before it is imported, and has a docstring, but for a table and the version."""
     assert set(study.__all__) - set(PUBLIC) == {"ESTIMATORS", "__version__"}
+    assert "study.fit" in inspect.getdoc(study.ESTIMATORS)  # its own, not that of a dictionary
     assert set(study.__all__) <= set(dir(study))
     assert "import_module" not in dir(study)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):

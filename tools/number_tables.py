@@ -153,7 +153,7 @@ def share_of(claim: Any) -> str:
 
 
 def claim_studies(tables: Tables) -> Rows:
-    """For each claim the studies that judge it, their seconds, the share of its conditions to expect, and the verdict."""
+    """For each claim its studies, their seconds, the share of its conditions in which it holds, and the verdict."""
     yield ["claim", "§", "studies", "seconds", "share that holds", "verdict"]
     seconds = tables("studies").set_index("study")["seconds"]
     for row in tables("verdicts").itertuples():
@@ -206,8 +206,8 @@ def readings_changed(tables: Tables) -> Rows:
     judged, numbers = _readings(tables), tables("verdicts").set_index("name")["number"]
     for row in judged.changed.itertuples():
         yield [f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", judged.reading(row).clause, share_of(row)]
-    stand = ", ".join(f"{numbers[name]} {name}" for name in sorted(judged.standing, key=numbers.get))
-    yield f"Under every reading stand {len(judged.standing)} verdicts: {stand}."
+    stand = ", ".join(str(number) for number in sorted(numbers[name] for name in judged.standing))
+    yield f"Under every reading stand {len(judged.standing)} verdicts: claims {stand}."
 
 
 def coverage_summary(tables: Tables) -> Rows:

@@ -98,7 +98,9 @@ TABLES = {
     "studies": studies,
     "published": published,
     "coverage": coverage,
-    "efficiency": lambda: summary("efficiency", "angle", "noise_over_radius").query("estimator in ['mle', 'gdke', 'ugdk', 'corrected']"),
+    "efficiency": lambda: summary("efficiency", "angle", "noise_over_radius").query(
+        "estimator in ['mle', 'gdke', 'ugdk', 'corrected']"
+    ),
     "robustness": lambda: robustness("robustness"),
     "robust": lambda: robustness("robust"),
     "em-vmf": em_vmf,
