@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     cls=GroupedHelp,
-    help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
+    help="Fit spheres and circles, find joints, and study the fits (Knight & Semwal 2009).",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -502,25 +502,24 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Studies": (
-        *(commands.configs, commands.plan, run, merge, commands.status, posterior),
-        *(commands.ask, commands.laws, commands.measures),
+    "Points": (fit, plan_fit, commands.estimators),
+    "Joints": (joints, skeleton),
+    "Studies": (run, commands.summary, commands.report, commands.claims, commands.check),
+    "More on studies": (
+        *(commands.configs, commands.plan, merge, commands.status, posterior, commands.ask, commands.laws),
+        *(commands.measures, commands.worker, commands.compile_loops),
     ),
-    "Results": (
-        *(commands.summary, commands.claims, figures, commands.report, commands.rank, commands.worst, replay),
-        *(commands.diff, commands.verify, commands.archive, export),
+    "More on results": (
+        *(figures, commands.rank, commands.regret, commands.worst, replay, commands.diff, commands.verify),
+        *(commands.archive, export, commands.readings, certify, commands.cost),
     ),
-    "Points and estimators": (fit, plan_fit, commands.estimators, commands.check),
-    "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
-    "Maintenance": (
-        *(commands.worker, commands.readings, commands.regret, certify),
-        *(commands.cost, commands.compile_loops),
-    ),
+    "More on recordings": (recording, joint, gait, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
     *(commands.configs, commands.check, certify, commands.cost, plan_fit, commands.worker, commands.ask),
     commands.compile_loops,
-    *_GROUPS["Recordings"],
+    *_GROUPS["Joints"],
+    *_GROUPS["More on recordings"],
 }
 _NAMES: dict[Callable[..., None], str] = {commands.compile_loops: "compile"}
 """Names of commands whose functions cannot have them: `compile` is Python's."""
