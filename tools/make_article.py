@@ -1,4 +1,4 @@
-"""Typeset the replication report: `make article` writes results/article.pdf, its supplement, metadata and codecheck.yml.
+"""Typeset the replication report: `make article` writes results/article.pdf, a supplement, metadata, codecheck.yml.
 
 The text is article/article.typ, whose numbers tools/bound_numbers.py compares with the stored tables first. Its tables
 are made here from the same stored tables. No file is fetched: the compiler of Typst and its fonts come with the Python

@@ -148,7 +148,9 @@ DERIVED = {"findings": findings, "certified": certified, "coverage_short": cover
 
 
 def share_of(claim: Any) -> str:
-    """Share of a claim's conditions in which it holds, with an error of a thousandth or more."""
+    """Share of a claim's conditions in which it holds, with an error of a thousandth or more; a dash for none."""
+    if claim.value != claim.value:
+        return "–"
     return f"{claim.value:.3f}" + (f" ± {claim.error:.3f}" if claim.error >= 0.0005 else "")
 
 
