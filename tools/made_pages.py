@@ -155,7 +155,8 @@ def figures() -> Rows:
     """A section for each figure: its picture, its title and what to look at; its module says the rest."""
     for name, module in FIGURES.items():
         title, *_, advice = inspect.cleandoc(module.__doc__ or "").split("\n\n")
-        yield f"## {name}\n\n![{name}](../figures/{name}.png)\n\n**{title}**\n\n{advice}"
+        first = " ".join(re.split(r"(?<=[.:])\s+(?=[A-Z])", advice)[:2])  # two sentences; the report has them all
+        yield f"## {name}\n\n![{name}](../figures/{name}.png)\n\n**{title}**\n\n{first}"
 
 
 def names() -> Rows:
