@@ -137,7 +137,7 @@ def _moments(d: int) -> float:
 _BIASED = "biased towards the points by the noise, which its standard errors do not include; als has no such bias"
 
 
-class Registry(dict[str, Estimator]):
+class Estimators(dict[str, Estimator]):
     """Every estimator by its name, as `study.fit`, configs and `study fit -e` know it.
 
     ``list(study.ESTIMATORS)`` has the names, ``study.ESTIMATORS["mle"]`` the source of one and what it needs.
@@ -145,7 +145,7 @@ class Registry(dict[str, Estimator]):
     """
 
 
-ESTIMATORS = Registry(
+ESTIMATORS = Estimators(
     {
         "mle": Estimator(
             mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", given=MLE

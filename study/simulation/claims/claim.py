@@ -488,17 +488,17 @@ def holding(words: str, excesses: Iterable[Measure]) -> Number:
 
 
 def above(measure: Measure, limit: float) -> Measure:
-    """How far a measure is above the greatest value to which a claim holds."""
+    """Excess of a measure over the greatest value to which a claim holds."""
     return Measure(measure.value - limit, measure.error)
 
 
 def apart(measure: Measure, target: float, distance: float) -> Measure:
-    """How far a measure is beyond a distance from its target, on either side."""
+    """Excess of a measure over a distance from its target, on either side."""
     return Measure(abs(measure.value - target) - distance, measure.error)
 
 
 def of_order(measure: Measure, unit: Measure) -> Measure:
-    """How far a positive measure is from a unit beyond a factor of two, in natural logarithms."""
+    """Excess of a positive measure over a factor of two from a unit, on either side, in natural logarithms."""
     quotient = ratio(measure, unit)
     if not 0.0 < quotient.value < math.inf:
         return Measure(math.nan if math.isnan(quotient.value) else math.inf, math.nan)

@@ -34,7 +34,7 @@ def _slope(evidence: Evidence, words: str, errors: pd.DataFrame, groups: Floats)
 
 
 def of_decades(evidence: Evidence, errors: pd.DataFrame, estimator: str) -> Iterator[Measure]:
-    """How far an estimator's error over bound, in each decade of σ/r, is off by more than a factor of two.
+    """Excess of an estimator's error over bound, in each decade of σ/r, over a factor of two.
 
     The unit is its error over bound for σ < .01 r. Decades with too few trials are left out.
     """
