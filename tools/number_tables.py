@@ -207,7 +207,10 @@ def readings_changed(tables: Tables) -> Rows:
     yield ["claim", "verdict", "reading", "share"]
     judged, numbers = _readings(tables), tables("verdicts").set_index("name")["number"]
     for row in judged.changed.itertuples():
-        yield [f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", judged.reading(row).clause, share_of(row)]
+        before, after = str(row.used), str(row.verdict)
+        if before.endswith(OTHER_CAUSE) and after.endswith(OTHER_CAUSE):
+            before, after = before.removesuffix(OTHER_CAUSE), after.removesuffix(OTHER_CAUSE)
+        yield [f"{row.number} {row.claim}", f"{before} → {after}", judged.reading(row).clause, share_of(row)]
     stand = ", ".join(str(number) for number in sorted(numbers[name] for name in judged.standing))
     yield f"Under every reading stand {len(judged.standing)} verdicts: claims {stand}."
 
