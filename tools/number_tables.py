@@ -143,7 +143,13 @@ def coverage_short(cells: pd.DataFrame) -> pd.DataFrame:
     return often.join(least).loc[["interval", "corrected", "als", "mle"]].reset_index()
 
 
-DERIVED = {"findings": findings, "certified": certified, "coverage_short": coverage_short}
+def radial(readings: pd.DataFrame) -> pd.DataFrame:
+    """The numbers in the findings of claims under radial noise, as `findings` has them."""
+    rows = readings.query("choice == 'noise-law' and reading == 'radial'")
+    return findings(rows.assign(name=rows["claim"], finding=rows["finding"].str.replace("; ", "\n")))
+
+
+DERIVED = {"findings": findings, "radial": radial, "certified": certified, "coverage_short": coverage_short}
 """Tables that are made from a stored one when it is read, by their names in ``[tables]``."""
 
 
