@@ -116,10 +116,8 @@ class RecordingsWithin1Cm(Claim):
         joints, recordings = (above.index.unique(level).size for level in ("joint", "recording"))
         of = f"{joints} joints of {recordings} recording{'s' * (recordings != 1)}"
         near = spreads[many].assign(near=lambda rows: rows["sure"] < _CENTIMETRE)
-        near = near.groupby(["recording", "samples", "joint"])[
-            "near"
-        ].mean()  # each joint once, in whatever case studies
-        sizes = near.groupby(["recording", "samples"])
+        joints_near = near.groupby(["recording", "samples", "joint"])["near"].mean()  # once, in whatever case studies
+        sizes = joints_near.groupby(["recording", "samples"])
         most = [share(float(part.to_numpy().sum()), len(part)) for _, part in sizes if len(part) >= _FEWEST]
         gain, own_error = _per_joint(above - upto), "that share with the error of the whole recording's fit"
         return [
