@@ -1,7 +1,7 @@
-"""Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009), and the fits themselves as a library.
+"""Sphere and circle fits as a library, and the Monte-Carlo study of them (Knight & Semwal 2009).
 
     import study
-    fit = study.fit(points, "ugdk", noise=0.05)     # points (…, n, d): fit.center, fit.radius, fit.ok
+    fit = study.fit(points)                         # points (…, n, d): fit.center, fit.radius, fit.interval("radius")
     fit = study.fit("scan.ply")                     # the points of a file; study.read_points chooses its columns
     joint = study.mgdk([marker_a, marker_b])        # points (n, d) of each marker: one common centre
     bound = study.crlb(directions, noise=0.05)      # (…, d+1, d+1)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     cls=GroupedHelp,
-    help="Monte-Carlo study of closed-form sphere fits (Knight & Semwal 2009).",
+    help="Fit spheres and circles, find joints, and study the fits (Knight & Semwal 2009).",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -94,7 +94,21 @@ _ASSUME = "sphere, if the points are known to lie on one: their shape is then no
 Assume = Annotated[str | None, typer.Option("--assume", help=_ASSUME)]
 _LAW = "isotropic, or radial, if the noise is along the radius alone, as of a probe or a scanner at the centre"
 NoiseLaw = Annotated[str, typer.Option("--law", help=_LAW)]
-KnownRadius = Annotated[float | None, typer.Option("--radius", help="the radius, if it is known")]
+
+
+def _radius(text: str) -> float | tuple[float, float]:
+    """A radius, or its least and greatest with a colon between them."""
+    try:
+        values = tuple(float(part) for part in text.split(":"))
+    except ValueError:
+        values = ()
+    if len(values) not in (1, 2):
+        raise typer.BadParameter(f"{text!r}: give a number, such as 25, or limits for --spheres, such as 24:26")
+    return values[0] if len(values) == 1 else (values[0], values[1])
+
+
+_RADIUS = "the radius, if it is known; with --spheres the least and the greatest, such as 24:26"
+KnownRadius = Annotated[Any, typer.Option("--radius", metavar="RADIUS", parser=_radius, help=_RADIUS)]
 RadiusError = Annotated[float | None, typer.Option("--radius-error", help="standard uncertainty of that radius")]
 _SENSITIVITY = "print how large a form error of low degree moves each number by its ±"
 Sensitivity = Annotated[bool, typer.Option("--sensitivity", help=_SENSITIVITY)]
@@ -104,7 +118,7 @@ _COLUMNS = "coordinates by name or number of column [default: x,y,z if there are
 Columns = Annotated[str | None, typer.Option("--columns", help=_COLUMNS)]
 _DIMENSION = "number of coordinates, if all of more than three columns are coordinates"
 Dimension = Annotated[int | None, typer.Option("--dimension", min=2, help=_DIMENSION)]
-_SPHERES = "number of spheres to look for in each file, each with its points; with -e, --columns, --dimension, --json"
+_SPHERES = "number of spheres in each file, each with its points; with -e, --radius, --columns, --dimension, --json"
 InSpace = Annotated[bool, typer.Option("--circle", help="Fit a circle in space: centre, radius and axis.")]
 SphereCount = Annotated[int | None, typer.Option("--spheres", min=1, help=_SPHERES)]
 Cell = Annotated[str, typer.Argument(metavar="CELL", help="name of the cell, or its beginning; or CELL/TRIAL")]
@@ -295,10 +309,15 @@ def fit(
         raise typer.BadParameter("--sensitivity prints lines about one file; in Python they are fit.sensitivity()")
     if radius_error is not None and radius is None:
         raise typer.BadParameter(f"--radius-error {radius_error:g}: give the radius too, as --radius")
+    if isinstance(radius, tuple) != (spheres is not None) and radius is not None:
+        remedy = "limits such as 24:26" if spheres is not None else "one number; limits go with --spheres"
+        raise typer.BadParameter(f"--radius {radius}: give {remedy}")
     if spheres is not None:
-        if noise is not None or radius is not None or plot is not None or as_csv or sensitivity or any(assumed):
-            raise typer.BadParameter("--spheres goes with --estimator, --columns, --dimension and --json alone")
-        _fit_spheres(files, spheres, estimator, columns, dimension, as_json)
+        if noise is not None or radius_error is not None or plot is not None or as_csv or sensitivity or any(assumed):
+            raise typer.BadParameter(
+                "--spheres goes with --estimator, --radius, --columns, --dimension and --json alone"
+            )
+        _fit_spheres(files, (spheres, radius), estimator, columns, dimension, as_json)
         return
     if circle:
         if noise is not None or radius is not None or as_csv or sensitivity or assume or law != "isotropic":
@@ -356,17 +375,23 @@ def _fit_circles(files: list[Path], columns: str | None, ordered: bool, plot: Pa
 
 
 def _fit_spheres(
-    files: list[Path], count: int, estimator: str, columns: str | None, dimension: int | None, as_json: bool
+    files: list[Path],
+    wanted: tuple[int, tuple[float, float] | None],
+    estimator: str,
+    columns: str | None,
+    dimension: int | None,
+    as_json: bool,
 ) -> None:
-    """Find spheres in each file, and print them."""
+    """Find spheres in each file, so many of radii within limits, and print them."""
     from study.fits.point_files import read_points
     from study.fits.spheres import as_rows, fit_spheres, printed
 
     complaints, objects, complete = list[str](), list[dict[str, object]](), True
+    count, limits = wanted
     for file in files:
         try:
             table = read_points(file, columns or None, dimension)
-            spheres = fit_spheres(table.points, count, estimator=estimator)
+            spheres = fit_spheres(table.points, count, estimator=estimator, radius=limits)
         except ValueError as error:
             complaints.append(str(error))
             continue
@@ -477,25 +502,24 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
 
 
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Studies": (
-        *(commands.configs, commands.plan, run, merge, commands.status, posterior),
-        *(commands.ask, commands.laws, commands.measures),
+    "Points": (fit, plan_fit, commands.estimators),
+    "Joints": (joints, skeleton),
+    "Studies": (run, commands.summary, commands.report, commands.claims, commands.check),
+    "More on studies": (
+        *(commands.configs, commands.plan, merge, commands.status, posterior, commands.ask, commands.laws),
+        *(commands.measures, commands.worker, commands.compile_loops),
     ),
-    "Results": (
-        *(commands.summary, commands.claims, figures, commands.report, commands.rank, commands.worst, replay),
-        *(commands.diff, commands.verify, commands.archive, export),
+    "More on results": (
+        *(figures, commands.rank, commands.regret, commands.worst, replay, commands.diff, commands.verify),
+        *(commands.archive, export, commands.readings, certify, commands.cost),
     ),
-    "Points and estimators": (fit, plan_fit, commands.estimators, commands.check),
-    "Recordings": (recording, joint, joints, skeleton, gait, live, case_study, synthetic, fetch, markersets),
-    "Maintenance": (
-        *(commands.worker, commands.readings, commands.regret, certify),
-        *(commands.cost, commands.compile_loops),
-    ),
+    "More on recordings": (recording, joint, gait, live, case_study, synthetic, fetch, markersets),
 }
 _NEEDS_NO_ESTIMATOR: set[Callable[..., None]] = {
     *(commands.configs, commands.check, certify, commands.cost, plan_fit, commands.worker, commands.ask),
     commands.compile_loops,
-    *_GROUPS["Recordings"],
+    *_GROUPS["Joints"],
+    *_GROUPS["More on recordings"],
 }
 _NAMES: dict[Callable[..., None], str] = {commands.compile_loops: "compile"}
 """Names of commands whose functions cannot have them: `compile` is Python's."""

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+import study
+from study.simulation.analysis import archive
+
 yaml = pytest.importorskip("yaml", reason="PyYAML reads the metadata")
 typst = pytest.importorskip("typst", reason="Typst typesets the report")
 ROOT = Path(__file__).parents[1]
@@ -48,7 +51,7 @@ def test_what_looks_measured_is_bound(article, bound, text):
     [
         ("verdicts", "finding", "claims"),
         ("published", "mse", "published"),
-        ("paper", "ratio_median", "decades"),
+        ("efficiency", "ratio_median", "grid"),
         ("regret", "median", "regret"),
     ],
 )
@@ -63,16 +66,32 @@ def test_tables_follow_the_stored_ones(article, bound, table, column, name):
 
 
 def test_it_is_typeset(article, bound, tmp_path):
-    """Eight to twelve pages, as images of the pages, from a copy of what the text reads."""
+    """Ten pages or fewer, and a supplement, as images of the pages, from a copy of what the text reads."""
     for name in ("article", "figures"):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / "results" / "article").mkdir(parents=True)
     (tmp_path / "results" / "article" / "tables.json").write_text(json.dumps(article.tables(bound)))
-    source = (ROOT / article.TEXT).read_text(encoding="utf-8")
-    (tmp_path / "text.typ").write_text(source.replace('"references.yml"', '"/article/references.yml"'))
-    pages = typst.compile(tmp_path / "text.typ", root=tmp_path, format="png", ppi=30)
-    assert 8 <= len(pages) <= 12
-    assert all(page.startswith(b"\x89PNG") for page in pages)
+    for name, least, most in ((article.TEXT, 6, 10), (article.SUPPLEMENT, 2, 8)):
+        source = (ROOT / name).read_text(encoding="utf-8")
+        (tmp_path / "text.typ").write_text(source.replace('"references.yml"', '"/article/references.yml"'))
+        pages = typst.compile(tmp_path / "text.typ", root=tmp_path, format="png", ppi=30)
+        assert least <= len(pages) <= most
+        assert all(page.startswith(b"\x89PNG") for page in pages)
+
+
+def test_version_title_and_authors_agree(article, text):
+    """The citation, the package, the report and its metadata have one version, one group of authors and one paper."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == study.__version__
+    assert [author["name"] for author in citation["authors"]] == [
+        author["name"] for author in article.DEPOSIT["authors"]
+    ]
+    assert article.DEPOSIT["authors"][0]["name"] in text
+    paper = citation["preferred-citation"]
+    assert article.title(text) == f"[Re] {paper['title']}"
+    assert paper["url"] == article.DEPOSIT["paper"]["url"]
+    assert citation["title"].partition(":")[0] == "sphere-fit-study"
+    assert archive.citation() == (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 def fields(value):

@@ -19,8 +19,7 @@ sys.path.remove(str(ROOT / "tools"))
 
 CHANGED = "verdict != used and verdict != 'not evaluated' and used != 'not evaluated'"
 QUOTED = {
-    "claim_commands": ("verdicts", "value > 0", ["value"]),
-    "choices": ("readings", CHANGED, []),
+    "claim_studies": ("verdicts", "value > 0", ["value"]),
     "readings_changed": ("readings", CHANGED, []),
     "coverage_summary": ("coverage", "method == 'als' and sigma < .2", ["radius", "radius_ok"]),
     "benchmark": ("benchmark", "run == 'all, circles' and given == 'points'", ["median", "rms"]),
@@ -59,7 +58,7 @@ def test_the_reference_run_is_whole():
     run = Run.open(ROOT / "results" / "paper")
     assert run.manifest()["run"] == "paper-8689e37964"
     assert len(run.table("summary")) > 100
-    assert len(run.table("claims")) == 28
+    assert len(run.table("claims")) == 27
 
 
 def test_every_number_is_that_of_its_table(bound):
@@ -167,7 +166,7 @@ def test_a_wrong_description_is_a_fault_at_its_place(number, words):
 def test_the_numbers_of_findings():
     """Findings of claims are split into quantity, value and error; lines without a number are left out."""
     finding = "share, φ = 20°: 0.5 ± 0.01\nneeds: more\nat 3: -2e-06"
-    table = number_tables.findings(pd.DataFrame({"name": ["a"], "verdict": ["partly"], "finding": [finding]}))
+    table = number_tables.findings(pd.DataFrame({"name": ["a"], "verdict": ["in part"], "finding": [finding]}))
     assert list(table["quantity"]) == ["share, φ = 20°", "at 3"]
     np.testing.assert_array_equal(table[["value", "error"]], [[0.5, 0.01], [-2e-06, np.nan]])
 

@@ -1,4 +1,4 @@
-"""What version 2 promises to keep, as docs/stability.md says: nothing of it goes, and more may come.
+"""What version 2 promises to keep, as docs/api.md says: nothing of it goes, and more may come.
 
 `promised.json` was written at version 2.0 by ``python tests/test_promises.py``. An entry leaves it with a new major
 version alone.

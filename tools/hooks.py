@@ -21,6 +21,20 @@ ELSEWHERE = re.compile(r"<(?:script|img|iframe|source|link)\b[^>]*?(?:src|href)=
 """Tags by which a page would ask another server."""
 INLINE = re.compile(r"(^```.*?^```$|`[^`\n]*`)|\$([^$]+)\$", re.MULTILINE | re.DOTALL)
 """Code, which stays as it is, or a formula in the text."""
+MOVED = {
+    "report": "rerun.html#the-report",
+    "own-estimators": "own.html#an-estimator",
+    "own-laws": "own.html#a-law",
+    "own-measures": "own.html#a-measure",
+    "trades": "gallery.html",
+    "ask": "sweep.html#ask-without-a-run",
+    "precision": "cluster.html#adaptive-numbers-of-trials",
+    "platforms": "speed.html#where-it-runs",
+    "certify": "speed.html#certified-fits",
+    "stability": "api.html#what-is-promised-to-stay",
+    "weakly-identified": "sphere.html#weakly-identified",
+}
+"""Pages that are parts of others now, and their places there; their old addresses lead on."""
 _COMMAND = []
 
 
@@ -62,6 +76,17 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     if _COMMAND == ["build"] and (asked := ELSEWHERE.search(output)):
         raise PluginError(f"{page.file.src_uri}: asks another server: {asked[0]}")
     return output
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Write a page at each old address that leads to the new one, and fail if that place is not there."""
+    for name, target in MOVED.items():
+        file, _, anchor = target.partition("#")
+        if f'id="{anchor}"' not in (Path(config.site_dir) / file).read_text(encoding="utf-8") and anchor:
+            raise PluginError(f"{name}.html leads to {target}, which is not there")
+        link = f'<a href="{target}">{target}</a>'
+        head = f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={target}">'
+        (Path(config.site_dir) / f"{name}.html").write_text(f"{head}<title>Moved</title>{link}\n", encoding="utf-8")
 
 
 def _typeset(formula: re.Match[str]) -> str:

@@ -52,8 +52,8 @@ def config_laws() -> Rows:
 
 
 def studies() -> Rows:
-    """The shipped studies: conditions, trials, fits, and the Monte-Carlo error of a median of so many trials."""
-    yield ["study", "question", "conditions", "trials of each", "fits", "error of a median, %"]
+    """The shipped studies: conditions, trials, and the Monte-Carlo error of a median of so many trials."""
+    yield ["study", "question", "conditions", "trials of each", "error of a median, %"]
     for name, path in shipped_configs().items():
         if name in OWN_READERS:
             continue
@@ -62,11 +62,10 @@ def studies() -> Rows:
         sizes = [(1 if random else group.width, config.trials_of(group)) for group in config.groups()]
         least, most = min(count for _, count in sizes), max(count for _, count in sizes)
         trials = f"{least:,}" + (f" to {most:,}" if least < most else "")
-        fits = len(config.estimators) * sum(width * count for width, count in sizes)
         cells = "drawn in each trial" if random else f"{sum(width for width, _ in sizes):,}"
         errors = " to ".join(f"{100.0 * math.sqrt(variance / least):.1f}" for variance in MEDIAN_VARIANCES)
         link, words = f"[`{name}`](../configs/{name}.toml)", summary_line(path).removesuffix(".")
-        yield [link, words, cells, trials, f"{fits:,}", errors]
+        yield [link, words, cells, trials, errors]
 
 
 def conditions() -> Rows:
@@ -153,18 +152,22 @@ def chain_statuses() -> Rows:
 
 
 def figures() -> Rows:
-    """A section for each figure: its picture and the text of its module."""
+    """A section for each figure: its picture, its title and what to look at; its module says the rest."""
     for name, module in FIGURES.items():
-        title, _, text = inspect.cleandoc(module.__doc__ or "").partition("\n\n")
-        yield f"## {name}\n\n![{name}](../figures/{name}.png)\n\n**{title}**\n\n{text}"
+        title, *_, advice = inspect.cleandoc(module.__doc__ or "").split("\n\n")
+        first = " ".join(re.split(r"(?<=[.:])\s+(?=[A-Z])", advice)[:2])  # two sentences; the report has them all
+        yield f"## {name}\n\n![{name}](../figures/{name}.png)\n\n**{title}**\n\n{first}"
 
 
 def names() -> Rows:
-    """The public names of the package, each with the first sentence of its docstring."""
+    """The public names of the package, each with the beginning of its docstring."""
     yield ["name", ""]
     for name in sorted(set(study.__all__) - {"__version__"}, key=study.__all__.index):
-        words = "Every estimator by its name." if name == "ESTIMATORS" else paragraphs(getattr(study, name))[0]
-        yield [f"`study.{name}`", words]
+        words = paragraphs(getattr(study, name))[0]
+        yield [
+            f"`study.{name}`",
+            re.split(r"[,:;.](?: |$)(?![^(]*\))| to each | as `| and their | of one's own", words)[0],
+        ]
 
 
 def _keys(model: type[BaseModel], without: set[str] = frozenset()) -> Rows:  # type: ignore[assignment]

@@ -1,4 +1,4 @@
-"""Typeset the replication report: `make article` writes results/article.pdf, results/metadata.yaml and codecheck.yml.
+"""Typeset the replication report: `make article` writes results/article.pdf, a supplement, metadata, codecheck.yml.
 
 The text is article/article.typ, whose numbers tools/bound_numbers.py compares with the stored tables first. Its tables
 are made here from the same stored tables. No file is fetched: the compiler of Typst and its fonts come with the Python
@@ -18,13 +18,14 @@ import bound_numbers
 import pandas as pd
 import typst
 import yaml
+from number_tables import share_of
 
 from study.simulation.report.material import answer
 from study.simulation.runs.provenance import swhids
 
 ROOT = Path(__file__).resolve().parents[1]
-TEXT = "article/article.typ"
-DOCUMENTS = ["published", "decades", "regret", "choices", "readings", "readings_changed"]
+TEXT, SUPPLEMENT = "article/article.typ", "article/supplement.typ"
+DOCUMENTS = ["published", "grid", "regret", "choices", "readings", "readings_changed"]
 """Tables that are made as those of the documents are; all but ``readings`` stand there, too."""
 FIGURES = ["fig2_error", "fig3_gdke_ellipse", "fig4_ugdk_ellipse", "fig_efficiency"]
 """Figures of the report."""
@@ -35,10 +36,10 @@ as_yaml = partial(yaml.safe_dump, sort_keys=False, allow_unicode=True, width=120
 
 def claims(table: pd.DataFrame) -> Iterator[list[str]]:
     """Statements, the sentence that answers each, and verdicts."""
-    yield ["", "§", "statement", "answer", "verdict"]
+    yield ["", "§", "statement", "answer", "share", "verdict"]
     for row in table.itertuples():
         said = answer(row.name, row.verdict, row.finding) if row.value == row.value else "It needs a recording."
-        yield [str(row.number), row.section, row.statement, said, row.verdict]
+        yield [str(row.number), row.section, row.statement, said, share_of(row), row.verdict]
 
 
 def tables(bound: bound_numbers.Bound) -> dict[str, object]:
@@ -82,10 +83,11 @@ def main() -> None:
     (results / "article").mkdir(parents=True, exist_ok=True)
     made = json.dumps(tables(bound), ensure_ascii=False, indent=1)
     (results / "article" / "tables.json").write_text(made, encoding="utf-8")
-    (results / "article.pdf").write_bytes(typst.compile(ROOT / TEXT, root=ROOT))
+    for name in (TEXT, SUPPLEMENT):
+        (results / f"{Path(name).stem}.pdf").write_bytes(typst.compile(ROOT / name, root=ROOT))
     (results / "metadata.yaml").write_text(metadata(text), encoding="utf-8")
     (ROOT / "codecheck.yml").write_text(codecheck(text), encoding="utf-8")
-    print("results/article.pdf, results/metadata.yaml, codecheck.yml\nLeft to a person:")
+    print("results/article.pdf, results/supplement.pdf, results/metadata.yaml, codecheck.yml\nLeft to a person:")
     print("\n".join(f"  {words}" for words in DEPOSIT["open"]))
 
 

@@ -18,9 +18,11 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
+from study.simulation.claims.claim import OTHER_CAUSE
 from study.simulation.claims.readings import Readings
 from study.simulation.claims.readings import read as read_readings
 from study.simulation.figures.fig_coverage import BAND
@@ -141,27 +143,34 @@ def coverage_short(cells: pd.DataFrame) -> pd.DataFrame:
     return often.join(least).loc[["interval", "corrected", "als", "mle"]].reset_index()
 
 
-DERIVED = {"findings": findings, "certified": certified, "coverage_short": coverage_short}
+def radial(readings: pd.DataFrame) -> pd.DataFrame:
+    """The numbers in the findings of claims under radial noise, as `findings` has them."""
+    rows = readings.query("choice == 'noise-law' and reading == 'radial'")
+    return findings(rows.assign(name=rows["claim"], finding=rows["finding"].str.replace("; ", "\n")))
+
+
+DERIVED = {"findings": findings, "radial": radial, "certified": certified, "coverage_short": coverage_short}
 """Tables that are made from a stored one when it is read, by their names in ``[tables]``."""
 
 
-def claim_commands(tables: Tables) -> Rows:
-    """For each claim the command that judges it, the seconds of its studies, and the number to expect."""
-    yield ["", "§", "quantity", "commands", "seconds", "expected", "verdict"]
+def share_of(claim: Any) -> str:
+    """Share of a claim's conditions in which it holds, with an error of a thousandth or more; a dash for none."""
+    if claim.value != claim.value:
+        return "–"
+    return f"{claim.value:.3f}" + (f" ± {claim.error:.3f}" if claim.error >= 0.0005 else "")
+
+
+def claim_studies(tables: Tables) -> Rows:
+    """For each claim its studies, their seconds, the share of its conditions in which it holds, and the verdict."""
+    yield ["claim", "§", "studies", "seconds", "share that holds", "verdict"]
     seconds = tables("studies").set_index("study")["seconds"]
     for row in tables("verdicts").itertuples():
         needed = dict.fromkeys(part.split("/")[0] for part in row.reads.split(", "))
-        cost = "cost" in needed
-        studies = [name for name in needed if name in seconds] or ["paper"] * cost
-        commands, took, expected = ["study claims RUN --recording DIR"], "-", "needs a recording"
-        if studies:
-            claims = ["study claims", *(f"results/{name}-*" for name in studies), *["--cost cost.parquet"] * cost]
-            cost_first = ["study cost --out cost.parquet"] * cost
-            commands = ["study run " + " ".join(studies), *cost_first, " ".join(claims)]
-            took = f"{seconds[studies].sum():.0f}"
-            expected = f"{row.value:.4g}" + (f" ± {row.error:.2g}" if row.error > 0 else "")
-        words = "; ".join(f"`{command}`" for command in commands)
-        yield [str(row.number), row.section, row.quantity, words, took, expected, row.verdict]
+        studies = [name for name in needed if name in seconds] or ["paper"] * ("cost" in needed)
+        took = f"{seconds[studies].sum():.0f}" if studies else "-"
+        words = ", ".join([*studies, *(name for name in ("cost", "case-study") if name in needed)])
+        share = share_of(row) if studies else "needs a recording"
+        yield [f"{row.number} {row.name}", row.section, words, took, share, row.verdict]
 
 
 def _readings(tables: Tables) -> Readings:
@@ -183,8 +192,14 @@ def choices(tables: Tables) -> Rows:
 
 def readings(tables: Tables) -> Rows:
     """Verdicts on the claims under each reading; those that differ from the used one are bold."""
-    short = {"reproduced": "yes", "partly, within limits": "part", "partly, another cause": "part"}
-    short |= {"not reproduced": "no", "not evaluated": "–", "": "·"}
+    verdicts = {
+        "reproduced": "yes",
+        "mostly": "mostly",
+        "in part": "part",
+        "not reproduced": "no",
+        "not evaluated": "–",
+    }
+    short = {"": "·"} | verdicts | {f"{verdict}{OTHER_CAUSE}": words for verdict, words in verdicts.items()}
     judged = _readings(tables)
     yield ["claim", "used", *(judged.letters[key] for key in judged.others)]
     for row in tables("verdicts").itertuples():
@@ -194,14 +209,16 @@ def readings(tables: Tables) -> Rows:
 
 
 def readings_changed(tables: Tables) -> Rows:
-    """Verdicts that another reading changes, with the first number behind each, and the claims that stand."""
-    yield ["claim", "verdict", "reading", "first number"]
+    """Verdicts that another reading changes, with the share of conditions behind each, and the claims that stand."""
+    yield ["claim", "verdict", "reading", "share"]
     judged, numbers = _readings(tables), tables("verdicts").set_index("name")["number"]
     for row in judged.changed.itertuples():
-        first = str(row.finding).split("; ")[0]
-        yield [f"{row.number} {row.claim}", f"{row.used} → {row.verdict}", judged.reading(row).clause, first]
-    stand = ", ".join(f"{numbers[name]} {name}" for name in sorted(judged.standing, key=numbers.get))
-    yield f"Under every reading stand {len(judged.standing)} verdicts: {stand}."
+        before, after = str(row.used), str(row.verdict)
+        if before.endswith(OTHER_CAUSE) and after.endswith(OTHER_CAUSE):
+            before, after = before.removesuffix(OTHER_CAUSE), after.removesuffix(OTHER_CAUSE)
+        yield [f"{row.number} {row.claim}", f"{before} → {after}", judged.reading(row).clause, share_of(row)]
+    stand = ", ".join(str(number) for number in sorted(numbers[name] for name in judged.standing))
+    yield f"Under every reading stand {len(judged.standing)} verdicts: claims {stand}."
 
 
 def coverage_summary(tables: Tables) -> Rows:

@@ -190,7 +190,9 @@ TABLES = {
     "published-fits": published_fits,
     "published-tails": published_tails,
     "coverage": coverage,
-    "efficiency": lambda: summary("efficiency", "angle", "noise_over_radius").query("estimator == 'corrected'"),
+    "efficiency": lambda: summary("efficiency", "angle", "noise_over_radius").query(
+        "estimator in ['mle', 'gdke', 'ugdk', 'corrected']"
+    ),
     "robustness": lambda: robustness("robustness"),
     "robust": lambda: robustness("robust"),
     "em-vmf": em_vmf,

@@ -236,8 +236,9 @@ class Fit(Hinting):
 
         Returns:
             Columns: each coordinate of the centre (center_1) and its standard error (error_1), radius and
-            radius_error, noise (σ̂), residual_rms, condition (ρ), iterations, samples used, status in words. The index
-            has a level for each leading axis.
+            radius_error, noise (σ̂), residual_rms; by the names of ``study fit --csv`` center_x, error_x, …, diameter,
+            diameter_error, and the 95 % intervals radius_low, radius_high, center_x_low, …; condition (ρ), iterations,
+            samples used, status in words. The index has a level for each leading axis.
 
         Examples:
             >>> import numpy as np, study
@@ -258,7 +259,8 @@ class Fit(Hinting):
             (largest change without them, in standard errors; up to 1.5 they do not matter), copies (points that repeat
             an earlier one but for rounding), center, center_errors, radius, radius_error, diameter, diameter_error,
             correlation (of ĉ and r̂), sigma, residual_rms, form_error (largest minus smallest residual),
-            largest_deviation, condition (ρ), radius_interval, center_intervals (95 %); goodness (p values by block, and
+            largest_deviation, condition (ρ), radius_interval, center_intervals (95 %), and the same numbers by the
+            names of ``study fit --csv`` (center_x, error_x, radius_low, …); goodness (p values by block, and
             p of all), misfit (the block that is named, or ""), allowance, circle (of a hinge, else None), ordered. NaN
             where there is no number.
 

@@ -29,6 +29,9 @@ def frame(fit: Any) -> "pd.DataFrame":
         columns[f"center_{i + 1}"], columns[f"error_{i + 1}"] = flat.center[:, i], errors[:, i]
     columns |= {"radius": flat.radius, "radius_error": errors[:, d], "noise": np.ravel(fit.sigma)}
     columns["residual_rms"] = np.ravel(fit.residual_rms) if known else np.nan
+    columns |= in_words(coordinates(d), flat.center, errors[:, :d], flat.radius, errors[:, d])
+    if known and hasattr(fit, "interval"):
+        columns |= ends(coordinates(d), fit.interval("radius"), fit.interval("center"))
     columns |= {"condition": flat.condition, "iterations": flat.iterations}
     if known:
         columns["samples"] = np.ravel(fit.count)
@@ -39,6 +42,27 @@ def frame(fit: Any) -> "pd.DataFrame":
     return table
 
 
+def coordinates(d: int) -> list[str]:
+    """Names of coordinates that have none: x, y and z in up to three dimensions, else their numbers from 1."""
+    return list("xyz"[:d]) if d <= 3 else [str(i + 1) for i in range(d)]
+
+
+def in_words(names: list[str], center: Floats, center_errors: Floats, radius: Floats, error: Floats) -> dict[str, Any]:
+    """Centre (…, d) and diameter (…) with their standard errors, by the names of the coordinates: center_x, error_x."""
+    columns: dict[str, Any] = {}
+    for i, name in enumerate(names):
+        columns[f"center_{name}"], columns[f"error_{name}"] = center[..., i], center_errors[..., i]
+    return columns | {"diameter": 2.0 * radius, "diameter_error": 2.0 * error}
+
+
+def ends(names: list[str], radius: Floats, center: Floats) -> dict[str, Any]:
+    """Ends of the 95 % intervals of radius (…, 2) and centre (…, d, 2), by the coordinates' names: center_x_low."""
+    pairs = {"radius": radius} | {f"center_{name}": center[..., i, :] for i, name in enumerate(names)}
+    return {
+        f"{name}_{end}": np.ravel(pair[..., k]) for name, pair in pairs.items() for k, end in enumerate(("low", "high"))
+    }
+
+
 def as_dict(fit: Any) -> dict[str, Any]:
     """The numbers of a single fit as plain Python; see `Fit.to_dict`."""
     if fit.shape:
@@ -47,13 +71,15 @@ def as_dict(fit: Any) -> dict[str, Any]:
     numbers = {"estimator": fit.estimator, "ok": fit.ok, "status": status.name.lower(), "status_text": status.text}
     numbers |= {"samples": fit.count, "outliers": fit.outliers.nonzero()[0]}
     numbers |= {"center": fit.center, "center_errors": errors[:-1], "radius": fit.radius, "radius_error": errors[-1]}
-    numbers |= {"diameter": 2.0 * fit.radius, "diameter_error": 2.0 * errors[-1]}
     with np.errstate(all="ignore"):
         numbers["correlation"] = fit.covariance / errors[:, None] / errors
         sizes = np.fmin.reduce(fit.residuals), np.fmax.reduce(fit.residuals)
         numbers |= {"form_error": sizes[1] - sizes[0], "largest_deviation": np.fmax(-sizes[0], sizes[1])}
     numbers |= {"sigma": fit.sigma, "residual_rms": fit.residual_rms, "condition": fit.estimates.condition}
-    numbers |= {"radius_interval": fit.interval("radius"), "center_intervals": fit.interval("center")}
+    names, intervals = coordinates(len(fit.center)), (fit.interval("radius"), fit.interval("center"))
+    numbers |= {"radius_interval": intervals[0], "center_intervals": intervals[1]}
+    numbers |= in_words(names, fit.center, errors[:-1], fit.radius, errors[-1])
+    numbers |= {name: end[0] for name, end in ends(names, *intervals).items()}
     plain = {name: value if isinstance(value, str) else np.asarray(value).tolist() for name, value in numbers.items()}
     plain["goodness"] = {name: float(p) for name, p in ({"p": fit.goodness.p} | fit.goodness.by_block()).items()}
     plain["tests"] = fit.goodness.in_words()

@@ -1,8 +1,8 @@
 """A user's own points with the circles or spheres fitted to them, and the error ellipses of their centres.
 
-Circles are drawn as they are. Spheres are shown in two views, along the two axes of the points' spread that are the
-least and the middle one, so that a small cap is seen from the side; each shows the sphere's outline and the projection
-of the centre's 95 % ellipsoid. Below or beside each view its centres are enlarged. Estimators whose answers differ by
+Circles are drawn as they are. Spheres are shown in two views: a small cap from the side, with the least spread upwards,
+and along its axis, which is that of the least spread. Each shows the sphere's outline and the projection of the
+centre's 95 % ellipsoid. Below or beside each view its centres are enlarged. Estimators whose answers differ by
 less than a tenth of a standard error are drawn once and named together.
 
 In a view from the side the points of a cap fall inside the outline. So the signed distances of the points from the
@@ -10,6 +10,7 @@ first fit stand below, by the angle from the middle of the points as seen from t
 surface lies.
 """
 
+import re
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ _MOST_POINTS = 5000
 _FARTHEST = 100  # points that are always shown, however many are left out
 _SAME = 0.1  # of a standard error
 _BELOW = 1.7  # height of the distances, in inches
+_VIEWS = ("from the side", "along the cap's axis")
 _SMALLEST = 1e-6  # difference, in radii, that a picture shows
 
 
@@ -95,6 +97,7 @@ class FitFrame:
         caption: what is shown, in words.
         notes: what is not, and what a status says.
         residuals: of the first fit that can be drawn; None if there is none.
+        unit: that of the coordinates, as their names end: " [mm]"; or "".
     """
 
     views: list[Projection]
@@ -104,6 +107,7 @@ class FitFrame:
     caption: str
     notes: list[str]
     residuals: Distances | None
+    unit: str = ""
 
 
 def prepare(points: Floats, fits: Mapping[str, Any], names: list[str], ordered: bool = False) -> FitFrame:
@@ -118,6 +122,8 @@ def prepare(points: Floats, fits: Mapping[str, Any], names: list[str], ordered: 
     points = points[np.isfinite(points).all(axis=1)]
     names = [f"$x_{{{name}}}$" if name.isdecimal() else name.replace("$", r"\$") for name in names]
     n, d = points.shape
+    units = {match[0] if (match := re.search(r" ?\[[^\]]+\]$", name)) else "" for name in names}
+    unit = units.pop() if len(units) == 1 else ""
     usable = {name: fit for name, fit in fits.items() if np.isfinite(fit.center).all() and np.isfinite(fit.radius)}
     groups = _groups(usable)
     first = [usable[group[0]] for group in groups]
@@ -133,9 +139,8 @@ def prepare(points: Floats, fits: Mapping[str, Any], names: list[str], ordered: 
         away = points - origin
         basis = np.linalg.eigh(np.cov(away.T / (np.abs(away).max() or 1.0)))[1]  # ascending: the least is the depth
         basis *= np.sign(basis[np.abs(basis).argmax(axis=0), np.arange(d)])
-        called = {d - 1: "greatest", d - 2: "middle" if d == 3 else "second greatest", 0: "least"}
-        words = {i: f"axis of {rank} spread{_combination(basis[:, i], names)}" for i, rank in called.items()}
-        planes = [(basis[:, [i, 0]], (words[i], words[0])) for i in (d - 1, d - 2)]
+        words = [f"greatest spread{unit}", f"middle spread{unit}", f"least spread{unit}"]
+        planes = [(basis[:, [d - 1, 0]], (words[0], words[2])), (basis[:, [d - 1, d - 2]], (words[0], words[1]))]
         views = [_view(shown - origin, centers - origin, axes, *plane) for plane in planes]
     extent = float(np.ptp(points, axis=0).max())
     fits_in = radii <= min(5.0 * float(np.median(radii)), 20.0 * extent) if len(radii) else np.zeros(0, dtype=bool)
@@ -148,7 +153,7 @@ def prepare(points: Floats, fits: Mapping[str, Any], names: list[str], ordered: 
     for i in np.flatnonzero(~fits_in):
         notes.append(f"{_label(groups[i])}: circle off the scale, radius {style.number(radii[i])}")
     residuals = _residuals(groups[0][0], first[0], ordered) if first else None
-    return FitFrame(views, groups, radii, fits_in, caption, notes, residuals)
+    return FitFrame(views, groups, radii, fits_in, caption, notes, residuals, unit)
 
 
 def _residuals(name: str, fit: Any, ordered: bool) -> Distances | None:
@@ -215,14 +220,6 @@ def _sample(points: Floats) -> Ints:
     return np.union1d(np.arange(0, n, -(-n // _MOST_POINTS)), far)
 
 
-def _combination(direction: Floats, names: list[str]) -> str:
-    """Second line of an axis' name: its direction in the coordinates, if that is short."""
-    parts = [(part, name) for part, name in zip(direction, names, strict=True) if abs(part) >= 0.005]
-    words = " ".join(f"{'−' if part < 0 else '+'} {abs(part):.2f} {name}" for part, name in parts)
-    words = words.removeprefix("+ ").replace("− ", "−", words.startswith("−"))
-    return f"\n{words}" if len(words) <= 45 else ""
-
-
 def _view(points: Floats, centers: Floats, axes: Floats, plane: Floats, names: tuple[str, str]) -> Projection:
     """Project on a plane (d, 2): an ellipsoid's shadow is the ellipse of the projected matrix."""
     halves = np.einsum("dp,kde->kpe", plane, np.nan_to_num(axes, nan=0.0, posinf=0.0, neginf=0.0))
@@ -260,6 +257,7 @@ def draw(frame: FitFrame) -> Figure:
     axes = np.array([[figure.add_subplot(grid[i, j]) for j in range(columns)] for i in range(rows)])
     for place, view in enumerate(frame.views):
         _whole(axes.flat[place], view, frame)
+        axes.flat[place].set_title("points and fits" if flat else _VIEWS[place], loc="left")
         if zoomed:
             low, high = _enlarged(axes.flat[len(frame.views) + place], view, frame, 1.0 if flat else 0.7)
             part = Rectangle((low[0], low[1]), *(high - low), fill=False, linewidth=0.6, edgecolor=style.INK, zorder=6)
@@ -267,10 +265,10 @@ def draw(frame: FitFrame) -> Figure:
     if not flat:  # name shared axes once
         for ax in axes[:-1].flat:
             ax.set_xlabel("")
-        for ax in axes[:, 1:].flat:
-            ax.set_ylabel("")
     if frame.residuals is not None:
-        _distances(figure.add_subplot(grid[rows, :]), frame.residuals, _look(0, frame))
+        ax = figure.add_subplot(grid[rows, :])
+        _distances(ax, frame.residuals, _look(0, frame))
+        ax.set_ylabel(f"distance{frame.unit}")
     _words(figure, frame)
     style.stamp(figure, frame.caption)
     return figure
@@ -292,7 +290,6 @@ def _distances(ax: Axes, residuals: Distances, look: dict[str, Any]) -> None:
         ax.plot(place[named], distance[named], "x", color=style.INK, markersize=4.0)
         title += f"; × {'an outlier' if named.sum() == 1 else 'outliers'}"
     ax.set_title(title, loc="left")
-    ax.set(ylabel="distance")
     ax.set_xlabel("row" if residuals.by_row else "angle from the middle of the points, in degrees")
 
 
@@ -331,7 +328,6 @@ def _whole(ax: Axes, view: Projection, frame: FitFrame) -> None:
     size = np.maximum(high - low + 0.08 * span, 0.4 * span)  # enough for a plane seen edge-on
     low, high = 0.5 * (low + high - size), 0.5 * (low + high + size)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel=view.names[0], ylabel=view.names[1])
-    ax.set_title("points and fits", loc="left")
 
 
 def _enlarged(ax: Axes, view: Projection, frame: FitFrame, shape: float) -> tuple[Floats, Floats]:

@@ -7,6 +7,7 @@ says.
 import csv
 import io
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -158,6 +159,19 @@ def intervals_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
     yield f"{title}: {', '.join(parts)}"
 
 
+def expanded_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
+    """Lines for a report: radius and diameter with the expanded uncertainty U, the longer side of the interval."""
+    radius, (low, high) = float(fit.radius), (float(end) for end in fit.interval("radius", LEVEL))
+    if not (fit.ok and math.isfinite(high) and low < high):
+        return
+    units = {match[1] if (match := re.search(r"\[([^\]]+)\]$", name)) else "" for name in names}
+    unit = f" {units.pop()}" if len(units) == 1 and "" not in units else ""
+    for name, factor in (("radius", 1.0), ("diameter", 2.0)):
+        size, digits = factor * max(high - radius, radius - low), factor * (high - low)
+        expanded = f"{_digits(factor * radius, digits)}{unit}, U = {number(size, '.2g')}{unit}"
+        yield f"{name} {expanded} (k = 2, by the interval)"
+
+
 def _between(low: float, high: float) -> str:
     return f"{_digits(low, high - low)} to {_digits(high, high - low)}"
 
@@ -276,17 +290,18 @@ def fit_rows(fits: dict[str, Fit], names: list[str]) -> list[Row]:
 def printed(rows: list[Row], names: list[str]) -> Iterator[str]:
     """The fits for a terminal: numbers to two digits of their standard error, the form, and remarks on the fits."""
     cells, form = [], []
+    judged = len(rows) > 1 or math.isfinite(rows[0]["condition"])  # most estimators have no ρ
     notes: dict[str, list[str]] = {}
     for row in rows:
         measured = _measured(row, names)
-        others = [number(row["noise"]), number(row["residual_rms"]), number(row["condition"], ".2g")]
+        others = [number(row["noise"]), number(row["residual_rms"]), *[number(row["condition"], ".2g")] * judged]
         ok = row["status"] == Status.OK.text
         cells.append([row["estimator"], *measured, *others, str(row["samples"]), "ok" if ok else "see below"])
         shape = [number(row["form_error"]), number(row["largest_deviation"])]
         form.append([row["estimator"], with_error(row["diameter"], row["diameter_error"]), *shape])
         if not ok:
             notes.setdefault(row["status"], []).append(row["estimator"])
-    yield from columns(cells, ["estimator", *names, "radius", "noise", "rms", "ρ", "samples", "status"])
+    yield from columns(cells, ["estimator", *names, "radius", "noise", "rms", *["ρ"] * judged, "samples", "status"])
     yield ""
     yield from columns(form, ["estimator", "diameter", "form error", "largest deviation"])
     for status, estimators in notes.items():
@@ -338,6 +353,7 @@ def as_text(files: list[FileFits], noise: float | None = None, sensitivity: bool
         yield from printed(only.rows(), only.table.names)
         first = next(iter(only.fits.values()))
         yield from intervals_in_words(first, only.table.names)
+        yield from expanded_in_words(first, only.table.names)
         yield from doubts(first)
         yield answers_in_words(first)
         given = None if first.samples is None else first.samples.given

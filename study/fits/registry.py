@@ -136,52 +136,65 @@ def _moments(d: int) -> float:
 
 _BIASED = "biased towards the points by the noise, which its standard errors do not include; als has no such bias"
 
-ESTIMATORS: dict[str, Estimator] = {
-    "mle": Estimator(
-        mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", given=MLE
-    ),
-    "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points"),
-    "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points"),
-    "mle_early": Estimator(mle_early, "mle by Levenberg and Marquardt's method with the stop of Numerical Recipes"),
-    "corrected": Estimator(
-        corrected,
-        "theory §9: geometric, without its bias, for every law of directions",
-        covariance=corrected_covariance,
-        given=CORRECTED,
-    ),
-    "corrected_01": Estimator(corrected_01, "theory §9, with ν = 0", covariance=partial(sandwich, pair=0.0)),
-    "corrected_02": Estimator(corrected_02, "theory §9, with ν = ½", covariance=partial(sandwich, pair=0.5)),
-    "corrected_12": Estimator(corrected_12, "theory §9, with ν = 1", covariance=partial(sandwich, pair=1.0)),
-    "robust": Estimator(
-        robust,
-        "Torr & Zisserman 2000; Hadi & Simonoff 1993: mle, each point by its probability to be no clutter",
-        without_outliers=True,
-        version=4,
-        given=ROBUST,
-    ),
-    "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, version=3),
-    "lls_nr": Estimator(lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED),
-    "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
-    "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),
-    "gdke": Estimator(
-        gdke, "paper eqs 2-6; Kåsa 1976", "", _moments, caution=_BIASED, moments_suffice=True, given=GDKE
-    ),
-    "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True, given=UGDK),
-    "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", "", _moments, moments_suffice=True, given=ALS),
-    "fuller": Estimator(fuller, "Fuller 1987, for als", flops=_moments, moments_suffice=True),
-    "hinge": Estimator(
-        hinge,
-        "als, without directions of insignificant extent",
-        flops=_moments,
-        moments_suffice=True,
-        takes_noise=True,
-    ),
-    "taubin": Estimator(taubin, "Taubin 1991", flops=_moments, moments_suffice=True),
-    "pratt": Estimator(pratt, "Pratt 1987", flops=_moments, moments_suffice=True),
-    "hyper": Estimator(hyper, "Al-Sharadqah & Chernov 2009", flops=_moments, moments_suffice=True),
-    "ugdk_cov": Estimator(ugdk_cov, "the paper's open question: the whole covariance from the points"),
-    "igdk": Estimator(igdk, "paper eqs 24-25", flops=lambda d: 7 * d * d + 20 * d + 3, caution=_BIASED),
-}
+
+class Estimators(dict[str, Estimator]):
+    """Every estimator by its name, as `study.fit`, configs and `study fit -e` know it.
+
+    ``list(study.ESTIMATORS)`` has the names, ``study.ESTIMATORS["mle"]`` the source of one and what it needs.
+    `study.register` adds one of your own.
+    """
+
+
+ESTIMATORS = Estimators(
+    {
+        "mle": Estimator(
+            mle, "paper §4.3; Shakarji 1998", flops=lambda d: d * d + 10 * d + 6, flops_of="a pass", given=MLE
+        ),
+        "mle_centroid": Estimator(mle_centroid, "mle from another start, the centroid of the points"),
+        "mle_mirror": Estimator(mle_mirror, "mle from a wrong start, beyond the points"),
+        "mle_early": Estimator(mle_early, "mle by Levenberg and Marquardt's method with the stop of Numerical Recipes"),
+        "corrected": Estimator(
+            corrected,
+            "theory §9: geometric, without its bias, for every law of directions",
+            covariance=corrected_covariance,
+            given=CORRECTED,
+        ),
+        "corrected_01": Estimator(corrected_01, "theory §9, with ν = 0", covariance=partial(sandwich, pair=0.0)),
+        "corrected_02": Estimator(corrected_02, "theory §9, with ν = ½", covariance=partial(sandwich, pair=0.5)),
+        "corrected_12": Estimator(corrected_12, "theory §9, with ν = 1", covariance=partial(sandwich, pair=1.0)),
+        "robust": Estimator(
+            robust,
+            "Torr & Zisserman 2000; Hadi & Simonoff 1993: mle, each point by its probability to be no clutter",
+            without_outliers=True,
+            version=4,
+            given=ROBUST,
+        ),
+        "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, version=3),
+        "lls_nr": Estimator(
+            lls_nr, "paper §4.4; Press et al. 1992: centred, singular values cut at 1e-5", caution=_BIASED
+        ),
+        "lls_nr_raw": Estimator(lls_nr_raw, "paper §4.4; Press et al. 1992: not centred, cut at 1e-6", caution=_BIASED),
+        "lls_single": Estimator(lls_single, "lls by normal equations in single precision", caution=_BIASED),
+        "gdke": Estimator(
+            gdke, "paper eqs 2-6; Kåsa 1976", "", _moments, caution=_BIASED, moments_suffice=True, given=GDKE
+        ),
+        "ugdk": Estimator(ugdk, "paper eqs 15-21", needs="noise", flops=_moments, moments_suffice=True, given=UGDK),
+        "als": Estimator(als, "Kukush, Markovsky & Van Huffel 2004", "", _moments, moments_suffice=True, given=ALS),
+        "fuller": Estimator(fuller, "Fuller 1987, for als", flops=_moments, moments_suffice=True),
+        "hinge": Estimator(
+            hinge,
+            "als, without directions of insignificant extent",
+            flops=_moments,
+            moments_suffice=True,
+            takes_noise=True,
+        ),
+        "taubin": Estimator(taubin, "Taubin 1991", flops=_moments, moments_suffice=True),
+        "pratt": Estimator(pratt, "Pratt 1987", flops=_moments, moments_suffice=True),
+        "hyper": Estimator(hyper, "Al-Sharadqah & Chernov 2009", flops=_moments, moments_suffice=True),
+        "ugdk_cov": Estimator(ugdk_cov, "the paper's open question: the whole covariance from the points"),
+        "igdk": Estimator(igdk, "paper eqs 24-25", flops=lambda d: 7 * d * d + 20 * d + 3, caution=_BIASED),
+    }
+)
 
 _MOST_COPIED = 100_000
 """Number of coordinates that a fit copies by default: beyond, copying takes longer than a closed form."""

@@ -142,13 +142,16 @@ class CloudSpheres(Hinting):
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
 
 
-def fit_spheres(points: ArrayLike, count: int, *, estimator: str = "corrected") -> CloudSpheres:
+def fit_spheres(
+    points: ArrayLike, count: int, *, estimator: str = "corrected", radius: tuple[float, float] | None = None
+) -> CloudSpheres:
     """Find and fit several spheres (circles, if d = 2) in one cloud of points, among points of other things.
 
     Args:
         points: coordinates (n, d), in any unit; points with a NaN, or masked, are missing.
         count: number of spheres to look for. There may be fewer: what is no sphere is not made one.
         estimator: name of the estimator that fits each sphere to its points, without outliers.
+        radius: least and greatest radius that is looked for, in the unit of the points.
 
     Returns:
         The spheres, `count` at most. Look at ``spheres.ok``: a shape that is like a sphere, such as the end of a rod,
@@ -174,17 +177,20 @@ def fit_spheres(points: ArrayLike, count: int, *, estimator: str = "corrected") 
         raise ValueError(f"count = {count!r}: give the number of spheres to look for, 1 or more")
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator = {estimator!r}: unknown; {estimator_remedy(estimator, ESTIMATORS)}")
+    low, high = (0.0, math.inf) if radius is None else radius
+    if not 0.0 <= low < high:
+        raise ValueError(f"radius = {radius!r}: give the least and the greatest, such as (24, 26)")
     x[~(np.abs(x) < _TOO_LARGE)] = np.nan
     free = np.isfinite(x).all(axis=1)
     rng, candidates, around = stream(0, "spheres"), list[_Candidate](), free.copy()
     for _ in range(2 * int(count) + 4):
-        guess = _guess(x[free], rng) if sum(one.ok for one in candidates) < count else None
+        guess = _guess(x[free], rng, (low, high)) if sum(one.ok for one in candidates) < count else None
         if guess is None:
             break
         places = np.flatnonzero(free)
         near, candidate = _settle(x, (places, np.flatnonzero(around)), guess, estimator)
         free[near] = False
-        if candidate is not None:
+        if candidate is not None and low <= candidate.fit.radius <= high:
             candidates.append(candidate)
             around[near] &= not candidate.ok
     candidates.sort(key=lambda one: (not one.ok, -len(one.members)))
@@ -244,15 +250,22 @@ class _Cloud:
         return np.take_along_axis(ratio, best[:, None], axis=1)[:, 0], _WIDTHS[best]
 
 
-def _guess(x: Floats, rng: np.random.Generator) -> tuple[Floats, float] | None:
-    """The best sphere (d + 1,) in points (n, d), and its width; None if chance could give one as good."""
+def _guess(x: Floats, rng: np.random.Generator, radii: tuple[float, float]) -> tuple[Floats, float] | None:
+    """The best sphere (d + 1,) in points (n, d), and its width; None if chance could give one as good.
+
+    Its radius lies between two, in the unit of the points.
+    """
     n, d = x.shape
     if n < d + 3:
         return None
     cloud = _Cloud(x, rng)
     if not cloud.size > 0.0:
         return None
+    low, high = radii[0] / cloud.size, min(radii[1] / cloud.size, _LARGEST)
     spheres = _through(cloud.y, rng)
+    spheres = spheres[(spheres[:, -1] >= low) & (spheres[:, -1] <= high)]
+    if not len(spheres):
+        return None
     judged = [cloud.judge(spheres[start : start + 100]) for start in range(0, len(spheres), 100)]
     ratios, widths = (np.concatenate(part) for part in zip(*judged, strict=True))
     best, sphere, width = 0.0, spheres[0], 0.0
@@ -261,7 +274,7 @@ def _guess(x: Floats, rng: np.random.Generator) -> tuple[Floats, float] | None:
         for _ in range(_ROUNDS):
             trial = _step(cloud, one, reach)
             (value,), (wide,) = cloud.judge(trial[None])
-            if not value > ratio or not trial[-1] < _LARGEST:
+            if not value > ratio or not low <= trial[-1] <= high:
                 break
             one, ratio, reach = trial, value, wide
         if ratio > best:

@@ -110,7 +110,7 @@ def test_a_shipped_config_by_name(well, tmp_path):
     assert said.splitlines()[0] == load(shipped_config("smoke")).run_name()
 
 
-TITLES = ["Studies", "Results", "Points and estimators", "Recordings", "Maintenance"]
+TITLES = ["Points", "Joints", "Studies", "More on studies", "More on results", "More on recordings"]
 
 
 @pytest.fixture
@@ -126,22 +126,20 @@ def sections(well, tmp_path):
 
 
 def test_every_command_is_in_one_group(sections):
-    """The groups stand in the order of a study, and between them have every command once."""
+    """Points come first, ten commands before the others, and the groups have every command once."""
     assert list(sections) == ["Options", *TITLES, "Exit codes"]
     names = [name for title in TITLES for name in sections[title]]
     shown = [entry for entry in cli.app.registered_commands if not entry.hidden]
     registered = [entry.name or entry.callback.__name__.replace("_", "-") for entry in shown]
     assert sorted(names) == sorted(registered)
-    assert sections["Studies"][:3] == ["configs", "plan", "run"]
-    assert sections["Results"][:2] == ["summary", "claims"]
-    assert {"fit", "estimators"} <= set(sections["Points and estimators"])
-    assert {"recording", "joints", "case-study"} <= set(sections["Recordings"])
+    assert sections["Points"][0] == "fit"
+    assert sum(len(sections[title]) for title in TITLES if not title.startswith("More")) == 10
 
 
 def test_help(well, tmp_path):
     """The line of each command fits a terminal of 80 columns; the options that install completion are named."""
     said = well(tmp_path, "--help")
-    assert "..." not in said.partition("Studies:")[2].partition("Exit codes:")[0]
+    assert "..." not in said.partition("Points:")[2].partition("Exit codes:")[0]
     assert {"--install-completion", "--show-completion"} <= set(re.findall(r"--[\w-]+", said))
 
 
@@ -195,13 +193,14 @@ def of_recordings(said):
 
 
 def test_claims(well, folder):
-    """With the recording there is a verdict on its joints, which are near with few samples, too: the claim in part."""
+    """With the recording there is a verdict on its joints, all of which are near."""
     said = well(folder, "claims", "out", "--recording", "body")
     head, *numbers = of_recordings(said)
-    assert "PARTLY" in head
-    assert numbers[0].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
-    assert "above 200 samples: 1 ± 0.07" in numbers[0]
-    assert numbers[1].endswith("joint by joint: 0")
+    assert "REPRODUCED" in head
+    assert numbers[0].startswith("    share of its conditions in which it holds: 1")
+    assert numbers[1].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
+    assert "above 200 samples: 1 ± 0.07" in numbers[1]
+    assert numbers[2].endswith("joint by joint: 0")
 
 
 def test_one_recording_twice(well, refused, folder):
@@ -209,7 +208,7 @@ def test_one_recording_twice(well, refused, folder):
     for verb in ("claims", "report"):
         refused(folder, 2, "body and body: the same case study", verb, "out", *["--recording", "body"] * 2)
     said = well(folder, "claims", "out", "--recording", "body", "--recording", "again")
-    assert of_recordings(said)[1].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
+    assert of_recordings(said)[2].startswith("    share of 14 joints of 1 recording with a spread below 1 cm, ")
     for name in ("scatter", "joints", "laws"):
         body, again = (pd.read_parquet(folder / out / f"case-study-{name}.parquet") for out in ("body", "again"))
         assert set(body["recording"]) == {"body"}

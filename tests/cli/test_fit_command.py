@@ -22,7 +22,7 @@ from PIL import Image
 
 import study
 from study.fits import registry
-from study.fits.fitting import answers_in_words, fit_all, fit_rows, intervals_in_words, printed
+from study.fits.fitting import answers_in_words, expanded_in_words, fit_all, fit_rows, intervals_in_words, printed
 from study.fits.plan import ok_share
 
 
@@ -47,6 +47,7 @@ def test_fit(well, rng, on_cap, tmp_path, d):
     np.save(tmp_path / "p.npy", points)
     fits, names = fit_all(points, ["corrected"], None), ["1", "2", "3"][:d]
     table = [*printed(fit_rows(fits, names), names), *intervals_in_words(fits["corrected"], names)]
+    table += expanded_in_words(fits["corrected"], names)
     table.append(answers_in_words(fits["corrected"]))
     assert table[-1].startswith("tests: passed shape, unequal noise, tails, memory, ")
     assert well(tmp_path, "fit", "p.npy").splitlines() == [*table, "± is one standard uncertainty"]
@@ -248,10 +249,10 @@ def test_output_to_a_pipe(call, command, cap, tmp_path, encoding):
     environment = {**command[1], "PYTHONIOENCODING": encoding}
     code, said, complained = call(tmp_path, "fit", "cap.csv", env=environment, encoding=encoding)
     assert (code, complained, "\x1b" in said) == (0, "", False)  # no colours
-    assert len(said.splitlines()) == 8
+    assert len(said.splitlines()) == 10
 
 
-PAGE = (Path(__file__).parents[2] / "docs" / "own-estimators.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "own.md").read_text(encoding="utf-8")
 
 PLUGIN, CONFIG = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[1] for kind in ("python", "toml"))
 
@@ -410,6 +411,21 @@ def test_certify(well, call_here, tmp_path):
     fit.unlink()
     words = f"{fit.relative_to(tmp_path)}: no such file; a pair is NAME.ds and NAME.fit in one folder\n"
     assert call_here(tmp_path, "certify", "pairs/gdke", "-e", "gdke")[::2] == (2, words)
+
+
+def test_numbers_for_a_report(tmp_path, well, cap):
+    """Radius and diameter have an expanded uncertainty: the longer side of the interval, in the unit of the headers."""
+    text = (tmp_path / "cap.csv").read_text(encoding="utf-8")
+    (tmp_path / "mm.csv").write_text("X [mm],Y [mm],Z [mm]\n" + text.partition("\n")[2], encoding="utf-8")
+    lines = well(tmp_path, "fit", "mm.csv").splitlines()
+    fit = study.fit(cap)
+    size = max(fit.interval("radius")[1] - fit.radius, fit.radius - fit.interval("radius")[0])
+    for name, factor in (("radius", 1.0), ("diameter", 2.0)):
+        (line,) = (line for line in lines if line.startswith(f"{name} ") and "U = " in line)
+        value, expanded = (float(part) for part in re.findall(r"([\d.]+) mm", line))
+        assert value == pytest.approx(factor * fit.radius, abs=0.01 * size)
+        assert expanded == pytest.approx(factor * size, rel=0.06)  # two digits
+        assert line.endswith(" mm (k = 2, by the interval)")
 
 
 def test_fit_with_a_known_radius(tmp_path, well, call_here, cap):

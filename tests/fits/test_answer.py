@@ -17,6 +17,7 @@ from scipy import stats
 import study
 from study import Estimates, Fit, Status
 from study.fits.fit_plot import prepare
+from study.fits.fitting import fit_rows
 from study.fits.samples import blank
 
 
@@ -390,3 +391,17 @@ def test_statuses_carry_text():
     assert Status.OK == 0
     assert len({status.text for status in Status}) == len(Status)
     assert all(status.text and Status(int(status)) is status for status in Status)
+
+
+def test_one_set_of_names_for_frame_dictionary_and_csv(points):
+    """The numbers of `study fit --csv` stand under its names in the frame and the dictionary, intervals too."""
+    fit = study.fit(points[0, 0])
+    (row,) = fit_rows({"corrected": fit}, ["x", "y", "z"])
+    frame, numbers = fit.to_frame().iloc[0], fit.to_dict()
+    named = [f"{name}_{end}" for name in ("radius", "center_x", "center_z") for end in ("low", "high")]
+    named += ["center_x", "error_x", "center_z", "error_z", "radius", "radius_error", "diameter", "diameter_error"]
+    for name in named:
+        assert row[name] == numbers[name] == frame[name]
+    assert (frame["radius_low"], frame["radius_high"]) == tuple(fit.interval("radius"))
+    batch = study.fit(points).to_frame()
+    np.testing.assert_array_equal(batch["center_y_high"], study.fit(points).interval("center")[..., 1, 1].ravel())

@@ -48,11 +48,10 @@ def test_circles_are_shown_as_they_are(cap):
 
 
 def test_columns_without_a_name(cap):
-    """What is called by a number is x with an index; a direction in them can be read."""
-    points = cap()
-    view, _ = prepare(points, {"als": study.fit(points, "als")}, ["1", "2", "3"]).views
-    assert {term for term in view.names[1].split() if term.startswith("$")} <= {"$x_{1}$", "$x_{2}$", "$x_{3}$"}
-    assert "$x_{2}$" in view.names[1]  # the cap's axis is (1, 2, -1)
+    """What is called by a number is x with an index."""
+    points = cap(d=2)
+    (view,) = prepare(points, {"als": study.fit(points, "als")}, ["1", "2"]).views
+    assert view.names == ("$x_{1}$", "$x_{2}$")
 
 
 def test_names_are_not_taken_for_formulas(cap):
@@ -63,23 +62,27 @@ def test_names_are_not_taken_for_formulas(cap):
 
 @pytest.mark.parametrize("d", [3, 4])
 def test_views_are_along_the_axes_of_spread(cap, d):
-    """Projections are orthonormal; up is the least variance, right the greatest and the next; the names say so."""
+    """Projections are orthonormal; right is the greatest variance, up the least, or the second; the names say so."""
     points = cap(d=d)
     frame, fits = frame_of(points, "als")
     variances = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) ** 2 / (len(points) - 1)
-    for view, right in zip(frame.views, (0, 1), strict=True):
+    for view, up in zip(frame.views, (-1, 1), strict=True):
         plane, origin = plane_of(points, view)
         np.testing.assert_allclose(plane.T @ plane, np.eye(2), atol=1e-9)
-        np.testing.assert_allclose(view.points.var(axis=0, ddof=1), [variances[right], variances[-1]])
+        np.testing.assert_allclose(view.points.var(axis=0, ddof=1), [variances[0], variances[up]])
         np.testing.assert_allclose(view.centers, [fits["als"].center @ plane + origin])
-        for axis, name in zip(plane.T, view.names, strict=True):
-            terms = name.split("\n")[1].replace("− ", "-").replace("−", "-").replace("+ ", "").split()
-            told = {c: float(number) for number, c in zip(terms[::2], terms[1::2], strict=True)}
-            np.testing.assert_allclose([told.get(c, 0.0) for c in NAMES[:d]], axis, atol=0.0051)
     first, second = frame.views
-    assert first.names[0].startswith("axis of greatest spread")
-    assert second.names[0].startswith("axis of middle spread" if d == 3 else "axis of second greatest spread")
-    assert first.names[1] == second.names[1]
+    assert first.names == ("greatest spread", "least spread")
+    assert second.names == ("greatest spread", "middle spread")
+
+
+def test_axes_have_the_unit_of_the_coordinates(cap):
+    """Names of columns that end in one unit give it to every axis."""
+    points = cap(d=3)
+    figure = draw(prepare(points, {"als": study.fit(points, "als")}, ["X [mm]", "Y [mm]", "Z [mm]"]))
+    named = [text for ax in figure.axes for text in (ax.get_xlabel(), ax.get_ylabel()) if text]
+    assert all(text.endswith(" [mm]") for text in named if "angle" not in text)
+    assert [ax.get_title(loc="left") for ax in figure.axes[:2]] == ["from the side", "along the cap's axis"]
 
 
 @pytest.mark.parametrize("d", [2, 3, 4])
@@ -214,7 +217,7 @@ def test_many_points(rng, on_cap):
     for view in frame.views:
         assert 4000 < len(view.points) <= 5100
     assert f"{len(frame.views[0].points):,} of 39,999 points" in frame.caption
-    distance = np.hypot(*np.column_stack([frame.views[0].points[:, 0], frame.views[1].points[:, 0]]).T)
+    distance = np.hypot(*frame.views[1].points.T)  # along the axis, whose height the other view has
     height = frame.views[0].points[:, 1]
     farthest = np.linalg.norm(points[12_346] - np.nanmean(points, axis=0))
     assert np.hypot(distance, height).max() == pytest.approx(farthest)

@@ -55,6 +55,20 @@ def test_spheres_among_clutter(rng, on_cap, clutter):
     assert spheres.left + spheres.count.sum() == len(order)
 
 
+def test_radii_within_limits(rng, on_cap):
+    """Balls of another radius are left alone, whatever their number of points; limits that are none are refused."""
+    points, truth = balls(rng, on_cap)
+    spheres = fit_spheres(points, 3, radius=(12.0, 18.0))
+    assert list(spheres.ok) == [True]
+    assert spheres.radius == pytest.approx([15.0], abs=0.1)
+    assert np.mean(truth[spheres.labels == 0] == 2) > 0.99
+    small = fit_spheres(points, 3, radius=(8.0, 12.0))
+    assert sorted(small.center[small.ok][:, 0].round()) == [0.0, 40.0]
+    for limits in ((18.0, 12.0), (-1.0, 5.0)):
+        with pytest.raises(ValueError, match=r"give the least and the greatest, such as \(24, 26\)"):
+            fit_spheres(points, 1, radius=limits)
+
+
 def test_fewer_than_asked_for(rng, on_cap):
     """More spheres than there are are not made up; the same points give the same answer again."""
     points = np.concatenate([balls(rng, on_cap)[0], rng.uniform(-60, 80, (2000, 3))])

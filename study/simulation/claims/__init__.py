@@ -1,8 +1,10 @@
 """The claims of the paper, by their numbers, each judged by stored tables.
 
-To add a claim, write a subclass of `Claim` in the file of its subject: the tables it reads, its measure, and its rule.
+To add a claim, write a subclass of `Claim` in the file of its subject: the tables that it reads, its criterion and
+its measure.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import pandas as pd
 
 from study.files import writing
 from study.simulation.claims import bound, costs, error_by_noise, outliers, recordings, ugdk
-from study.simulation.claims.claim import Claim, Evidence, Verdict, evaluate, frame, read_cost
+from study.simulation.claims.claim import OTHER_CAUSE, Claim, Evidence, Verdict, evaluate, frame, read_cost
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.text import columns
@@ -62,6 +64,14 @@ def save(run: Run, claims: pd.DataFrame) -> None:
         run.record("claims")
 
 
+def counted(claims: pd.DataFrame) -> dict[str, int]:
+    """The number of claims of each verdict, in the order of verdicts, and of those with another cause among them."""
+    verdicts = [str(verdict) for verdict in claims["verdict"]]
+    counts = Counter(verdict.removesuffix(OTHER_CAUSE) for verdict in verdicts)
+    counted = {verdict: counts.pop(verdict, 0) for verdict in map(str, Verdict)} | counts  # those of a later version
+    return counted | {"of these with another cause": sum(verdict.endswith(OTHER_CAUSE) for verdict in verdicts)}
+
+
 def judged(claims: pd.DataFrame) -> bool:
     """True if any claim has a verdict."""
     return not claims.empty and bool((claims["verdict"] != Verdict.NOT_EVALUATED).any())
@@ -76,10 +86,9 @@ def needs(claims: pd.DataFrame) -> str:
 
 def as_data(runs: Iterable[Run], claims: pd.DataFrame) -> dict[str, object]:
     """The claims for other programs: names of the runs, counts of the verdicts, and a mapping per claim."""
-    counts = claims["verdict"].value_counts()
     return {
         "runs": [run.study.run_name() for run in runs],
-        "verdicts": {verdict: int(counts.get(verdict, 0)) for verdict in map(str, Verdict)},
+        "verdicts": counted(claims),
         "claims": claims[[column.name for column in schemas.CLAIMS]].to_dict("records"),
     }
 
@@ -104,5 +113,4 @@ def printed(claims: pd.DataFrame) -> Iterator[str]:
 
 def tally(claims: pd.DataFrame) -> str:
     """The count of each verdict, in one line."""
-    counts = claims["verdict"].value_counts()
-    return "; ".join(f"{counts[verdict]} {verdict}" for verdict in map(str, Verdict) if verdict in counts)
+    return "; ".join(f"{count} {verdict}" for verdict, count in counted(claims).items() if count)

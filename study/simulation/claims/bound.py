@@ -18,7 +18,7 @@ from study.arrays import Floats
 from study.fits.cap import cap_moments
 from study.simulation.analysis.theory import bound_shares, kappa, median_at_bound, median_attainable, ugdk_variance
 from study.simulation.claims import claim as shared
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
+from study.simulation.claims.claim import Claim, Evidence, Number
 from study.simulation.statistics import UNKNOWN, Measure, mean, moments_exist, quantile, root_mean_square, share
 
 _BEFORE_SATURATION = 0.15
@@ -56,9 +56,10 @@ class GdkeBiasOrder(Claim):
     number, name, section, figure = 8, "gdke-bias-order", "4.4, 10", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "exponent of σ in GDKE's bias along the cap's axis, before it saturates"
+    criterion = "share of the caps of 20°, 45° and 90° on which the exponent of σ in GDKE's bias is within .1 of 1"
     answer = """
-        as an upper bound: the bias grows as σ to the power {0:power}, {1:power} and {2:power} on three caps, which is
-        of the order of the variance.
+        the bias grows as σ to the power {1:power}, {2:power} and {3:power} on three caps, which is of the order of the
+        variance; so O(σ) is only an upper bound.
     """
 
     def measure(self, evidence: Evidence) -> list[Number]:
@@ -66,18 +67,8 @@ class GdkeBiasOrder(Claim):
         angles = sorted({float(angle) for angle in errors["angle"].unique()} - {shared.WHOLE})
         if not (angles and shared.has_estimators(errors, "gdke", "mle")):
             return [Number.unknown("exponent of σ in GDKE's bias")]
-        return [_order(errors, angle) for angle in angles]
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if the exponent is within .1 of 1 on every cap, two standard errors allowed; partly if it
-        is not, but at least .9 on every cap, so that O(σ) is an upper bound for small noise; not reproduced
-        otherwise. All fits count as computed.
-        """
-        off = [abs(number.value - 1.0) for number in numbers]
-        if all(distance - 2.0 * number.error <= 0.1 for distance, number in zip(off, numbers, strict=True)):
-            return Verdict.REPRODUCED
-        bounded = all(number.value + 2.0 * number.error >= 0.9 for number in numbers)
-        return Verdict.PARTLY if bounded else Verdict.NOT_REPRODUCED
+        orders = [_order(errors, angle) for angle in angles]
+        return [shared.holding(self.criterion, (shared.apart(one.measure, 1.0, 0.1) for one in orders)), *orders]
 
 
 def _covered(vectors: Floats, trials: int) -> Measure:
@@ -112,12 +103,16 @@ class GdkeBiasStays(Claim):
     quantity = """
         GDKE's bias over its scatter and the coverage of its ellipses in the setting of figure 3; its bias against N
     """
+    criterion = """
+        share of the numbers of samples, from 30 to 100 000, at which GDKE's median bias is at least half of that at the
+        smallest, and of the setting of figure 3, where fewer than half of the 95 % ellipses may hold the truth
+    """
     answer = """
-        the bias is {0:times} the scatter, {1:share} of the 95 % ellipses hold the true centre, and at the largest
-        number of samples the bias is {2:times} that at the smallest.
+        the bias is {1:times} the scatter, {2:share} of the 95 % ellipses hold the true centre, and at the largest
+        number of samples the bias is {3:times} that at the smallest.
     """
     heads = ("GDKE is biased, and more points do not help.", "GDKE's bias.", "GDKE's bias.")
-    story = "The bias is {0:times} its scatter, and {1:share} of its 95 % ellipses hold the truth."
+    story = "The bias is {1:times} its scatter, and {2:share} of its 95 % ellipses hold the truth."
 
     def measure(self, evidence: Evidence) -> list[Number]:
         ellipse = evidence.errors("ellipse")
@@ -127,26 +122,19 @@ class GdkeBiasStays(Claim):
         bias, held = _axis_bias(cell), [_covered(shared.center_errors(rows), len(rows)) for rows in (cell, of_mle)]
         spread = float(np.std(cell["error_1"], ddof=1)) if len(cell) >= shared.LEAST else math.nan
         of_spread = spread / math.sqrt(2.0 * max(len(cell) - 1, 1))  # the standard error for Gaussian errors
-        few, many = (grid[grid["samples"] == n] for n in (grid["samples"].min(), grid["samples"].max()))
-        growth = f"from N = {few['samples'].min():g} to {many['samples'].max():g}"
-        left = shared.ratio(*(shared.median(part["error_1"] / part["radius"]) for part in (many, few)))
+        medians = [shared.median(part["error_1"] / part["radius"]) for _, part in grid.groupby("samples")]
+        kept = [shared.ratio(one, medians[0]) for one in medians[1:]]
+        growth = f"from N = {grid['samples'].min():g} to {grid['samples'].max():g}"
+        left, few = kept[-1] if kept else UNKNOWN, int(grid.groupby("samples").size().min()) if len(grid) else 0
         relative = shared.ratio(bias, Measure(spread, of_spread))
+        off = [*(Measure(0.5 - one.value, one.error) for one in kept), shared.above(held[0], 0.5)]
         return [
+            shared.holding(self.criterion, off),
             Number.of("GDKE's bias over its standard deviation", relative, len(cell)),
             Number.of("share of GDKE's 95 % ellipses that contain the true centre", held[0], len(cell)),
-            Number.of(f"share of GDKE's bias that remains {growth}, by medians", left, min(len(few), len(many))),
+            Number.of(f"share of GDKE's bias that remains {growth}, by medians", left, few),
             Number.of("for comparison, share of MLE's 95 % ellipses that contain it", held[1], len(of_mle)),
         ]
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Two conditions, each by two standard errors. First: the bias exceeds 2 standard deviations, and less
-        than 5 % of the ellipses contain the truth. Second: more than half of the bias remains at the largest N.
-        Reproduced with both, partly with one, not reproduced with neither. All fits count.
-        """
-        bias, held, left = numbers[:3]
-        outside = held.value + 2.0 * held.error < 0.05 and bias.value - 2.0 * bias.error > 2.0
-        stays = left.value - 2.0 * left.error > 0.5
-        return Verdict.graded(outside and stays, outside or stays)
 
 
 _NORMAL_MEDIAN = NormalDist().inv_cdf(0.75)
@@ -158,19 +146,17 @@ _SAFE = 20.0
 """Least κ = (v/σ²) √(N/2) for which the large-sample formula of theory (5.3) is compared."""
 
 
-def _variance_ratio(part: pd.DataFrame, angle: float, noise: float) -> Measure:
-    """Variance of the axis error over its bound, from the median of the absolute error: no mean need exist.
-
-    It is unknown on the whole sphere, and where the large-sample formula does not hold.
-    """
-    moments = cap_moments(math.radians(angle), 3)
-    if angle == shared.WHOLE or kappa(noise, float(part["samples"].max()), moments) < _SAFE:
-        return UNKNOWN
-    axis, _ = bound_shares(moments, 3)
+def _variance_ratio(part: pd.DataFrame, angle: float, _: float) -> Measure:
+    """Variance of the axis error over its bound, from the median of the absolute error: no mean need exist."""
+    axis, _ = bound_shares(cap_moments(math.radians(angle), 3), 3)
     scaled = (part["error_1"].abs() / (part["bound"] * math.sqrt(axis))).fillna(math.inf)
     root = shared.median(scaled)
     value = (root.value / _NORMAL_MEDIAN) ** 2
     return Measure(value, 2.0 * value * root.error / root.value)
+
+
+def _kappa(at: shared.CellMeasure, samples: float) -> float:
+    return kappa(at.relative_noise, samples, cap_moments(math.radians(at.angle), 3))
 
 
 class UgdkEfficient(Claim):
@@ -184,30 +170,31 @@ class UgdkEfficient(Claim):
     number, name, section, figure = 10, "ugdk-efficient", "10.1", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "UGDK's variance along the cap's axis over the bound's, by medians, N = 1000"
+    criterion = """
+        share of the cells of the grid (σ/r from 1e-4 to 3.2, caps of 20° to 180°) in which UGDK's variance along the
+        axis is at most 1.1 times the bound's
+    """
     answer = """
-        UGDK's variance along the axis is up to {0:times} the bound's; at the smallest noise it is {2:times} the
-        bound's.
+        UGDK's variance along the axis is at most 1.1 times the bound's in {0:share} of the cells; where the formula for
+        many samples holds it is up to {1:times} the bound's.
     """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        results = shared.in_cells(evidence.errors("efficiency"), "ugdk", _variance_ratio)
-        if not results:
+        errors = evidence.errors("efficiency")
+        results = shared.in_cells(errors, "ugdk", _variance_ratio)
+        samples = float(errors["samples"].max())
+        safe = [at for at in results if at.angle != shared.WHOLE and _kappa(at, samples) >= _SAFE]
+        if not safe:
             return [Number.unknown("UGDK's variance over the bound")]
-        most = shared.greatest(results)
+        most = shared.greatest(safe)
         theory = ugdk_variance(most.relative_noise, cap_moments(math.radians(most.angle), 3), 3)
         words = "UGDK's variance along the axis over the bound's"
         return [
+            shared.holding(self.criterion, (shared.above(at.measure, 1.1) for at in results)),
             most.number(f"{words}, greatest with κ ≥ 20 ({most})"),
             Number(f"{words} by theory (5.3), {most}", theory, 0.0, 0),
             shared.furthest_from_one(words, results),
         ]
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if the greatest ratio with κ = (v/σ²)√(N/2) ≥ 20 is at most 1.1, three standard errors
-        allowed; partly if the ratio is 1 at the smallest noise, within .1 or three standard errors; not
-        reproduced otherwise.
-        """
-        return shared.on_par(numbers[0], numbers[2])
 
 
 # no error is below the bound -----------------------------------------------------------------------------------------
@@ -227,8 +214,12 @@ class BoundForAll(Claim):
     number, name, section, figure = 11, "bound-for-all", "4.2", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "least root mean square error over √tr CRLB among MLE, GDKE and UGDK, in cells where it exists"
+    criterion = """
+        share of the cells of the grid (σ/r from 1e-4 to 3.2, caps of 20° to 180°), for MLE, GDKE and UGDK together, in
+        which the root mean square error is at least .9 √tr CRLB; cells without a mean are left out
+    """
     answer = """
-        the least root mean square error is {0:times} the bound; where the bias is not significant it is {2:times} the
+        the least root mean square error is {1:times} the bound; where the bias is not significant it is {3:times} the
         bound.
     """
 
@@ -249,19 +240,11 @@ class BoundForAll(Claim):
         least, where, trials, pull = min(results)
         of_unbiased, elsewhere, few, _ = min(unbiased)
         return [
+            shared.holding(self.criterion, (Measure(0.9 - one.value, one.error) for one, *_ in results)),
             Number.of(f"{words} ({where})", least, trials),
             Number("mean error along the axis there over its standard error", pull, 1.0, trials),
             Number.of(f"{words} without significant bias ({elsewhere})", of_unbiased, few),
         ]
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if the least value is at least 1, five standard errors allowed; partly if that holds only
-        in cells without significant bias (a mean error of up to three standard errors); not reproduced
-        otherwise.
-        """
-        of_all, _, of_unbiased = numbers
-        holds = [number.value + 5.0 * number.error >= 1.0 for number in (of_all, of_unbiased)]
-        return Verdict.graded(all(holds), holds[1])
 
 
 # GDKE on evenly distributed data -------------------------------------------------------------------------------------
@@ -283,8 +266,12 @@ class GdkeEvenData(Claim):
     number, name, section, figure = 12, "gdke-even-data", "5", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "GDKE's median error over bound for σ ≤ .3 r, by cap"
+    criterion = """
+        share of the cells of the grid, σ ≤ .3 r, in which GDKE's median error on the whole sphere is at most 1.1 times
+        that of an efficient estimator, or on a cap is above that on the next larger cap
+    """
     answer = """
-        on the whole sphere GDKE errs up to {0:times} as far as an efficient estimator; on the smallest cap its error is
+        on the whole sphere GDKE errs up to {1:times} as far as an efficient estimator; on the smallest cap its error is
         up to {last:times} the bound.
     """
 
@@ -299,7 +286,18 @@ class GdkeEvenData(Claim):
             return [Number.unknown(f"{words}, whole sphere")]
         pull = max((_pull(part) for angle, _, part in shared.cells(rows, "gdke") if angle == shared.WHOLE), key=abs)
         few, most = min(at.trials for at in sphere), shared.greatest(sphere).measure
+        good = [Measure(*(v / efficient for v in at.measure)) for at in sphere]
+        at_radius = shared.in_cells(rows, "gdke", lambda part, *_: shared.median(shared.error_over(part, "radius")))
+        of_cell = {(at.angle, at.relative_noise): at.measure for at in at_radius}
+        angles = sorted({at.angle for at in results})
+        steps = [
+            Measure(wide.value - of_cell[small, noise].value, math.hypot(wide.error, of_cell[small, noise].error))
+            for small, large in pairwise(angles)
+            for (angle, noise), wide in of_cell.items()
+            if angle == large and (small, noise) in of_cell
+        ]
         numbers = [
+            shared.holding(self.criterion, [*(shared.above(one, 1.1) for one in good), *steps]),
             Number.of(f"{words}, whole sphere", Measure(*(v / efficient for v in most)), few),
             Number("GDKE's bias there over its Monte-Carlo error, furthest from 0", pull, 1.0, few),
         ]
@@ -307,18 +305,6 @@ class GdkeEvenData(Claim):
             worst = shared.greatest(at for at in results if at.angle == angle)
             numbers.append(worst.number(f"GDKE's median error over bound, greatest for φ = {angle:g}°"))
         return numbers
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Two conditions. Good: on the whole sphere the greatest error is at most 1.2 times that of an
-        efficient estimator, three standard errors allowed, and the bias is within four standard errors of 0.
-        Worse: the error grows from each cap to the next smaller one by two standard errors. Reproduced with
-        both, partly with one, not reproduced with neither. All fits count.
-        """
-        even, pull, *clumped = numbers
-        good = even.value - 3.0 * even.error <= 1.2 and abs(pull.value) <= 4.0
-        steps = [b.value - a.value > 2.0 * math.hypot(a.error, b.error) for a, b in pairwise([even, *clumped])]
-        worse = bool(steps) and all(steps)
-        return Verdict.graded(good and worse, good or worse)
 
 
 # efficient where the noise is below the radius -----------------------------------------------------------------------
@@ -345,9 +331,13 @@ class EfficientBelowDistance(Claim):
     number, name, section, figure = 24, "efficient-below-distance", "abstract", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "UGDK's median error over that of a Gaussian at the attainable bound, for σ < r, N = 1000"
+    criterion = """
+        share of the cells of the grid with σ < r (σ/r from 1e-4, caps of 20° to 180°) in which UGDK's median error is
+        at most 1.1 times that of a Gaussian at the attainable bound
+    """
     answer = """
-        with noise below the radius UGDK's median error is up to {0:times} that of an efficient estimator; it is
-        efficient in {2:share} of the conditions.
+        with noise below the radius UGDK is efficient in {0:share} of the conditions; its median error is up to
+        {1:times} that of an efficient estimator.
     """
 
     def measure(self, evidence: Evidence) -> list[Number]:
@@ -357,18 +347,9 @@ class EfficientBelowDistance(Claim):
         if not (results and of_mle):
             return [Number.unknown(words)]
         most, best = shared.greatest(results), shared.greatest(of_mle)
-        good = sum(at.measure.value - 3.0 * at.measure.error <= 1.1 for at in results)
-        at_most = "share of the conditions with σ < r in which it is at most 1.1"
         return [
+            shared.holding(self.criterion, (shared.above(at.measure, 1.1) for at in results)),
             most.number(f"{words}, greatest with σ < r ({most})"),
             shared.furthest_from_one(words, results),
-            Number(at_most, good / len(results), 0.0, most.trials),
             best.number(f"the same of MLE, greatest with σ < r ({best})"),
         ]
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if the greatest ratio is at most 1.1, three standard errors allowed; partly if the ratio
-        is 1 at the smallest noise, within .1 or three standard errors; not reproduced otherwise. All fits
-        count. The attainable bound, which does not take the directions as known, is the larger of the two.
-        """
-        return shared.on_par(numbers[0], numbers[1])

@@ -1,8 +1,9 @@
 """A claim of the paper, the tables it is judged by, the numbers behind it, and its verdict.
 
-A `Claim` names the tables that it reads. Its ``measure`` turns them into numbers, each with its Monte-Carlo error, and
-its ``judge`` turns the numbers into a verdict by the rule that ``criterion`` states. No verdict is written down
-anywhere: it changes with the tables, and without them there is none.
+A `Claim` names the tables that it reads. Its ``measure`` turns them into numbers, each with its Monte-Carlo error. The
+first is the share of the claim's conditions in which it holds, as its ``criterion`` states, and one rule turns every
+share into a verdict (`Verdict.by`). No verdict is written down anywhere: it changes with the tables, and without them
+there is none.
 
 Measures and rules that several claims share stand below. Every fit counts with its error as computed, whatever its
 status, and one without a number as infinite (`error_over`): so estimators are compared on the same trials, where a
@@ -20,6 +21,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+import scipy
 from pandas.api import types
 from pydantic import Field
 
@@ -246,23 +248,33 @@ def read_cost(path: Path | None) -> pd.DataFrame | None:
 
 
 class Verdict(StrEnum):
-    """The outcome of a claim.
+    """The outcome of a claim, by the share of its conditions in which it holds.
 
-    A claim in part is of one of two kinds: it is true in some conditions, or its effect is there and the paper's reason
-    for it is not. A rule says ``PARTLY``, as tables of version 1 do; tables say of which kind.
+    In a table ", another cause" may follow: the effect is there, and the paper's reason for it is not.
     """
 
     REPRODUCED = "reproduced"
-    LIMITED = "partly, within limits"
-    OTHER_CAUSE = "partly, another cause"
-    PARTLY = "partly"
+    MOSTLY = "mostly"
+    IN_PART = "in part"
     NOT_REPRODUCED = "not reproduced"
     NOT_EVALUATED = "not evaluated"
 
     @classmethod
-    def graded(cls, whole: bool, partly: bool) -> "Verdict":
-        """Reproduced as a whole, or else partly, or else not."""
-        return cls.REPRODUCED if whole else cls.PARTLY if partly else cls.NOT_REPRODUCED
+    def by(cls, share: float) -> "Verdict":
+        """Reproduced from .95 of the conditions on, mostly from .8, in part from .2, not reproduced below."""
+        if share >= 0.95:
+            return cls.REPRODUCED
+        return cls.MOSTLY if share >= 0.8 else cls.IN_PART if share >= 0.2 else cls.NOT_REPRODUCED
+
+    @classmethod
+    def _missing_(cls, value: object) -> "Verdict | None":
+        """The verdict of a text with another cause."""
+        words, _, beside = str(value).partition(OTHER_CAUSE)
+        return None if words == value or beside else cls(words)
+
+
+OTHER_CAUSE = ", another cause"
+"""End of a verdict on an effect for which the paper's reason fails."""
 
 
 class Number(NamedTuple):
@@ -296,6 +308,11 @@ class Number(NamedTuple):
         """A number that the tables do not allow."""
         return cls.of(words, UNKNOWN, 0)
 
+    @property
+    def measure(self) -> Measure:
+        """The number with its error, without the name."""
+        return Measure(self.value, self.error)
+
     def __str__(self) -> str:
         """The name, the number and its error."""
         if math.isnan(self.error) or self.error <= 1e-9 * abs(self.value):  # none, or rounding
@@ -309,16 +326,17 @@ def only_known(*numbers: Number) -> list[Number]:
 
 
 class Claim:
-    """One statement of the paper and the rule by which it is judged.
+    """One statement of the paper, its conditions, and when it holds in one.
 
     The docstring of a subclass is the paper's statement, in our words, and below it the remark: the source of the
-    paper's number, the explanation of ours. The docstring of its ``judge`` is the criterion: the rule in words.
+    paper's number, the explanation of ours.
 
     Attributes:
         number: its number for good, by which texts cite it; a new claim takes the next free one.
         name: a word or two for it, in lower case with hyphens.
         section: section of the paper.
         quantity: the quantity that is measured.
+        criterion: "share of …", the conditions that count and the tolerance to which the claim holds in one.
         answer: the page's sentence of answer, with a number in each place, "{0:times}" or "{last:share}", formatted as
             a ratio (times), a share or an exponent (power). Only the numbers depend on the tables.
         reads: tables, as "config/table"; "cost" for the cost table, "case-study" for those of recordings.
@@ -326,32 +344,31 @@ class Claim:
         heads: for a claim at the top of the page, its finding in a few words: if it is reproduced, partly, and not.
             "{otherwise}" stands for how it fares under other readings of the paper.
         story: the numbers behind that finding, formatted as those of ``answer``.
-        in_part: of which kind it is where its rule says ``PARTLY``.
     """
 
     number: int
     name: str
     section: str
     quantity: str
+    criterion: str
     answer: str
     reads: tuple[str, ...]
     figure: str = ""
     heads: tuple[str, ...] = ()
     story: str = ""
-    in_part: Verdict = Verdict.LIMITED
 
     def __init_subclass__(cls) -> None:
         """Join the lines of sentences that are given in several."""
-        for name in ("quantity", "answer", "story"):
+        for name in ("quantity", "criterion", "answer", "story"):
             setattr(cls, name, one_line(getattr(cls, name, "")))
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        """Turn the tables into numbers, the headline first."""
+        """Turn the tables into numbers; the first is the share of conditions that the criterion states."""
         raise NotImplementedError
 
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Turn these numbers, in that order, into a verdict; it sees nothing else."""
-        raise NotImplementedError
+    def other_cause(self, numbers: list[Number]) -> bool:
+        """True if by these numbers the effect has another cause than the paper gives; by default it has not."""
+        return False
 
     @property
     def statement(self) -> str:
@@ -363,16 +380,12 @@ class Claim:
         """Background for a reader."""
         return " ".join(paragraphs(self)[1:])
 
-    @property
-    def criterion(self) -> str:
-        """The rule from the numbers to the verdict, in words."""
-        return paragraphs(self.judge)[0]
-
     def head(self, verdict: str) -> str:
         """The finding at the top of the page; "" if the claim has none for this verdict."""
-        if not self.heads or verdict not in set(Verdict) - {Verdict.NOT_EVALUATED}:
+        if not self.heads or verdict == Verdict.NOT_EVALUATED:
             return ""
-        return self.heads[{Verdict.REPRODUCED: 0, Verdict.NOT_REPRODUCED: 2}.get(Verdict(verdict), 1)]
+        place = {Verdict.REPRODUCED: 0, Verdict.NOT_REPRODUCED: 2}.get(Verdict(verdict), 1)
+        return self.heads[1 if verdict == Verdict.REPRODUCED + OTHER_CAUSE else place]
 
 
 class Finding(NamedTuple):
@@ -382,6 +395,10 @@ class Finding(NamedTuple):
     verdict: Verdict
     numbers: list[Number]
     reason: str = ""
+    other_cause: bool = False
+
+
+_SHARE = "share of its conditions in which it holds"
 
 
 def evaluate(claims: Iterable[Claim], evidence: Evidence) -> list[Finding]:
@@ -402,13 +419,15 @@ def _judged(claim: Claim, evidence: Evidence) -> Finding:
     if unknown := [number.words for number in numbers if math.isnan(number.value)]:
         reason = f"too few trials or conditions in the tables for: {'; '.join(unknown)}"
         return Finding(claim, Verdict.NOT_EVALUATED, numbers, reason)
-    return Finding(claim, claim.judge(numbers), numbers)
+    verdict, other_cause = Verdict.by(numbers[0].value), claim.other_cause(numbers)
+    numbers[0] = numbers[0]._replace(words=_SHARE)  # the criterion says of what
+    return Finding(claim, verdict, numbers, other_cause=other_cause)
 
 
 def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
     """The claims table: a row per claim; columns as `study.simulation.runs.schemas.CLAIMS` declares them."""
     rows = []
-    for claim, verdict, numbers, reason in findings:
+    for claim, verdict, numbers, reason, other_cause in findings:
         head = numbers[0] if numbers else Number.unknown("")
         used = {config for config, _, table in (read.partition("/") for read in claim.reads) if table}
         rows.append(
@@ -420,8 +439,8 @@ def frame(findings: Iterable[Finding], evidence: Evidence) -> pd.DataFrame:
                 "quantity": claim.quantity,
                 "value": head.value,
                 "error": head.error,
-                "trials": min((n.trials for n in numbers if n.trials), default=0),
-                "verdict": str(claim.in_part if verdict == Verdict.PARTLY else verdict),
+                "trials": min((n.trials for n in numbers[1:] if n.trials), default=head.trials),
+                "verdict": f"{verdict}{OTHER_CAUSE * other_cause}",
                 "finding": reason or "\n".join(map(str, numbers)),
                 "criterion": claim.criterion,
                 "remark": claim.remark,
@@ -445,19 +464,45 @@ def within(number: Number, target: float, distance: float) -> bool:
     return abs(number.value - target) + 2.0 * error <= distance
 
 
-def is_one(number: Number) -> bool:
-    """True if a number is 1 within .1 or three standard errors."""
-    return abs(number.value - 1.0) <= max(0.1, 3.0 * number.error)
+def holding(words: str, excesses: Iterable[Measure]) -> Number:
+    """Share of conditions in which a claim holds.
 
-
-def on_par(most: Number, least_noise: Number) -> Verdict:
-    """Verdict on a ratio that should be 1 everywhere.
+    Each excess is how far a measure of one condition is beyond the tolerance: the claim holds if it is at most 0. The
+    error is that of the count: each condition would be on its other side with the probability of a normal deviate, as
+    if conditions did not share their draws.
 
     Args:
-        most: the greatest ratio; the claim is reproduced if it is at most 1.1, three standard errors allowed.
-        least_noise: the ratio at the smallest noise; the claim is partly reproduced if it is 1.
+        words: the criterion.
+        excesses: of all conditions, with their Monte-Carlo errors; those that are not numbers are left out.
     """
-    return Verdict.graded(most.value - 3.0 * most.error <= 1.1, is_one(least_noise))
+    known = [excess for excess in excesses if not math.isnan(excess.value)]
+    if not known:
+        return Number.unknown(words)
+    values, errors = np.array(known, dtype=float).T
+    pulls = np.abs(
+        np.divide(values, errors, out=np.full(len(known), math.inf), where=np.isfinite(values) & (errors > 0))
+    )
+    turned = scipy.special.ndtr(-pulls)
+    error = math.sqrt(float(np.sum(turned * (1.0 - turned)))) / len(known)
+    return Number(words, float(np.mean(values <= 0.0)), error, len(known))
+
+
+def above(measure: Measure, limit: float) -> Measure:
+    """Excess of a measure over the greatest value to which a claim holds."""
+    return Measure(measure.value - limit, measure.error)
+
+
+def apart(measure: Measure, target: float, distance: float) -> Measure:
+    """Excess of a measure over a distance from its target, on either side."""
+    return Measure(abs(measure.value - target) - distance, measure.error)
+
+
+def of_order(measure: Measure, unit: Measure) -> Measure:
+    """Excess of a positive measure over a factor of two from a unit, on either side, in natural logarithms."""
+    quotient = ratio(measure, unit)
+    if not 0.0 < quotient.value < math.inf:
+        return Measure(math.nan if math.isnan(quotient.value) else math.inf, math.nan)
+    return apart(Measure(math.log(quotient.value), quotient.error / quotient.value), 0.0, math.log(2.0))
 
 
 def rows_of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
@@ -552,6 +597,25 @@ def ratio(above: Measure, below: Measure) -> Measure:
     if value == math.inf:
         return Measure(value, math.nan)
     return Measure(value, math.hypot(above.error, value * below.error) / below.value)
+
+
+def paired_ratio(one: Floats, other: Floats) -> Measure:
+    """Quotient of two medians of the same trials.
+
+    Medians of the same draws err alike: the share p of trials in which both errors are below their medians makes their
+    errors correlated by 4p - 1.
+
+    Args:
+        one: values of each trial (trials,).
+        other: those of the median below, likewise.
+    """
+    upper, lower = quantile(one, 0.5), quantile(other, 0.5)
+    quotient = ratio(upper, lower)
+    if not 0.0 < quotient.value < math.inf:
+        return quotient
+    alike = 4.0 * float(np.mean((one <= upper.value) & (other <= lower.value))) - 1.0
+    a, b = upper.error / upper.value, lower.error / lower.value
+    return Measure(quotient.value, quotient.value * math.sqrt(max(a * a + b * b - 2.0 * alike * a * b, 0.0)))
 
 
 class CellMeasure(NamedTuple):

@@ -5,17 +5,18 @@ nearly equal. If a claim's number is the greatest of many cells, its criterion a
 """
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 
-from study.arrays import Floats
+from study.arrays import Bools, Floats
 from study.fits.cap import cap_moments
 from study.simulation.analysis.error_table import decade
 from study.simulation.analysis.theory import gdke_leaves
 from study.simulation.claims import claim as shared
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
-from study.simulation.statistics import UNKNOWN, Measure
+from study.simulation.claims.claim import Claim, Evidence, Number
+from study.simulation.statistics import UNKNOWN, Measure, share
 
 _OTHERS = ("mle", "lls", "gdke")
 _PAPERS = (*_OTHERS, "ugdk")
@@ -32,6 +33,23 @@ def _slope(evidence: Evidence, words: str, errors: pd.DataFrame, groups: Floats)
     return shared.exponent(words, at[enough], values[enough], groups[enough], evidence.average)
 
 
+def of_decades(evidence: Evidence, errors: pd.DataFrame, estimator: str) -> Iterator[Measure]:
+    """Excess of an estimator's error over bound, in each decade of σ/r, over a factor of two.
+
+    The unit is its error over bound for σ < .01 r. Decades with too few trials are left out.
+    """
+    rows = shared.rows_of(errors, estimator)
+    at, over_bound = shared.relative_noise(rows), shared.error_over(rows, "bound")
+    small, decades = evidence.average(over_bound[at < 0.01]), decade(at)
+    for one in np.unique(decades[shared.in_large_groups(decades)]):
+        yield shared.of_order(evidence.average(over_bound[decades == one]), small)
+
+
+def _off_the_line(evidence: Evidence, errors: pd.DataFrame) -> Iterator[Measure]:
+    for name in _PAPERS:
+        yield from of_decades(evidence, errors, name)
+
+
 class OneLine(Claim):
     """Relative error against relative noise is a straight line for each of the four methods: the error is
     proportional to the standard deviation.
@@ -44,15 +62,19 @@ class OneLine(Claim):
     number, name, section, figure = 1, "one-line", "4.1", "fig2_error"
     reads = ("paper/errors", "efficiency/errors")
     quantity = "exponents of σ in the median error over r"
+    criterion = """
+        share of decades of σ/r, over the paper's range and its four methods, in which the median of error over bound is
+        within a factor of two of the same method's for σ < .01 r
+    """
     answer = """
-        over the paper's range MLE's median error grows as σ to the power {0:power}; where GDKE's bias dominates, GDKE's
-        as σ to the power {4:power}.
+        over the paper's range MLE's median error grows as σ to the power {1:power}; where GDKE's bias dominates, GDKE's
+        as σ to the power {5:power}.
     """
 
     def measure(self, evidence: Evidence) -> list[Number]:
         paper, grid = evidence.errors("paper"), evidence.errors("efficiency")
         words = f"exponent of σ in {{}}'s {evidence.rules.average} error over r, {{}}"
-        numbers = []
+        numbers = [shared.holding(self.criterion, _off_the_line(evidence, paper))]
         for name in _PAPERS:
             rows = shared.rows_of(paper, name)
             decades = decade(shared.relative_noise(rows))
@@ -70,13 +92,6 @@ class OneLine(Claim):
             numbers.append(_slope(evidence, words.format(name.upper(), where), rows, shared.relative_noise(rows)))
         return numbers
 
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if all exponents are 1 within .1 or three standard errors, over the paper's 27 decades and
-        in parts of the range; partly if MLE's is over the whole range; not reproduced otherwise. All fits count
-        as computed.
-        """
-        return Verdict.graded(all(map(shared.is_one, numbers)), shared.is_one(numbers[0]))
-
 
 # the method closest to the bound -------------------------------------------------------------------------------------
 
@@ -92,7 +107,7 @@ def _lead(one: "pd.Series[float]", other: "pd.Series[float]") -> float:
     return (closer - farther) / math.sqrt(max(closer + farther, 1))
 
 
-def compared(evidence: Evidence, errors: pd.DataFrame) -> list[Number]:
+def _by_decade(evidence: Evidence, errors: pd.DataFrame) -> list[Number]:
     """UGDK beside the other methods: shares of decades in which it is clearly closer and farther, and two ratios."""
     closer = "share of decades of σ/r in which UGDK is clearly closer to the truth than each other method"
     farther = "share of decades of σ/r in which UGDK is clearly farther from the truth than another method"
@@ -105,8 +120,8 @@ def compared(evidence: Evidence, errors: pd.DataFrame) -> list[Number]:
     if len(used) == 0:
         return [Number.unknown(closer)]
     leads = [[_lead(part["ugdk"], part[name]) for name in _OTHERS] for part in (results[decades == d] for d in used)]
-    first = sum(min(lead) > _CLEAR for lead in leads) / len(used)
-    behind = sum(min(lead) < -_CLEAR for lead in leads) / len(used)
+    first = shared.holding(closer, (Measure(_CLEAR - min(lead), 1.0) for lead in leads))
+    behind = shared.holding(farther, (Measure(min(lead) + _CLEAR, 1.0) for lead in leads))
     trials = min(int(np.sum(decades == d)) for d in used)
     large, middle = results[noise >= 1.0], results[(noise >= 0.01) & (noise < 0.1)]
     average, word = evidence.average, evidence.rules.average
@@ -114,17 +129,29 @@ def compared(evidence: Evidence, errors: pd.DataFrame) -> list[Number]:
     above = shared.ratio(average(large["ugdk"]), best)
     between = shared.ratio(average(middle["ugdk"]), average(middle["mle"]))
     return [
-        Number(closer, first, 0.0, trials),
-        Number(farther, behind, 0.0, trials),
+        first._replace(trials=trials),
+        behind._replace(trials=trials),
         Number.of(f"{word} of UGDK's error over bound, over {name.upper()}'s, σ ≥ r", above, len(large)),
         Number.of(f"{word} of UGDK's error over bound, over MLE's, .01 r ≤ σ < .1 r", between, len(middle)),
     ]
 
 
-def judge_closest(numbers: list[Number]) -> Verdict:
-    """Verdict on UGDK beside the other methods, by the first two numbers of `compared`."""
-    alone, behind = numbers[0].value > 0.0, numbers[1].value > 0.0
-    return Verdict.graded(alone and not behind, alone or not behind)
+_GRIDS = ("mle", "gdke")
+"""The other methods of the grid: LLS is GDKE's fit by another program."""
+
+
+def _beside_best(grid: pd.DataFrame) -> list[shared.CellMeasure]:
+    """UGDK's median error over the least of the other methods', in each cell of the grid."""
+    if not shared.has_estimators(grid, "ugdk", *_GRIDS):
+        return []
+    errors = {name: {at[:2]: shared.error_over(at[2], "radius") for at in shared.cells(grid, name)} for name in _GRIDS}
+
+    def over_best(part: pd.DataFrame, angle: float, noise: float) -> Measure:
+        own, others = shared.error_over(part, "radius"), [of[angle, noise] for of in errors.values()]
+        best = min(others, key=lambda values: float(np.median(values)))
+        return shared.paired_ratio(own, best) if len(own) >= shared.LEAST else UNKNOWN
+
+    return shared.in_cells(grid, "ugdk", over_best)
 
 
 class UgdkClosest(Claim):
@@ -135,11 +162,15 @@ class UgdkClosest(Claim):
     """
 
     number, name, section, figure = 2, "ugdk-closest", "4.1", "fig2_error"
-    reads = ("paper/errors",)
-    quantity = "errors of the four methods on the same points, by decade of σ/r"
+    reads = ("efficiency/errors", "paper/errors")
+    quantity = "errors of the methods on the same points, in the cells of a grid and by decade of σ/r"
+    criterion = """
+        share of the cells of the grid (σ/r from 1e-4 to 3.2, caps of 20° to 180°, N = 1000) in which UGDK's median
+        error is below each other method's by more than 1 %; a tie is not closer
+    """
     answer = """
-        UGDK is clearly the closest in {0:share} of the decades of noise, and another method is clearly closer in
-        {1:share}.
+        UGDK's median error is the least in {0:share} of the cells of the grid, level with the least in {1:share} and
+        above it in {2:share}; at worst it is {3:times} the least.
     """
     heads = (
         "The paper's main claim holds{otherwise}.",
@@ -147,21 +178,30 @@ class UgdkClosest(Claim):
         "The paper's main claim does not hold{otherwise}.",
     )
     story = """
-        It says that UGDK comes closest to the Cramér-Rao bound. UGDK is clearly the closest in {0:share} of the decades
-        of noise; another method is clearly closer in {1:share}. With noise above the radius it errs {2:times} as far as
-        the best of the others.
+        It says that UGDK comes closest to the Cramér-Rao bound. Its median error is the least in {0:share} of the cells
+        of the grid and above the least in {2:share}. In the paper's own trials UGDK is clearly the closest in {4:share}
+        of the decades of noise, and another method is clearly closer in {5:share}.
     """
 
     def measure(self, evidence: Evidence) -> list[Number]:
-        return compared(evidence, evidence.errors("paper"))
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """In a decade one method is clearly closer than another if it errs less in more trials, by three
-        standard errors of the difference, without the trials that agree to 1 %. Two conditions: UGDK is clearly
-        closer than each other method in some decade; no method is clearly closer than UGDK in any decade.
-        Reproduced with both, partly with one, not reproduced with neither. All fits count as computed.
-        """
-        return judge_closest(numbers)
+        results = _beside_best(evidence.errors("efficiency"))
+        words = "UGDK's median error over the least of the others'"
+        if not results:
+            return [Number.unknown(self.criterion)]
+        ratios, most = [at.measure for at in results], shared.greatest(results)
+        return [
+            shared.holding(self.criterion, (shared.above(one, 1.0 - _TIE) for one in ratios)),
+            shared.holding(
+                "share of the cells in which it is within 1 % of the least",
+                (shared.apart(one, 1.0, _TIE) for one in ratios),
+            ),
+            shared.holding(
+                "share of the cells in which it is above the least by more than 1 %",
+                (Measure(1.0 + _TIE - one.value, one.error) for one in ratios),
+            ),
+            most.number(f"{words}, greatest ({most})"),
+            *_by_decade(evidence, evidence.errors("paper")),
+        ]
 
 
 # GDKE beside MLE -----------------------------------------------------------------------------------------------------
@@ -177,7 +217,11 @@ class GdkeOnPar(Claim):
     number, name, section, figure = 3, "gdke-on-par", "4.1", "fig_efficiency"
     reads = ("efficiency/errors",)
     quantity = "median error of GDKE over that of MLE, N = 1000"
-    answer = "GDKE's median error is up to {0:times} MLE's; at the smallest noise it is {1:times} MLE's."
+    criterion = """
+        share of the cells of the grid (σ/r from 1e-4 to 3.2, caps of 20° to 180°) in which GDKE's median error is at
+        most 1.1 times MLE's
+    """
+    answer = "GDKE's median error is up to {1:times} MLE's; at the smallest noise it is {2:times} MLE's."
 
     def measure(self, evidence: Evidence) -> list[Number]:
         grid = evidence.errors("efficiency")
@@ -193,24 +237,18 @@ class GdkeOnPar(Claim):
         results = shared.in_cells(grid, "gdke", over_mle)
         words = f"GDKE's {evidence.rules.average} error over MLE's"
         if not results:
-            return [Number.unknown(words)]
+            return [Number.unknown(self.criterion)]
         most, whole = shared.greatest(results), [at for at in results if at.angle == shared.WHOLE]
         even = shared.greatest(whole) if whole else shared.CellMeasure(UNKNOWN, shared.WHOLE, 0.0, 0)
         return [
+            shared.holding(self.criterion, (shared.above(at.measure, 1.1) for at in results)),
             most.number(f"{words}, greatest ({most})"),
             shared.furthest_from_one(words, results),
             even.number(f"{words}, greatest on the whole sphere"),
         ]
 
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if the greatest ratio is at most 1.1, three standard errors allowed; partly if the ratios
-        at the smallest noise are 1 within .1 or three standard errors; not reproduced otherwise. All fits
-        count.
-        """
-        return shared.on_par(numbers[0], numbers[1])
 
-
-# noise beyond the radius, and two ranges of it ------------------------------------------------------------------------
+# noise beyond the radius ---------------------------------------------------------------------------------------------
 
 _USELESS = 0.5
 """Error over the radius from which a centre is of no use."""
@@ -225,64 +263,20 @@ class TroublesBeyondRadius(Claim):
     number, name, section, figure = 25, "troubles-beyond-radius", "6", "fig2_error"
     reads = ("paper/errors",)
     quantity = "share of trials with σ ≥ r in which each of the four methods errs by more than half the radius"
+    criterion = "share of trials with σ ≥ r, all four methods together, in which the error exceeds half the radius"
     answer = """
-        with noise above the radius MLE errs by more than half the radius in {0:share} of the trials, LLS in {1:share},
-        GDKE in {2:share} and UGDK in {3:share}.
+        with noise above the radius MLE errs by more than half the radius in {1:share} of the trials, LLS in {2:share},
+        GDKE in {3:share} and UGDK in {4:share}.
     """
 
     def measure(self, evidence: Evidence) -> list[Number]:
         errors = evidence.errors("paper")
-        numbers = []
+        numbers, every = list[Number](), list[Bools]()
         for name in _PAPERS:
             rows = shared.rows_of(errors, name)
-            useless = (shared.error_over(rows, "radius") > _USELESS)[shared.relative_noise(rows) >= 1.0]
+            every.append((shared.error_over(rows, "radius") > _USELESS)[shared.relative_noise(rows) >= 1.0])
             words = f"share of trials, σ ≥ r, in which {name.upper()}'s error exceeds half the radius"
-            numbers.append(Number.share(words, useless, shared.LEAST))
-        return numbers
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if each method errs so far in more than half of the trials, by two standard errors; partly
-        if some method does; not reproduced otherwise. All fits count.
-        """
-        mostly = [number.value - 2.0 * number.error > 0.5 for number in numbers]
-        return Verdict.graded(all(mostly), any(mostly))
-
-
-_NARROW = (1e-11, 1e12)
-"""Range of σ in section 10."""
-
-
-class NoiseRanges(Claim):
-    """The standard deviation of the samples goes from 1e-13 to 1e14 (§4.1); the measurement error varies from 1e-11
-    to 1e12 (§10).
-
-    The paper gives two ranges of the same experiment; the study has the wider one.
-    """
-
-    number, name, section, figure = 28, "noise-ranges", "4.1, 10", "fig2_error"
-    reads = ("paper/errors",)
-    quantity = "shares of decades of σ/r in which UGDK is clearly closer, and clearly farther, over either range"
-    answer = """
-        over section 10's range UGDK is clearly the closest in {0:share} of the decades and clearly farther in
-        {1:share}; over section 4.1's in {2:share} and {3:share}.
-    """
-
-    def measure(self, evidence: Evidence) -> list[Number]:
-        errors = evidence.errors("paper")
-        inside = errors[(errors["noise"] >= _NARROW[0]) & (errors["noise"] <= _NARROW[1])]
-        if not shared.has_estimators(inside, *_PAPERS):
-            return [Number.unknown("UGDK beside the others over section 10's range of noise")]
-        narrow, wide = (compared(evidence, table) for table in (inside, errors))
-        return [
-            *(n._replace(words=f"{n.words}, 1e-11 ≤ σ ≤ 1e12") for n in narrow[:2]),
-            *(n._replace(words=f"{n.words}, 1e-13 ≤ σ ≤ 1e14") for n in wide[:2]),
-        ]
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced, in that it makes no difference, if the main claim's verdict is the same over both ranges
-        and its shares agree within .1; partly if only the verdict is the same; not reproduced otherwise.
-        """
-        narrow, wide = numbers[:2], numbers[2:]
-        same = judge_closest(narrow) == judge_closest(wide)
-        alike = all(abs(a.value - b.value) <= 0.1 for a, b in zip(narrow, wide, strict=True))
-        return Verdict.graded(same and alike, same)
+            numbers.append(Number.share(words, every[-1], shared.LEAST))
+        # the methods share their trials, which are counted once
+        value, trials = float(np.mean([number.value for number in numbers])), min(number.trials for number in numbers)
+        return [Number.of(self.criterion, share(value * trials, trials), trials), *numbers]

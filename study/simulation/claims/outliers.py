@@ -6,6 +6,7 @@ are numerical.
 """
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,8 @@ import pandas as pd
 from study.arrays import Bools
 from study.fits import Status
 from study.simulation.claims import claim as shared
-from study.simulation.claims.claim import Claim, Evidence, Number, Verdict
+from study.simulation.claims.claim import Claim, Evidence, Number
+from study.simulation.statistics import Measure, share
 
 _ABOUT_RADIUS = (0.3, 3.0)
 """Errors over r that count as equal to the radius."""
@@ -33,9 +35,17 @@ _FEW = 5
 """Least number of outliers behind a median; there are fewer of them than of other fits."""
 
 
-def _clear(number: Number) -> bool:
-    """True if a share stands for three data sets or more."""
-    return round(number.value * number.trials) >= _CLEAR
+def _placed(words: str, programs: "Iterable[pd.Series[bool]]") -> Number:
+    """Share of outliers that are as the paper says, as a mean over programs of equal weight.
+
+    Args:
+        words: the criterion.
+        programs: for the outliers of each program, whether they are so; fewer than three count as not so.
+    """
+    every = list(programs)
+    parts = [share(int(so.sum()), len(so)) if len(so) >= _CLEAR else Measure(0.0, 0.0) for so in every]
+    error = math.hypot(*(part.error for part in parts)) / len(parts)
+    return Number(words, sum(part.value for part in parts) / len(parts), error, sum(map(len, every)))
 
 
 # MLE -----------------------------------------------------------------------------------------------------------------
@@ -64,17 +74,20 @@ class MleOutliers(Claim):
     """
 
     number, name, section, figure = 4, "mle-outliers", "4.1", "fig2_error"
-    in_part = Verdict.OTHER_CAUSE
     reads = ("starts/errors",)
     quantity = "MLE's outliers with an error of about the radius, and the error at the best minimum from three starts"
+    criterion = """
+        share of MLE's outliers, .1 r ≤ σ ≤ 10 r, whose error is .3 r to 3 r; another cause unless the best minimum from
+        three starts reduces the error of more than half of these to a third or less
+    """
     answer = """
-        of the trials with noise around the radius, {0:share} are such outliers; the best of three starts mends
-        {1:share} of them.
+        {0:share} of the outliers are about a radius off, in {1:share} of the trials with noise around the radius; the
+        best of three starts mends {2:share} of them.
     """
     heads = ("MLE's outliers come from other minima.", "Most of MLE's outliers do not come from other minima.", "")
     story = """
-        With noise around the radius {0:share} of its fits are off by about the radius; the best of three starts mends
-        {1:share} of them.
+        With noise around the radius {1:share} of its fits are off by about the radius; the best of three starts mends
+        {2:share} of them.
     """
 
     def measure(self, evidence: Evidence) -> list[Number]:
@@ -85,10 +98,12 @@ class MleOutliers(Claim):
         if not shared.has_estimators(errors, *starts, "gdke"):
             return [Number.unknown(f"share of {words}")]
         relative, noise = _over(errors, "radius"), _noise(errors, "mle")
-        outliers = (_over(errors, "bound")["mle"] > far) & relative["mle"].between(*_ABOUT_RADIUS)
-        result = _share(words, outliers[noise.between(*_NOISE_ABOUT_RADIUS)])
+        beyond, inside = _over(errors, "bound")["mle"] > far, noise.between(*_NOISE_ABOUT_RADIUS)
+        about = relative["mle"].between(*_ABOUT_RADIUS)
+        outliers, result = beyond & about, _share(words, (beyond & about)[inside])
+        place = _placed(self.criterion, [about[beyond & inside]])
         if math.isnan(result.value) or result.value == 0.0:
-            return [result]
+            return [place, result]
         residual = shared.by_estimator(errors, errors["noise_variance"])[list(starts)][outliers].fillna(math.inf)
         least = residual.to_numpy().argmin(axis=1)
         best = np.take_along_axis(relative[list(starts)][outliers].to_numpy(), least[:, None], axis=1)[:, 0]
@@ -100,6 +115,7 @@ class MleOutliers(Claim):
         plane = (relative["mle"] > 1e4) & (status == Status.OK)
         of_these, mends = "error over MLE's in these outliers, median", "from three starts reduces to a third or less"
         return [
+            place,
             result,
             _share(f"these outliers whose error the best minimum {mends}", cured, _FEW),
             Number.of(f"GDKE's {of_these}", shared.median(of_gdke / of_mle, _FEW), len(cured)),
@@ -108,14 +124,9 @@ class MleOutliers(Claim):
             _share("all trials in which MLE's error exceeds 10⁴ r and its status is ok", plane),
         ]
 
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if there are such outliers (three or more) and the best minimum from three starts reduces
-        the error of more than half of them to a third or less, by two standard errors; partly if there are
-        outliers and it does not; not reproduced if there are none. All fits count.
-        """
-        outliers, *rest = numbers
-        clear = _clear(outliers)
-        return Verdict.graded(clear and rest[0].value - 2.0 * rest[0].error > 0.5, clear)
+    def other_cause(self, numbers: list[Number]) -> bool:
+        """True unless another minimum mends more than half of the outliers."""
+        return len(numbers) > 2 and numbers[2].value <= 0.5
 
 
 # LLS -----------------------------------------------------------------------------------------------------------------
@@ -146,12 +157,16 @@ class LlsOutliersSmall(Claim):
     number, name, section, figure = 5, "lls-outliers-small", "4.1", "fig2_error"
     reads = ("outliers/errors", "paper/errors")
     quantity = "outliers of LLS that GDKE does not have on the same points, caps of up to 5°"
+    criterion = """
+        share of the outliers of LLS with small singular values cut, as in the book that the paper takes its programs
+        from, that have σ < 1e-6 r, of those with 1e-12 r < σ < 1e10 r; the mean over both cuts
+    """
     answer = """
-        of LLS's fits there, {1:share} are outliers if small singular values are cut, as in Numerical Recipes, and
-        {0:share} if not.
+        {0:share} of such outliers are there; of LLS's fits there, {2:share} are outliers if small singular values are
+        cut, as in Numerical Recipes, and {1:share} if not.
     """
     heads = ("LLS's outliers come from a cut of small singular values.", "LLS's outliers.", "")
-    story = "On tiny caps with tiny noise {1:share} of its fits are outliers with the cut, {0:share} without."
+    story = "On tiny caps with tiny noise {2:share} of its fits are outliers with the cut, {1:share} without."
 
     def measure(self, evidence: Evidence) -> list[Number]:
         far = evidence.rules.far
@@ -161,22 +176,15 @@ class LlsOutliersSmall(Claim):
         noise = _noise(errors)
         small, middle = (noise > _ROUNDING) & (noise < _SMALL), (noise >= 10.0 * _SMALL) & (noise < _LARGE)
         words = "outliers of LLS, 1e-12 r < σ < 1e-6 r,"
-        above = pd.concat([_numerical(errors, name, far)[middle] for name in ("lls_nr_raw", "lls_nr")])
+        cut = [_numerical(errors, name, far) for name in ("lls_nr_raw", "lls_nr")]
+        above, whole = pd.concat([one[middle] for one in cut]), (noise > _ROUNDING) & (noise < _LARGE)
         of_paper = _numerical(paper, "lls", far)[_noise(paper) < _SMALL]
-        numbers = [_share(f"{words} {cut}", _numerical(errors, name, far)[small]) for name, cut in _VERSIONS.items()]
+        numbers = [_placed(self.criterion, [small[one & whole] for one in cut])]
+        for name, program in _VERSIONS.items():
+            numbers.append(_share(f"{words} {program}", _numerical(errors, name, far)[small]))
         numbers.append(_share("outliers of LLS, 1e-5 r ≤ σ < 1e10 r, both cuts", above))
         numbers.append(_share("outliers of LLS, paper's design, σ < 1e-6 r, no singular values cut", of_paper))
         return numbers
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if LLS with small singular values cut, as in the book that the paper takes its programs
-        from, has such outliers for σ < 1e-6 r (three or more), and less than a tenth as often for σ ≥ 1e-5 r;
-        partly if it has them elsewhere too, or only LLS without a cut or in single precision has them; not
-        reproduced otherwise. Failures count.
-        """
-        uncut, raw, centred, single, above = numbers[:5]
-        cut = max(raw, centred, key=lambda n: n.value)
-        return Verdict.graded(_clear(cut) and above.value < 0.1 * cut.value, any(map(_clear, (uncut, cut, single))))
 
 
 class LlsOutliersPlace(Claim):
@@ -190,7 +198,11 @@ class LlsOutliersPlace(Claim):
     number, name, section = 6, "lls-outliers-place", "4.4"
     reads = ("outliers/errors",)
     quantity = "error over radius of the outliers that a cut of small singular values makes"
-    answer = "{1:share} of the outliers lie on the sphere if the design matrix is centred, {3:share} if it is not."
+    criterion = """
+        share of the outliers of LLS with small singular values cut, 1e-12 r < σ < 1e-6 r, whose centre is within r/10
+        of the sphere; the mean over both cuts
+    """
+    answer = "{2:share} of the outliers lie on the sphere if the design matrix is centred, {4:share} if it is not."
 
     def measure(self, evidence: Evidence) -> list[Number]:
         far = evidence.rules.far
@@ -199,21 +211,15 @@ class LlsOutliersPlace(Claim):
             return [Number.unknown("error of LLS outliers over the radius")]
         relative = _over(errors, "radius")
         noise = _noise(errors)
-        numbers = []
+        numbers, on = list[Number](), list["pd.Series[bool]"]()
         for name in ("lls_nr", "lls_nr_raw"):
-            result = relative[name][_numerical(errors, name, far) & (noise > _ROUNDING) & (noise < _SMALL)].to_numpy()
-            near, words = np.abs(result - 1.0) <= _ON_SPHERE, _VERSIONS[name]
+            result = relative[name][_numerical(errors, name, far) & (noise > _ROUNDING) & (noise < _SMALL)]
+            near, words = (result - 1.0).abs() <= _ON_SPHERE, _VERSIONS[name]
+            on.append(near)
             median = shared.median(result, _FEW)
             numbers.append(Number.of(f"median error over r of LLS's outliers, {words}", median, len(result)))
             numbers.append(_share(f"these outliers within r/10 of the sphere, {words}", near, _FEW))
-        return numbers
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if with both cuts more than half of the outliers, by two standard errors, have their
-        centre within r/10 of the sphere; partly if with one of the cuts; not reproduced if with none.
-        """
-        on = [number.value - 2.0 * number.error > 0.5 for number in numbers[1::2]]
-        return Verdict.graded(all(on), any(on))
+        return [_placed(self.criterion, on), *numbers]
 
 
 class LlsOutliersLarge(Claim):
@@ -227,7 +233,11 @@ class LlsOutliersLarge(Claim):
     number, name, section, figure = 7, "lls-outliers-large", "4.1", "fig2_error"
     reads = ("outliers/errors", "paper/errors")
     quantity = "outliers of LLS that GDKE in double precision does not have on the same points, and failures"
-    answer = "of LLS's fits there, {0:share} are outliers or fail in double precision, {1:share} in single precision."
+    criterion = """
+        share of the outliers and failures of LLS with σ ≥ r that have σ > 1e10 r; the mean over double and single
+        precision, of which one without such outliers counts as none
+    """
+    answer = "of LLS's fits there, {1:share} are outliers or fail in double precision, {2:share} in single precision."
 
     def measure(self, evidence: Evidence) -> list[Number]:
         far = evidence.rules.far
@@ -243,17 +253,12 @@ class LlsOutliersLarge(Claim):
         edge = float(np.min(first)) if len(first) else math.inf
         words, between = "outliers or failures of LLS,", (noise >= 1.0) & (noise <= 1e9)
         of_paper = _numerical(paper, "lls", far)[_noise(paper) > _LARGE]
+        both = (_numerical(errors, "lls", far), single)
         return [
-            _share(f"{words} σ > 1e10 r, double precision", _numerical(errors, "lls", far)[large]),
+            _placed(self.criterion, [large[one & (noise >= 1.0)] for one in both]),
+            _share(f"{words} σ > 1e10 r, double precision", both[0][large]),
             _share(f"{words} σ > 1e10 r, single precision", single[large]),
             _share(f"{words} r ≤ σ ≤ 1e9 r, single precision", single[between]),
             Number("smallest σ/r at which sums in single precision overflow", edge, 0.0, len(noise)),
             _share(f"{words} paper's design, σ > 1e10 r, double precision", of_paper),
         ]
-
-    def judge(self, numbers: list[Number]) -> Verdict:
-        """Reproduced if LLS in double precision has them for σ > 1e10 r (three or more); partly if only LLS in
-        single precision has them, and less than a tenth as often for r ≤ σ ≤ 1e9 r; not reproduced otherwise.
-        """
-        double, single, between = numbers[:3]
-        return Verdict.graded(_clear(double), _clear(single) and between.value < 0.1 * single.value)

@@ -213,9 +213,8 @@ def judge(
 
 _HOLDS = {
     Verdict.REPRODUCED: "it holds",
-    Verdict.LIMITED: "it holds within limits",
-    Verdict.OTHER_CAUSE: "it holds, of another cause",
-    Verdict.PARTLY: "it holds in part",
+    Verdict.MOSTLY: "it mostly holds",
+    Verdict.IN_PART: "it holds in part",
     Verdict.NOT_REPRODUCED: "it does not hold",
 }
 

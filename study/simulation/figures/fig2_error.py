@@ -3,9 +3,9 @@
 The paper's figure 2 overlays four estimators and rings the outliers. The paper reads it as one straight line, error =
 noise, for all of them, with UGDK closest to the Cramér-Rao bound. Here every trial is a dot, and every estimator has
 its panels. No fit is left out. A ring is a fit whose error is beyond ten times its own bound, a cross one whose status
-is not ok; fits off the scale are counted. Above is the paper's view. Each trial has its own N and φ, and so its own
-bound: a dot above the line of the bound's median need not be far from its own bound. Below is the error over the
-trial's own √tr CRLB, with its median in each decade.
+is not ok; fits off the scale are counted. LLS and GDKE are one fit by two programs, which the paper draws as two. Above
+is the paper's view. Each trial has its own N and φ, and so its own bound: a dot above the line of the bound's median
+need not be far from its own bound. Below is the error over the trial's own √tr CRLB, with its median in each decade.
 
 Slopes, medians and counts are of all trials, whatever the fit's status, so panels compare the same trials. A fit
 without a number is infinitely far. A trial in which an estimator has none is left out of every panel's slope. Of a run
@@ -163,7 +163,12 @@ def _draw_panel(ax: Axes, frame: Frame, panel: "pd.Series[Any]", narrow: bool) -
     # the corner that the diagonal leaves free is too small in a narrow panel
     above = 5.0 + 1.35 * style.SMALL * (1 + words.count("\n"))
     side, of_name, of_words = ("bottom", (0, above), (0, 3)) if narrow else ("top", (6, -2), (6, -18))
-    ax.annotate(style.label(name), xytext=of_name, va=side, fontsize=9, weight="bold", **at)
+    title = (
+        f"{style.label(name)} (GDKE's fit)"
+        if name == "lls" and "gdke" in set(frame.panels["estimator"])
+        else style.label(name)
+    )
+    ax.annotate(title, xytext=of_name, va=side, fontsize=9, weight="bold", **at)
     ax.annotate(words, xytext=of_words, va=side, fontsize=style.SMALL, linespacing=1.35, **at)
 
 
@@ -211,7 +216,7 @@ def _scales(ax: Axes, frame: Frame, limits: tuple[int, int], narrow: bool) -> No
 def _words(panel: "pd.Series[Any]") -> str:
     slope = f"slope {panel['slope']:.3f} [{panel['slope_low']:.3f}, {panel['slope_high']:.3f}]"
     lines = [slope if math.isfinite(panel["slope"]) else "too few fits for a slope"]
-    lines += [f"{panel['far']:,} beyond 10 × √tr CRLB", f"{panel['not_ok']:,} of {panel['planned']:,} not ok"]
+    lines.append(f"{panel['far']:,} far, {panel['not_ok']:,} of {panel['planned']:,} not ok")
     if panel["off_scale"]:
         lines.append(f"{panel['off_scale']:,} off the scale")
     return "\n".join(lines)
@@ -241,7 +246,7 @@ def _key() -> list[Line2D]:
     ring: style.Marks = {"marker": "o", "markersize": 5, "markerfacecolor": "none", "color": style.INK}
     return [
         Line2D([], [], marker="o", markersize=2.5, color="#555555", label="a fit that is ok", **plain),
-        Line2D([], [], label="ok, error beyond 10 × its own √tr CRLB", **ring, **plain),
+        Line2D([], [], label="ok, but far: error beyond 10 × its own √tr CRLB", **ring, **plain),
         Line2D([], [], marker="x", markersize=3.5, color=style.FAINT, label="a fit whose status is not ok", **plain),
         Line2D([], [], linewidth=1.2, color=style.INK, dashes=(2, 1), label="median in each decade"),
         Line2D([], [], linewidth=0.8, color=style.FAINT, dashes=(5, 2.5), label=f"below: {FAR:g} × its own √tr CRLB"),

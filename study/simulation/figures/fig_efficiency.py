@@ -38,7 +38,7 @@ _LOW, _HIGH = 0.5, 10.0  # shown at least
 
 
 def prepare(tables: Tables) -> Frame:
-    """Medians over the bound, at the greatest number of samples, and at the first radius and centre.
+    """Medians over the bound, at the greatest number of samples, the first radius and centre, and directions by area.
 
     Returns:
         curves: a row per angle, noise and estimator: the median error in units of an efficient estimator's, and its
@@ -52,9 +52,9 @@ def prepare(tables: Tables) -> Frame:
         NotApplicable: unless the design is a grid with at least four levels of isotropic noise.
     """
     tables.require_grid(isotropic=True)
-    tables.require_directions_by_area()
     tables.require_all_trials("ratio_median")
-    cells = tables.summary[tables.summary["samples"] == tables.summary["samples"].max()]
+    cells = tables.by_area()
+    cells = cells[cells["samples"] == cells["samples"].max()]
     cells = shared.at_first(cells, besides=("noise", "angle"))
     level = cells["noise"] / cells["radius"]
     if level.nunique() < _LEAST_LEVELS:

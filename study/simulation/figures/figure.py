@@ -149,6 +149,19 @@ class Tables:
             words = "the run is of an earlier version, which kept no medians of all trials"
             raise NotApplicable(f"{words}: run its config again, in another folder (--out)")
 
+    def by_area(self) -> pd.DataFrame:
+        """The summary's rows of directions by area, which have an attainable bound.
+
+        Raises:
+            NotApplicable: if there are none.
+        """
+        if DIRECTIONS.name not in self.summary:
+            return self.summary
+        rows = self.summary[self.summary[DIRECTIONS.name] == DIRECTIONS.default]
+        if rows.empty:
+            raise NotApplicable(f'compares with bounds of directions by area: {DIRECTIONS.name} has no "area"')
+        return rows
+
     def require_directions_by_area(self) -> None:
         """Raise `NotApplicable` if directions have another law than the bounds that a figure draws."""
         if DIRECTIONS.name in self.summary and set(self.summary[DIRECTIONS.name]) != {DIRECTIONS.default}:

@@ -19,6 +19,7 @@ from study.fits.registry import ESTIMATORS
 from study.simulation import figures
 from study.simulation.analysis import regret
 from study.simulation.claims import CLAIMS, Verdict, judged
+from study.simulation.claims.claim import OTHER_CAUSE
 from study.simulation.claims.readings import Readings
 from study.simulation.experiment.conditions import distinguishing
 from study.simulation.experiment.config import summary_line
@@ -31,9 +32,8 @@ from study.text import one_line, paragraphs
 
 _BEGINNINGS = {
     Verdict.REPRODUCED: "Yes",
-    Verdict.LIMITED: "Within limits",
-    Verdict.OTHER_CAUSE: "Yes, of another cause",
-    Verdict.PARTLY: "In part",
+    Verdict.MOSTLY: "Mostly",
+    Verdict.IN_PART: "In part",
     Verdict.NOT_REPRODUCED: "No",
 }
 _CLAIMS = {claim.name: claim for claim in CLAIMS}
@@ -58,9 +58,13 @@ def answer(name: str, verdict: str, finding: str) -> str:
         finding: the lines of its numbers, as the claims table has them.
 
     Returns:
-        "Yes", "Within limits", … or "No", and the sentence; the verdict itself where it is another.
+        "Yes", "Mostly", "In part" or "No", perhaps of another cause, and the sentence; the verdict itself where it is
+        another.
     """
-    begin = _BEGINNINGS.get(Verdict(verdict), verdict) if verdict in set(Verdict) else verdict.capitalize()
+    graded = verdict.removesuffix(OTHER_CAUSE)
+    begin = _BEGINNINGS[Verdict(graded)] if graded in _BEGINNINGS else verdict.capitalize()
+    if verdict.endswith(OTHER_CAUSE) and graded in _BEGINNINGS:
+        begin += OTHER_CAUSE.replace("another", "of another")
     try:
         rest = _filled(_CLAIMS[name].answer, finding)
     except (KeyError, IndexError, ValueError):  # a claim of another version, or one whose numbers are fewer

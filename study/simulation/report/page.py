@@ -16,7 +16,6 @@ import hashlib
 import json
 import math
 import shlex
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -28,7 +27,8 @@ from markupsafe import Markup
 from study import style
 from study.files import stored_csv
 from study.fits import Status
-from study.simulation.claims import Verdict
+from study.simulation.claims import Verdict, counted
+from study.simulation.claims.claim import OTHER_CAUSE
 from study.simulation.experiment.conditions import LABELS
 from study.simulation.experiment.measures import MeasureColumn
 from study.simulation.figures import Tables, gathered
@@ -185,8 +185,8 @@ def _part(name: str) -> str:
     return (_FOLDER / name).read_text(encoding="utf-8")
 
 
-_LOOKS = dict(zip(map(str, Verdict), ("good", "partly", "partly", "partly", "bad", "untested"), strict=True))
-_SHORT = dict(zip(map(str, Verdict), ("yes", "limits", "cause", "part", "no", "–"), strict=True))
+_LOOKS = dict(zip(map(str, Verdict), ("good", "partly", "partly", "bad", "untested"), strict=True))
+_SHORT = dict(zip(map(str, Verdict), ("yes", "mostly", "part", "no", "–"), strict=True))
 _PROSE = "stacked prose"
 _Claim = dict[Any, Any]
 """A row of the claims table."""
@@ -201,7 +201,10 @@ def claims_section(material: Material) -> Iterable[Section]:
     if judged:
         head = ["No.", "§", "The paper says", "Found"]
         rows, ids = [_judged(claim, material) for claim in judged], [f"claim-{claim['number']}" for claim in judged]
-        caption = "Each verdict is computed from numbers with their Monte-Carlo errors, by the rule given with them."
+        caption = one_line("""
+            One rule for all: reproduced in .95 of a claim's conditions or more, mostly in .8, in part in .2, not
+            reproduced in fewer; another cause stands beside it where the paper's reason fails.
+        """)
         content.append(html.table("The paper's claims and what was found", caption, head, rows, look=_PROSE, ids=ids))
     if rest:
         rows = [[*_place(claim), html.coded(claim["finding"])] for claim in rest]
@@ -235,16 +238,14 @@ def _place(claim: _Claim) -> list[str]:
 
 def tally(claims: pd.DataFrame) -> Markup:
     """The sentence that counts each verdict, in the order of the verdicts."""
-    counts = Counter(str(verdict) for verdict in claims["verdict"])
-    order = [*(str(v) for v in Verdict if str(v) in counts), *sorted(set(counts) - {str(v) for v in Verdict})]
     badges: list[str] = [f"{len(claims)} claim{'s' * (len(claims) > 1)}: "]
-    for verdict in order:
-        badges += [_badge(verdict, f"{counts[verdict]} {verdict}"), " "]
+    for verdict, number in counted(claims).items():
+        badges += [_badge(verdict, f"{number} {verdict}"), " "] if number else []
     return html.paragraph(badges[:-1])
 
 
 def _badge(verdict: str, words: str) -> Markup:
-    return html.badge(words, _LOOKS.get(verdict, "untested"))
+    return html.badge(words, _LOOKS.get(verdict.removesuffix(OTHER_CAUSE), "untested"))
 
 
 def _judged(claim: _Claim, material: Material) -> list[Content]:
@@ -302,15 +303,14 @@ def readings_section(material: Material) -> Iterable[Section]:
         cells: list[Content] = []
         for key in readings.others:
             verdict = readings.verdict(row["name"], *key)
-            short = _SHORT[verdict] if verdict else "·"
+            short = _SHORT[verdict.removesuffix(OTHER_CAUSE)] if verdict else "·"
             cells.append(_badge(verdict, short) if verdict not in ("", row["verdict"]) else short)
-        short = _SHORT.get(row["verdict"], "–")
+        short = _SHORT.get(row["verdict"].removesuffix(OTHER_CAUSE), "–")
         lines.append([html.link(f"{row['number']} {row['name']}", f"claim-{row['number']}"), short, *cells])
     titles = ["Claim", "used", *(readings.letters[key] for key in readings.others)]
     caption = one_line("""
-        Verdicts under each reading: reproduced (yes), partly (within limits, or of another cause), not reproduced
-        (no), not evaluated (–); a dot where a reading cannot change it. A verdict that changes, or cannot be given, is
-        framed.
+        Verdicts under each reading: reproduced (yes), mostly, in part (part), not reproduced (no), not evaluated (–); a
+        dot where a reading cannot change it. A verdict that changes, or cannot be given, is framed.
     """)
     matrix = html.table("Claims under each reading", caption, titles, lines)
     told = [

@@ -6,7 +6,7 @@ import math
 import pandas as pd
 import pytest
 
-from study.simulation.claims.claim import Verdict
+from study.simulation.claims.claim import OTHER_CAUSE, Verdict
 from study.simulation.report.material import Material
 from study.simulation.report.page import render
 from study.simulation.runs import schemas
@@ -60,7 +60,7 @@ def claims(make_claims, circles):
     name = circles.study.run_name()
     return make_claims(
         (Verdict.REPRODUCED, {"figure": "fig7_power_law", "runs": f"{name}, other-0123456789"}),
-        (Verdict.PARTLY, {"figure": "fig6_mgdk"}),
+        (f"{Verdict.MOSTLY}{OTHER_CAUSE}", {"figure": "fig6_mgdk"}),
         (Verdict.NOT_REPRODUCED, {"remark": "a remark of its own"}),
         (
             Verdict.NOT_EVALUATED,

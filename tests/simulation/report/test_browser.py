@@ -92,7 +92,7 @@ def long_words(make_run, make_claims, tmp_path_factory):
     text = config(top, kind="random", trials=3, samples=20, angle=angle)
     run = make_run(text, tmp_path_factory.mktemp("long") / ("b" * 100) / name)
     words = dict.fromkeys(("section", "statement", "quantity", "finding", "criterion", "remark", "reads"), "w" * 150)
-    claims = make_claims(("partly", words | {"figure": "f" * 80}), ("not evaluated", words | {"runs": name}))
+    claims = make_claims(("mostly", words | {"figure": "f" * 80}), ("not evaluated", words | {"runs": name}))
     return render(Material([run], claims))
 
 
@@ -145,7 +145,7 @@ def whole(circles, random, many, make_claims):
     words = "of the median error over the Cramér-Rao bound "
     finding = "\n".join(f"number {i} {words}: 0.25 ± 0.01" for i in range(6))
     said = {"finding": finding, "criterion": 7 * words, "remark": 7 * words, "quantity": words, "statement": 3 * words}
-    claims = make_claims(*((Verdict.PARTLY, said) for _ in range(28)))
+    claims = make_claims(*((Verdict.IN_PART, said) for _ in range(28)))
     with pytest.MonkeyPatch.context() as patch:
         figures = {f"figure_{i}": FIGURES["fig3_gdke_ellipse"] for i in range(12)}
         patch.setattr("study.simulation.figures.FIGURES", figures)

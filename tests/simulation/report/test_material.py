@@ -79,8 +79,8 @@ def efficiency():
 @pytest.mark.parametrize("claim", CLAIMS, ids=[claim.name for claim in CLAIMS])
 def test_answers_are_sentences(claim):
     """An answer begins with its verdict, has a number in it, and ends; it fits the numbers that the judge reads."""
-    text = answer(claim.name, "partly", finding(0.25, 0.5, 0.75, 1.5, 2.5))
-    assert text.startswith("In part: ")
+    text = answer(claim.name, "in part, another cause", finding(0.25, 0.5, 0.75, 1.5, 2.5, 3.5))
+    assert text.startswith("In part, of another cause: ")
     assert "number 0" not in text  # the first number stands in for a sentence that does not fit
     assert text.endswith(".")
     assert any(digits in text for digits in ("25", "50", "0.75", "1.5", "2.5"))
@@ -88,13 +88,13 @@ def test_answers_are_sentences(claim):
 
 def test_answers_follow_the_verdict_and_the_numbers():
     """The same claim with other numbers."""
-    none = answer("ugdk-closest", "not reproduced", finding(0.0, 13 / 28, 25.96, 1.073))
+    none = answer("ugdk-closest", "not reproduced", finding(0.0, 0.5, 0.46, 25.96))
     assert none == (
-        "No: UGDK is clearly the closest in none of the decades of noise, and another method is clearly closer in "
-        "46\u00a0%."
+        "No: UGDK's median error is the least in none of the cells of the grid, level with the least in 50\u00a0% and "
+        "above it in 46\u00a0%; at worst it is 26\u00a0times the least."
     )
-    most = answer("ugdk-closest", "reproduced", finding(0.75, 0.0, 1.0, 1.0))
-    assert most.startswith("Yes: UGDK is clearly the closest in 75\u00a0% of the decades")
+    most = answer("ugdk-closest", "mostly", finding(0.85, 0.0, 0.15, 1.5))
+    assert most.startswith("Mostly: UGDK's median error is the least in 85\u00a0% of the cells")
 
 
 @pytest.mark.parametrize("name", ["unheard-of", "one-line"])
@@ -133,18 +133,19 @@ def test_findings_for_a_terminal():
     ("verdict", "says"),
     [
         (Verdict.REPRODUCED, "The paper's main claim holds."),
-        (Verdict.PARTLY, "The paper's main claim holds in part."),
+        (Verdict.IN_PART, "The paper's main claim holds in part."),
         (Verdict.NOT_REPRODUCED, "The paper's main claim does not hold."),
     ],
 )
 def test_the_main_claim_comes_first(efficiency, verdict, says):
     """It is said first whether the claim holds, then which estimator to use; each by the numbers."""
-    rows = [judged("mle-outliers", "partly", 0.04, 0.0), judged("ugdk-closest", verdict, 0.25, 0.5, 3.0)]
+    of_starts = judged("mle-outliers", "in part, another cause", 0.6, 0.04, 0.0)
+    rows = [of_starts, judged("ugdk-closest", verdict, 0.25, 0.5, 0.2, 3.0, 0.1, 0.4)]
     claims = pd.DataFrame(rows)
     first, second, third, last = material.findings(claims, efficiency)
     assert (first.head, first.claim) == (says, 2)
-    assert "in 25\u00a0% of the decades" in first.rest
-    assert first.rest.endswith("it errs 3.0\u00a0times as far as the best of the others.")  # whichever that is
+    assert "in 25\u00a0% of the cells" in first.rest
+    assert first.rest.endswith("and another method is clearly closer in 40\u00a0%.")
     assert second.head == "Use the estimator MLE instead."  # not ALS, which is the nearest beyond the radius alone
     assert "Over 4 conditions with 100 points" in second.rest
     assert "1.00 times the least of all estimators, UGDK's 4.00 times." in second.rest
@@ -155,7 +156,7 @@ def test_the_main_claim_comes_first(efficiency, verdict, says):
 
 def test_the_main_claim_names_its_readings(efficiency):
     """If the paper can be read otherwise, the head says as what it was read, and how the claim fares else."""
-    claims = pd.DataFrame([judged("ugdk-closest", "not reproduced", 0.0, 0.46, 26.0)])
+    claims = pd.DataFrame([judged("ugdk-closest", "not reproduced", 0.0, 0.5, 0.5, 26.0, 0.0, 0.46)])
     readings = SimpleNamespace(otherwise=lambda name: f" as {name} is read; it holds if the noise is radial")
     (first,) = material.findings(claims, None, readings)
     words = "as ugdk-closest is read; it holds if the noise is radial."
@@ -183,12 +184,13 @@ def test_findings_without_tables(efficiency):
 
 def test_gdke_and_lls():
     """The words about them follow the numbers."""
-    rows = [judged("gdke-bias-stays", "reproduced", 10, 0, 1.1), judged("lls-outliers-small", "reproduced", 0, 0.14)]
+    rows = [judged("gdke-bias-stays", "reproduced", 1, 10, 0, 1.1)]
+    rows += [judged("lls-outliers-small", "reproduced", 1, 0, 0.14)]
     of_lls, of_gdke = material.findings(pd.DataFrame(rows), None)
     assert of_gdke.head == "GDKE is biased, and more points do not help."
     assert of_gdke.rest.startswith("The bias is 10\u00a0times its scatter, and none of its 95 % ellipses")
     assert of_lls.head == "LLS's outliers come from a cut of small singular values."
-    rows[1] = judged("lls-outliers-small", "partly", 0.2, 0.14)
+    rows[1] = judged("lls-outliers-small", "in part", 0.4, 0.2, 0.14)
     assert material.findings(pd.DataFrame(rows), None)[0].head == "LLS's outliers."
 
 

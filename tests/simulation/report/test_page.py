@@ -132,10 +132,10 @@ def test_figures_not_drawn(document, circles, random, feeds):
 
 def test_claims(document):
     """Verdicts are counted, in their order; numbers are a reader's; the unevaluated stand apart with their reasons."""
-    counted = "5 claims: 2 reproduced 1 partly 1 not reproduced 1 not evaluated"
+    counted = "5 claims: 2 reproduced 1 mostly 1 not reproduced 1 not evaluated 1 of these with another cause"
     assert counted in document.text
     badges = [tag["class"] for tag in document.of("span") if "badge" in tag.get("class", "")]
-    tally = ["good", "partly", "bad", "untested"]
+    tally = ["good", "partly", "bad", "untested", "untested"]
     judged = ["good", "partly", "bad", "good"]
     assert badges == [f"badge {look}" for look in tally + judged]
     assert "statement 3 of the <paper>" in document.text
@@ -401,13 +401,16 @@ def rows_of(text, label):
 
 def test_readings(circles, make_claims, no_figures):
     """Every claim has a row, every other reading a column; what changes is framed and told with the claim."""
-    main = {"name": "ugdk-closest", "finding": "closer: 0\nfarther: 0.46\nover: 26 ± 7"}
-    claims = make_claims((Verdict.NOT_REPRODUCED, main), (Verdict.PARTLY, {"name": "one-line"}))
+    main = {
+        "name": "ugdk-closest",
+        "finding": "share: 0\nlevel: 0.5\nover: 0.5\nworst: 26 ± 7\ncloser: 0\nfarther: 0.46",
+    }
+    claims = make_claims((Verdict.NOT_REPRODUCED, main), (Verdict.IN_PART, {"name": "one-line"}))
     choices = read_choices(shipped_config("readings"))
     table = pd.DataFrame(
         [
             ("noise-law", "radial", 1, "ugdk-closest", "reproduced", "not reproduced", 0.5, 0.0, 9, "a share: 0.46"),
-            ("noise-law", "radial", 2, "one-line", "partly", "partly", 0.5, 0.1, 9, "an exponent: 1 ± 0.1"),
+            ("noise-law", "radial", 2, "one-line", "in part", "in part", 0.5, 0.1, 9, "an exponent: 1 ± 0.1"),
         ],
         columns=list(COLUMNS),
     )

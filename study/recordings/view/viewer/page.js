@@ -266,6 +266,7 @@ function start() {
         if (!(error instanceof MotionError)) throw error;
         say(`The motion in this page cannot be shown: ${error.message}.`);
     }
+    if (stage.isFlat) say("This browser offers no WebGL: bones and joints are drawn flat, and slowly.");
     window.viewer = player; // for the tests of this page, and for the console
 }
 

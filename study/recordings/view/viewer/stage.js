@@ -18,9 +18,14 @@ function placeRod(drawn, a, b, radius) {
 
 class Stage {
     constructor(canvas) {
-        const hasWebGL = document.createElement("canvas").getContext("webgl2") !== null;
-        // the buffer is kept, for a browser that paints the page again without asking
-        this.renderer = hasWebGL ? new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true }) : new FlatRenderer(canvas);
+        try {
+            if (!document.createElement("canvas").getContext("webgl2")) throw new Error("no WebGL");
+            // the buffer is kept, for a browser that paints the page again without asking
+            this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+        } catch {
+            this.renderer = new FlatRenderer(canvas);
+            this.isFlat = true;
+        }
         this.renderer.setClearColor(0xffffff);
         this.scene = new THREE.Scene();
         this.camera = new THREE.PerspectiveCamera(30, 1, 0.05, 200);
