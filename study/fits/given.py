@@ -421,7 +421,7 @@ def _quantile(sets: Weighted, spare: Floats, level: Floats | float) -> Floats:
 def _at_radii(sets: Weighted, start: Spheres, radii: Floats) -> AtRadius:
     """The centres at radii (b, g), and their scores, from spheres of the middle one, in the units of the sets."""
     result = AtRadius.unknown(radii, sets.points.shape[2])
-    for places, part, _ in for_kernels(sets, start._replace(radius=radii[:, radii.shape[1] // 2])):
+    for places, part, _ in for_kernels(sets, start._replace(radius=radii[:, radii.shape[1] // 2]), plain=True):
         for whole, values in zip(result, at_radii(part, radii[places]), strict=True):
             whole[places] = values
     return result

@@ -148,7 +148,9 @@ class Weighted(NamedTuple):
         return Weighted(*parts)  # type: ignore[arg-type]
 
 
-def for_kernels(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Iterator[tuple[Ints, PointSets, Floats]]:
+def for_kernels(
+    sets: Weighted, spheres: Spheres, corrected: bool = True, plain: bool = False
+) -> Iterator[tuple[Ints, PointSets, Floats]]:
     """Sets of equally many points as the compiled loops take them, with their places (k,) and the mean of 1/v (k,).
 
     A point with a covariance weighs by its variance along the normal of its set's sphere, and keeps that weight.
@@ -157,9 +159,11 @@ def for_kernels(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Ite
         sets: the points.
         spheres: spheres to start from.
         corrected: noise lengthens radii; if not, as if all of it were along them.
+        plain: sets of equal weights and unknown scale have none, which is faster.
     """
-    for count in np.unique(sets.size[sets.size > sets.points.shape[2]]).astype(int).tolist():
-        places = np.flatnonzero(sets.size == count)
+    kinds = np.column_stack([sets.size.astype(int), sets.alike & plain])
+    for count, same in np.unique(kinds[sets.size > sets.points.shape[2]], axis=0).tolist():
+        places = np.flatnonzero((kinds == [count, same]).all(axis=1))
         part, sphere = sets.take(places), spheres.take(places)
         if sets.covariances is not None:
             p, bent, mean = along_normals(part, sphere)
@@ -171,7 +175,11 @@ def for_kernels(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Ite
         def dense(array: Floats, part: Weighted = part, shape: tuple[int, int] = (len(places), count)) -> Floats:
             return np.ascontiguousarray(np.moveaxis(array[part.present].reshape(*shape, -1), 2, 1))
 
-        own = BatchWeights(dense(p)[:, 0], bent if bent.size == 0 else dense(bent), part.scale / mean, alone(count))
+        own = (
+            None
+            if same
+            else BatchWeights(dense(p)[:, 0], bent if bent.size == 0 else dense(bent), part.scale / mean, alone(count))
+        )
         yield places, PointSets(dense(part.points), sphere.center, sphere.radius, own), mean
 
 
