@@ -131,6 +131,7 @@ Wanted = Annotated[float | None, typer.Option("--error", help="standard error th
 HalfAngle = Annotated[float | None, typer.Option("--angle", help="half-angle of the cap that is measured, in degrees")]
 Count = Annotated[int | None, typer.Option("--points", min=1, help="number of points that are measured")]
 ErrorOf = Annotated[str, typer.Option("--of", help="the error is that of the center, along the cap's axis, or radius")]
+OnArc = Annotated[bool, typer.Option("--circle", help="a circle in space; --angle is half of the arc")]
 PlanAsJson = Annotated[bool, typer.Option("--json", help="print the plan as a JSON object")]
 _PAIRS = "folders of pairs NAME.ds (a point a line) and NAME.fit (centre and diameter) [default: the package's own]"
 Pairs = Annotated[list[Path] | None, typer.Argument(metavar="FOLDER", help=_PAIRS)]
@@ -440,25 +441,28 @@ def plan_fit(
     angle: HalfAngle = None,
     points: Count = None,
     of: ErrorOf = "center",
+    circle: OnArc = False,
     as_json: PlanAsJson = False,
 ) -> None:
     """Plan a measurement: points, cap or error.
 
     Of --error, --angle and --points two are given. A simulation of such measurements says how often their fit is ok.
 
-    With --json: points, angle, center_error, across_error, radius_error, ok_share and its Monte-Carlo error ok_error.
+    With --json: points, angle, center_error, across_error, radius_error, ok_share and its Monte-Carlo error ok_error;
+    with --circle axis_error, in radians.
     """
     from study.fits import plan as plans
 
     try:
-        plan = plans.plan_fit(noise, radius, error, angle=angle, points=points, of=of)
+        plan = plans.plan_fit(noise, radius, error, angle=angle, points=points, of=of, dimension=2 if circle else 3)
     except ValueError as fault:
         raise typer.BadParameter(str(fault)) from None
     if as_json:
-        share = dict(zip(("ok_share", "ok_error"), plans.ok_share(plan, noise, radius), strict=True))
-        typer.echo(json_text(plan._asdict() | share))
+        share = dict(zip(("ok_share", "ok_error"), plans.ok_share(plan, noise, radius, circle=circle), strict=True))
+        axis = {"axis_error": plans.axis_error(plan, noise, radius)} if circle else {}
+        typer.echo(json_text(plan._asdict() | axis | share))
     else:
-        echo(plans.plan_in_words(plan, noise, radius, error, of))
+        echo(plans.plan_in_words(plan, noise, radius, error, of, circle))
 
 
 def export(folder: Folder, xarray: ToXarray = None, duckdb: ToDuckdb = None) -> None:

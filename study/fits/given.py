@@ -17,18 +17,17 @@ import scipy
 from study.arrays import Bools, Floats, Ints
 from study.fits.fitted import FittedPoints, RadiusTest
 from study.fits.goodness import Goodness, number_of
-from study.fits.intervals import AtRadius, BatchWeights, Intervals, PointSets, at_radii, intervals_of
+from study.fits.intervals import AtRadius, Intervals, Spheres, at_radii, intervals_of
 from study.fits.judge import PointEvidence, weighted_outliers, widened
 from study.fits.prior import Believed
 from study.fits.robust import Found, find
 from study.fits.samples import Estimates, Estimator, Given, Samples, StatedRadius, Status, blank, careful_fit
 from study.fits.weighted import (
-    Spheres,
     Weighted,
-    along_normals,
     corrected_equations,
     cost,
     covariance,
+    for_kernels,
     least_squares,
     solve,
 )
@@ -419,32 +418,10 @@ def _quantile(sets: Weighted, spare: Floats, level: Floats | float) -> Floats:
     return np.asarray(quantile)
 
 
-def _for_kernels(sets: Weighted, spheres: Spheres) -> Iterator[tuple[Ints, PointSets]]:
-    """Sets of equally many points as the kernels of intervals take them, with their places (k,).
-
-    A point with a covariance weighs by its variance along the normal of its set's sphere, and keeps that weight.
-    """
-    kinds = np.column_stack([sets.size.astype(int), sets.alike])
-    for count, same in np.unique(kinds[sets.size > sets.points.shape[2] + 1], axis=0).tolist():
-        places = np.flatnonzero((kinds == [count, same]).all(axis=1))
-        part, sphere = sets.take(places), spheres.take(places)
-        if not same and sets.covariances is not None:
-            p, bent, scale = along_normals(part, sphere)
-        else:
-            p, scale = part.weights, part.scale
-            bent = np.zeros((*p.shape, 2)) if part.radial else np.empty((len(places), 2, 0))
-
-        def dense(array: Floats, part: Weighted = part, shape: tuple[int, int] = (len(places), count)) -> Floats:
-            return np.ascontiguousarray(np.moveaxis(array[part.present].reshape(*shape, -1), 2, 1))
-
-        weights = None if same else BatchWeights(dense(p)[:, 0], bent if bent.size == 0 else dense(bent), scale)
-        yield places, PointSets(dense(part.points), sphere.center, sphere.radius, weights)
-
-
 def _at_radii(sets: Weighted, start: Spheres, radii: Floats) -> AtRadius:
     """The centres at radii (b, g), and their scores, from spheres of the middle one, in the units of the sets."""
     result = AtRadius.unknown(radii, sets.points.shape[2])
-    for places, part in _for_kernels(sets, start._replace(radius=radii[:, radii.shape[1] // 2])):
+    for places, part, _ in for_kernels(sets, start._replace(radius=radii[:, radii.shape[1] // 2]), plain=True):
         for whole, values in zip(result, at_radii(part, radii[places]), strict=True):
             whole[places] = values
     return result
@@ -478,7 +455,7 @@ def _without_radius(sets: Weighted, quantile: Floats) -> Intervals:
     for part, better in zip(start, sphere, strict=True):
         part[fine] = better[fine]
     result = Intervals.unbounded(len(fine), sets.points.shape[2], 0.5)
-    for places, some in _for_kernels(sets, start):
+    for places, some, _ in for_kernels(sets, start):
         for whole, values in zip(result, intervals_of(some, quantile[places]), strict=True):
             whole[places] = values
     return result

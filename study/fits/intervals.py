@@ -21,10 +21,20 @@ from scipy.special import stdtrit
 from study.arrays import Bools, Floats, Ints
 from study.fits.bounds import NOISY
 from study.fits.closed_forms import als
-from study.fits.jit import Sums, compiled, zeros
-from study.fits.joint_score import joint_score, solve_joint
+from study.fits.jit import Sums, compiled, dot, zeros
 from study.fits.samples import FARTHEST, Samples, is_ordinary
-from study.fits.score import Markers, PointSet, Profile, Weights, new_profile, place, score, solve_profile
+from study.fits.score import (
+    PointSet,
+    Profile,
+    Weights,
+    covary,
+    first_variance,
+    new_profile,
+    new_weights,
+    place,
+    score,
+    solve_profile,
+)
 
 _MOST = 100
 """Largest number of evaluations for one set."""
@@ -126,22 +136,24 @@ def _compute(samples: Samples, level: float, stretch: Floats, result: Intervals)
         return
     start = als(samples)
     quantiles = stretch * float(stdtrit(n - d - 1, 0.5 * (1.0 + level)))
-    sets = PointSets(samples.rows, start.center, start.radius, None, None)
+    sets = PointSets(samples.rows, start.center, start.radius, None)
     _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
 
 
 class BatchWeights(NamedTuple):
-    """Weights of the points of a batch; see `Weights`.
+    """Weights and groups of the points of a batch; see `Weights`.
 
     Attributes:
         p: weights, of mean 1 in each set (b, n).
         bent: factors of s/r in the means of points with covariances (b, 2, n); else (b, 2, 0).
         scale: s (b,) in the points' unit squared, NaN where it is not known.
+        group: the group of each point, of all sets alike (n,).
     """
 
     p: Floats
     bent: Floats
     scale: Floats
+    group: Ints
 
 
 class PointSets(NamedTuple):
@@ -150,26 +162,66 @@ class PointSets(NamedTuple):
     Attributes:
         x: the points (b, d, n).
         center: centres (b, d).
-        radius: radii (b,).
-        weights: of the points; None where all weigh the same, and the scale of the noise is not known.
-        markers: of the points of a single set, each with a radius of its own; None for one sphere.
+        radius: radii (b,), of group 0.
+        weights: of the points; None where all weigh the same, on one sphere, and the scale of the noise is not known.
     """
 
     x: Floats
     center: Floats
     radius: Floats
     weights: BatchWeights | None
-    markers: Markers | None = None
 
 
 def intervals_of(sets: PointSets, quantiles: Floats) -> Intervals:
-    """Intervals of points with weights, or of several markers, from quantiles of T (b,).
+    """Intervals of points with weights, or of several groups, from quantiles of T (b,).
 
-    They are those of the normal law where the scale of the noise is known. Of markers the radius is that of the first.
+    They are those of the normal law where the scale of the noise is known. The radius is that of group 0.
     """
     b, d, _ = sets.x.shape
     result = Intervals.unbounded(b, d, 0.5)
     _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
+    return result
+
+
+class Spheres(NamedTuple):
+    """Spheres of a batch: centre (b, d), radius (b,), noise variance of weight 1 (b,), True where they are answers."""
+
+    center: Floats
+    radius: Floats
+    scale: Floats
+    found: Bools
+
+    def take(self, places: Bools | Ints) -> "Spheres":
+        """Some spheres of the batch."""
+        return Spheres(self.center[places], self.radius[places], self.scale[places], self.found[places])
+
+
+def spheres_of(sets: PointSets, fuller: Floats, downhill: bool) -> Spheres:
+    """Spheres that solve the equations of points with weights (theory 9.6).
+
+    Args:
+        sets: the points, with spheres to start from.
+        fuller: Fuller's constant α (b,); NaN where the radius is known.
+        downhill: the equations are those of a minimum; steps go down to it.
+    """
+    b, d, _ = sets.x.shape
+    result = Spheres(sets.center.copy(), sets.radius.copy(), np.full(b, np.nan), np.zeros(b, dtype=np.bool_))
+    _solve_all(sets, fuller, downhill, result, zeros(d), zeros(d, d))
+    return result
+
+
+def covariances_of(sets: PointSets, scale: Floats, known: Bools, corrected: bool) -> Floats:
+    """Covariance of (ĉ, r̂) (b, d+1, d+1) of spheres of points with weights (theory 9.6); NaN where there is none.
+
+    Args:
+        sets: the points, with their spheres.
+        scale: noise variances of a point of weight 1 (b,).
+        known: True where the radius is known, and has no error (b,).
+        corrected: that of the corrected equations; else the Cramér-Rao bound.
+    """
+    b, d, _ = sets.x.shape
+    result = np.full((b, d + 1, d + 1), np.nan)
+    _covary_all(sets, scale, known, corrected, result, zeros(d), zeros(d, d))
     return result
 
 
@@ -254,13 +306,13 @@ def _predict(profile: Profile, before: Evaluations, count: int, k: float, center
 
 @compiled
 def _evaluate(
-    points: PointSet, markers: Markers | None, profile: Profile, done: Evaluations, count: int, k: float, start: Floats
+    points: PointSet, weights: Weights | None, profile: Profile, done: Evaluations, count: int, k: float, start: Floats
 ) -> int:
     """Write the profile and the score at a curvature to place ``count``, unless there is no profile.
 
     Args:
         points: the points.
-        markers: theirs.
+        weights: theirs, or None.
         profile: that of the last evaluation; receives the new one.
         done: the evaluations, of which ``count`` are done.
         count: their number.
@@ -275,19 +327,13 @@ def _evaluate(
         start[1, i] = start[0, i]
     _predict(profile, done, count, k, start[1])
     place(profile, 1.0 / abs(k), start[1])
-    if markers is None:
-        converged, means = solve_profile(points, profile, points.least)
-    else:
-        converged, means = solve_joint(points, profile, markers)
+    converged, means = solve_profile(points, weights, profile, points.least)
     side = 0.0
     for i in range(d):
         side += profile.toward[i] * done.bend[0, i] if count > 0 else 0.0
     if not converged or (k < 0.0 and not side > 0.0):  # it fell back to the side of the estimate
         return _FAILED
-    if markers is None:
-        value, slope, spread = score(points, profile, means)
-    else:
-        value, slope, spread = joint_score(profile, markers)
+    value, slope, spread = score(points, weights, profile, means)
     if not (abs(value) < math.inf and slope == slope):
         return _FAILED
     r = profile.sphere[0]
@@ -372,21 +418,27 @@ def _toward_zero(done: Evaluations, m: int, below: float, above: float) -> float
 
 @compiled
 def _search(
-    points: PointSet, profile: Profile, done: Evaluations, start: Floats, first: float, quantile: float
+    points: PointSet,
+    weights: Weights | None,
+    profile: Profile,
+    done: Evaluations,
+    start: Floats,
+    guess: tuple[float, float],
 ) -> tuple[float, float, int, int]:
-    """Search the ends of the set of curvatures with |T| ≤ q, from a first curvature.
+    """Search the ends of the set of curvatures with |T| ≤ q, from a guess: a first curvature, and q.
 
     Returns:
         The curvatures where T is -q and where it is q, NaN where an end is open, the number of evaluations, and the
         place of that where T is 0, or -1. The lower end is negative where a plane is not rejected.
     """
     low = high = below = above = math.nan
+    first, quantile = guess
     k, tries, origin, at_plane = max(first, _FLAT), 0, -1, False
     count = int(np.int64(0))  # for a plain 0, functions that get it would be compiled apart
     turn, wanted, bracket = 0, 0.0, _open(math.nan, math.nan, math.nan)
     for _ in range(_MOST):
         sharp = abs(k) > _SHARPEST
-        m, code = count, _FAILED if sharp else _evaluate(points, points.markers, profile, done, count, k, start)
+        m, code = count, _FAILED if sharp else _evaluate(points, weights, profile, done, count, k, start)
         if turn == 0:  # to T = 0
             if code == _FAILED:
                 tries += 1
@@ -524,30 +576,68 @@ def _load(x: Floats, t: int, rows: Floats, origin: Floats) -> tuple[float, float
 
 
 @compiled
-def _first_variance(rows: Floats, center: Floats, radius: float) -> float:
-    """Mean square of the distances from the first sphere."""
-    total, n = 0.0, rows.shape[1]
-    for k in range(n):
-        square = 0.0
-        for i in range(center.size):
-            square += (rows[i, k] - center[i]) ** 2
-        total += (math.sqrt(square) - radius) ** 2
-    return float(total / n)
-
-
-@compiled
-def _weights_of(weights: BatchWeights | None, t: int, unit: float) -> Weights | None:
+def _weights_of(
+    weights: BatchWeights | None, t: int, unit: float, fuller: float, downhill: bool, d: int
+) -> Weights | None:
     """Weights of a set in a unit; None where there are none."""
     if weights is None:
         return None
     scale = np.full(1, weights.scale[t] / unit / unit)
-    return Weights(weights.p[t], weights.bent[t], np.empty((2, weights.p.shape[1])), scale)
+    return new_weights(weights.p[t], weights.bent[t], scale, weights.group, fuller, downhill, d)
+
+
+@compiled
+def _solve_all(sets: PointSets, fuller: Floats, downhill: bool, result: Spheres, zero: Sums, square: Sums) -> None:
+    """Fill in the sphere of each set of a batch; see `spheres_of`."""
+    x, centers, radii, every = sets
+    b, d, n = x.shape
+    rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
+    for t in range(b):
+        unit, rounding = _load(x, t, rows, origin)
+        points = PointSet(rows, zero, square, rounding * rounding)
+        weights = _weights_of(every, t, unit, fuller[t], downhill, d)
+        for i in range(d):
+            start[i] = (centers[t, i] - origin[i]) / unit
+        r = radii[t] / unit
+        if not (unit > 0.0 and 0.0 < r < math.inf and dot(start, start) < math.inf):
+            continue
+        profile.sphere[2] = max(first_variance(points, weights, start, r), points.least)
+        place(profile, r, start)
+        result.found[t], _ = solve_profile(points, weights, profile, points.least)
+        result.radius[t], result.scale[t] = unit * profile.sphere[0], profile.sphere[2] * unit * unit
+        for i in range(d):
+            result.center[t, i] = origin[i] + unit * profile.sphere[0] * profile.toward[i]
+
+
+@compiled
+def _covary_all(
+    sets: PointSets, scale: Floats, known: Bools, corrected: bool, result: Floats, zero: Sums, square: Sums
+) -> None:
+    """Fill in the covariance of each sphere of a batch; see `covariances_of`."""
+    x, centers, radii, every = sets
+    b, d, n = x.shape
+    rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
+    for t in range(b):
+        unit, rounding = _load(x, t, rows, origin)
+        points = PointSet(rows, zero, square, rounding * rounding)
+        weights = _weights_of(every, t, unit, math.nan, False, d)
+        for i in range(d):
+            start[i] = (centers[t, i] - origin[i]) / unit
+        r = radii[t] / unit
+        if unit > 0.0 and 0.0 < r < math.inf and dot(start, start) < math.inf:
+            place(profile, r, start)
+            profile.sphere[2] = scale[t] / unit / unit
+            assert weights is not None
+            covary(points, weights, profile, known[t], corrected, result[t])
+            for i in range(d + 1):
+                for j in range(d + 1):
+                    result[t, i, j] *= unit * unit
 
 
 @compiled
 def _compute_at(sets: PointSets, radii: Floats, result: AtRadius, zero: Sums, square: Sums) -> None:
     """Fill in the centres at radii (b, g); each begins at the one next to it, moved along its derivative."""
-    x, centers, _, weights, markers = sets
+    x, centers, _, every = sets
     b, d, n = x.shape
     g, middle = radii.shape[1], radii.shape[1] // 2
     rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
@@ -555,7 +645,7 @@ def _compute_at(sets: PointSets, radii: Floats, result: AtRadius, zero: Sums, sq
     for t in range(b):
         unit, rounding = _load(x, t, rows, origin)
         least, distance = rounding * rounding, 0.0
-        points = PointSet(rows, zero, square, least, _weights_of(weights, t, unit), markers)
+        points, weights = PointSet(rows, zero, square, least), _weights_of(every, t, unit, math.nan, False, d)
         for i in range(d):
             start[i] = (centers[t, i] - origin[i]) / unit
             distance += start[i] * start[i]
@@ -573,11 +663,11 @@ def _compute_at(sets: PointSets, radii: Floats, result: AtRadius, zero: Sums, sq
             else:
                 for i in range(d):
                     first[i] = start[i]
-                profile.sphere[2] = max(_first_variance(rows, start, r), least)
+                profile.sphere[2] = max(first_variance(points, weights, start, r), least)
             place(profile, r, first)
-            converged, means = solve_profile(points, profile, least)
+            converged, means = solve_profile(points, weights, profile, least)
             if converged:
-                result.score[t, m] = score(points, profile, means)[0]
+                result.score[t, m] = score(points, weights, profile, means)[0]
                 variances[m] = profile.sphere[2]
                 result.variance[t, m] = profile.sphere[2] * unit * unit
                 for i in range(d):
@@ -589,7 +679,7 @@ def _compute_at(sets: PointSets, radii: Floats, result: AtRadius, zero: Sums, sq
 @compiled
 def _compute_all(sets: PointSets, quantiles: Floats, result: Intervals, zero: Sums, square: Sums) -> None:
     """Fill in the intervals of each set of a batch."""
-    x, centers, radii, weights, markers = sets
+    x, centers, radii, every = sets
     b, d, n = x.shape
     rows, profile, start = np.empty((d + 1, n)), new_profile(d), np.empty((2, d))
     origin, ends, order = np.empty(d), np.empty((d, 2)), np.empty(_MOST, np.int64)
@@ -598,15 +688,15 @@ def _compute_all(sets: PointSets, quantiles: Floats, result: Intervals, zero: Su
     for t in range(b):
         unit, rounding = _load(x, t, rows, origin)
         distance, least, quantile = 0.0, rounding * rounding, quantiles[t]
-        points = PointSet(rows, zero, square, least, _weights_of(weights, t, unit), markers)
+        points, weights = PointSet(rows, zero, square, least), _weights_of(every, t, unit, math.nan, False, d)
         for i in range(d):
             start[0, i] = (centers[t, i] - origin[i]) / unit
             distance += start[0, i] * start[0, i]
         first = unit / radii[t] if radii[t] > 0.0 else 1.0 / math.sqrt(distance)
         if not (unit > 0.0 and 0.0 < first < math.inf and distance < math.inf):
             continue
-        profile.sphere[2] = max(_first_variance(rows, start[0], 1.0 / first), least)
-        low, high, count, m = _search(points, profile, done, start, first, quantile)
+        profile.sphere[2] = max(first_variance(points, weights, start[0], 1.0 / first), least)
+        low, high, count, m = _search(points, weights, profile, done, start, (first, quantile))
         if m < 0:
             continue
         exact = done.variance[m] <= points.least

@@ -28,10 +28,11 @@ from study.arrays import Floats, Ints, real_array
 from study.fits.answer import Fit
 from study.fits.bounds import NOISY, noise_covariance
 from study.fits.circle import fit_circles, parallel
+from study.fits.closed_forms import smallest_root
 from study.fits.display import named_axis
 from study.fits.fitted import FittedPoints
 from study.fits.goodness import HINGE, LEVEL, Answer, Goodness
-from study.fits.intervals import Intervals, PointSets, intervals_of
+from study.fits.intervals import BatchWeights, Intervals, PointSets, intervals_of
 from study.fits.judge import NOTHING, Assumptions, PointEvidence, gather, judge
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Moments, Regression
@@ -46,7 +47,6 @@ from study.fits.samples import (
     repeated,
     scaled_noise,
 )
-from study.fits.score import Markers
 from study.text import number, with_error
 from study.words import Hinting
 
@@ -287,7 +287,8 @@ class JointFit(Hinting):
         which = np.repeat(np.arange(len(places)), [len(arrays[p]) for p in places])
         for turn, p in enumerate(places):
             first = np.where(which == turn, 0, np.where(which == 0, turn, which))
-            sets = PointSets(x, center, np.ldexp(self.radii[p : p + 1], -power), None, Markers.of(first, d))
+            weights = BatchWeights(np.ones((1, x.shape[2])), np.empty((1, 2, 0)), np.full(1, np.nan), first)
+            sets = PointSets(x, center, np.ldexp(self.radii[p : p + 1], -power), weights)
             ends = intervals_of(sets, quantile)
             result.radius[p], result.noise_share[p] = np.ldexp(ends.radius[0], power), ends.noise_share[0]
             width = np.ptp(np.log(ends.radius[0])) if ends.radius[0, 0] > 0.0 else np.inf
@@ -668,35 +669,20 @@ def _solve(joint: MarkersMoments, known: Floats | None, weighted: bool) -> _Solu
 def _root(joint: MarkersMoments, weights: Floats) -> float:
     """η for which the residuals' variances are those that such noise gives: Σ w (Var f - 4r²η - 2dη²) = 0.
 
-    About the weighted mean of the centroids, with b the right-hand side of eq. 22 and λ_k the extents, that is
-
-        g(η) = Σ w Var |y|² - 4η Σ w mean |y|² + 2dη² - Σ 4b_k²/(λ_k - η),
-
-    written from g(0), which is rounding if there is no noise. Where all of the least extent is not enough, η is
-    just above it: the noise hides how far the markers moved, and the fit is not positive definite.
+    About the weighted mean of the centroids that is the equation of theory 8.2, of weighted means, with ϰ = 2d. Where
+    all of the least extent is not enough, η is just above it: the noise hides how far the markers moved, and the fit is
+    not positive definite.
     """
     w, (_, mean, c, s, fourth) = weights / weights.sum(), (part[:, 0] for part in joint)
     away = mean - w @ mean
     moved = np.einsum("pij,pj->pi", c, away)
     extents, vectors = (part[0] for part in eigenbasis(np.einsum("p,pij->ij", w, c)[None]))
-    squares = (2.0 * (w @ (moved + 0.5 * s)) @ vectors) ** 2
+    cross = 2.0 * (w @ (moved + 0.5 * s)) @ vectors
     m2 = np.trace(c, axis1=1, axis2=2)
     variance = fourth - m2**2 + 4.0 * np.einsum("pi,pi->p", away, s + moved)
-    start = float(w @ variance - (squares / extents).sum())
     size = float(w @ (m2 + np.einsum("pi,pi->p", away, away)))
-
-    def excess(eta: float) -> float:
-        drawn = float((squares / (extents * (extents - eta))).sum())
-        return start - eta * (4.0 * size - 2.0 * len(extents) * eta + drawn)
-
-    from scipy.optimize import brentq  # imported here, as it takes as long as the rest of the library
-
-    if not start > 0.0:
-        return 0.0
-    high = float(extents[0]) * (1.0 - 1e-12)
-    if excess(high) >= 0.0:
-        return float(extents[0]) * (1.0 + 1e-9)
-    return float(brentq(excess, 0.0, high, xtol=1e-15 * high, rtol=1e-13))
+    eta = smallest_root(extents, cross, np.zeros(len(cross)), size, float(w @ variance), 2.0 * len(cross))
+    return eta if eta < extents[0] * (1.0 - 1e-12) else float(extents[0]) * (1.0 + 1e-9)
 
 
 def _unit_bound(arrays: list[Floats], center: Floats, noise: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """Plan a measurement: how many points on how large a cap an error of centre or radius needs.
 
 The errors are the attainable bound of `study.fits.bounds`. A simulation of the planned points says how often their fit
-is ok: a flat cap with the planned error may still look like a plane.
+is ok: a flat cap with the planned error may still look like a plane. A circle in space is planned in its plane.
 """
 
 import math
@@ -16,6 +16,7 @@ from study.fits.bounds import NOISY, attainable_bound, bound_dimension, one_numb
 from study.fits.cap import sample_cap
 from study.fits.random import stream
 from study.fits.registry import fit
+from study.fits.space_circle import fit_circle
 from study.text import columns, with_error
 
 
@@ -137,7 +138,19 @@ _SETS, _ALL_POINTS, _MOST = 400, 2_000_000, 100_000
 """Sets that are simulated, points of all of them, and points of one beyond which none is."""
 
 
-def ok_share(plan: FitPlan, noise: float, radius: float, dimension: int = 3) -> tuple[float, float]:
+def axis_error(plan: FitPlan, noise: float, radius: float) -> float:
+    """Least standard error of the axis of a circle in space, in radians, from uniform points on ± ``plan.angle``.
+
+    The plane is a regression of heights on the points in it, whose smaller variance is that along the chord or across.
+    """
+    a = math.radians(plan.angle)
+    across, mean = 0.5 - math.sin(2.0 * a) / (4.0 * a), math.sin(a) / a
+    return noise / (radius * math.sqrt(plan.points * min(across, 1.0 - across - mean * mean)))
+
+
+def ok_share(
+    plan: FitPlan, noise: float, radius: float, dimension: int = 3, circle: bool = False
+) -> tuple[float, float]:
     """Share of measurements by a plan whose fit is ok, and its Monte-Carlo error.
 
     Points are uniform on the cap, and their noise is normal. The same plan has the same share in each call. NaN for
@@ -148,13 +161,16 @@ def ok_share(plan: FitPlan, noise: float, radius: float, dimension: int = 3) -> 
         noise: standard deviation of each coordinate.
         radius: radius of the sphere, in the unit of the noise.
         dimension: d ≥ 2.
+        circle: the points are on an arc in space, and fitted by `study.fit_circle`.
     """
     if plan.points > _MOST:
         return math.nan, math.nan
     sets, rng = min(_SETS, _ALL_POINTS // plan.points), stream(0, "plan")
-    directions = sample_cap(rng, sets * plan.points, math.radians(plan.angle), dimension)
+    directions = sample_cap(rng, sets * plan.points, math.radians(plan.angle), 2 if circle else dimension)
+    if circle:
+        directions = np.column_stack([directions, np.zeros(len(directions))])
     points = radius * directions + noise * rng.standard_normal(directions.shape)
-    share = float(np.mean(fit(points.reshape(sets, plan.points, dimension)).ok))
+    share = float(np.mean((fit_circle if circle else fit)(points.reshape(sets, plan.points, -1)).ok))
     held = min(max(share, 1.0 / sets), 1.0 - 1.0 / sets)
     return share, math.sqrt(held * (1.0 - held) / sets)
 
@@ -165,17 +181,21 @@ _CAPS = (15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0)
 """Half-angles for which a printed plan gives the number of points."""
 
 
-def plan_in_words(plan: FitPlan, noise: float, radius: float, error: float | None, of: str = "center") -> Iterator[str]:
-    """Lines about a plan, and the number of points that other caps need for the same error."""
+def plan_in_words(
+    plan: FitPlan, noise: float, radius: float, error: float | None, of: str = "center", circle: bool = False
+) -> Iterator[str]:
+    """Lines about a plan, and the number of points that other caps, or arcs, need for the same error."""
     center, across, size = (f"{value:.2g}" for value in plan[2:])
     errors = f"centre ± {center} along its axis and ± {across} across it, radius ± {size}"
-    yield f"{plan.points:,} points on a cap of {plan.angle:.3g}°: {errors}"
+    cap = "arc" if circle else "cap"
+    errors += f", axis ± {axis_error(plan, noise, radius):.2g} rad" if circle else ""
+    yield f"{plan.points:,} points on {'an arc of ±' if circle else 'a cap of'} {plan.angle:.3g}°: {errors}"
     yield "± is the least standard error that an estimator can have on so many points (the attainable bound)"
-    share, deviation = ok_share(plan, noise, radius)
+    share, deviation = ok_share(plan, noise, radius, circle=circle)
     if share == share:
         yield f"status ok in {with_error(100.0 * share, 100.0 * deviation)} % of such measurements, by simulation"
     if (largest := max(plan.center_error, plan.radius_error)) > _LARGE * radius:
-        yield f"an error of {largest:.2g} is more than a third of the radius: take more points, or a larger cap"
+        yield f"an error of {largest:.2g} is more than a third of the radius: take more points, or a larger {cap}"
     if noise > NOISY * radius:
         yield f"the noise is above {NOISY:g} radii: every fit will be weakly identified, however many points there are"
     if error is None:
@@ -184,9 +204,9 @@ def plan_in_words(plan: FitPlan, noise: float, radius: float, error: float | Non
     cells = []
     for angle in _CAPS:
         try:
-            other = plan_fit(noise, radius, error, angle=angle, of=of)
+            other = plan_fit(noise, radius, error, angle=angle, of=of, dimension=2 if circle else 3)
             numbers = [f"{other.points:,}", f"{other.center_error:.2g}, {other.radius_error:.2g}"]
         except ValueError:  # the noise hides so small a cap, or too many points are needed
             numbers = ["-", "-"]
-        cells.append([f"{angle:g}°", *numbers])
-    yield from columns(cells, ["cap", "points", "errors of centre and radius"])
+        cells.append([f"{'±' * circle}{angle:g}°", *numbers])
+    yield from columns(cells, [cap, "points", "errors of centre and radius"])

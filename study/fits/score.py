@@ -16,6 +16,12 @@ b = J⁻¹ē, w = 1 - b·e and S = Σ(R - ρ),
 where σ is below a fifth of r₀ (.4 r₀/(d - 1) in more than three dimensions), else the one of T_F and T_H that is closer
 to zero.
 
+Points may weigh differently, p = 1/v (theory 10.6), and belong to groups with radii of their own, such as markers
+(theory 10.7). The radius of group 0 is hypothetical; or it is fitted, and the equations are the corrected ones of
+theory 9.6. A radius that is not given follows from the centre, by Σp(R - ρ) = 0 over its group, and takes the mean ē of
+the directions out of the centre's equation: J loses Σp ∂λ/∂r e Σpeᵀ/Σp ∂ρ/∂r. With h = 1 in group 0 and b·ē in the
+others, w = h - b·e. Without weights and groups nothing of this is computed.
+
 A sphere is stored by its radius, the direction u = c/r₀ and its height h = (|c|² - r₀²)/2r₀ about an origin near the
 points: then R - r₀ has an error of the points' own size times 2⁻⁵², also where the radius is many times that size.
 """
@@ -38,6 +44,10 @@ _STEADY = 1e-5
 """Relative change of the noise variance that ends the iteration; its square is neglected."""
 _LARGEST_STEP = 0.5
 """Largest step of the centre, in radii."""
+_EXACTLY, _STEADILY = 1e-18, 1e-11
+"""Both where the sphere itself is wanted."""
+_SMALLEST = 1e-3
+"""Least radius that follows from the centre, in mean distances: noise may explain all of that."""
 _DROP = 1e-4
 """The noise variance falls in one step to this share of itself at most."""
 _NOISY = 0.2
@@ -46,46 +56,49 @@ The error of the noise variance adds (d - 1)²σ²/2r² to the relative variance
 
 
 class Weights(NamedTuple):
-    """Weights of the points of one set: point i has the noise variance s/p on each coordinate (theory 10.6).
+    """Weights and groups of the points of one set: point i has the noise variance s/p on each coordinate (theory 10.6).
+
+    Each group, such as a marker, has a radius of its own about the common centre; that of group 0 is hypothetical.
 
     Attributes:
         p: weights, of mean 1 (n,).
         bent: ρ - r and λ - r of points with covariances, times r/s (2, n); (2, 0) where noise is isotropic.
-        offsets: what ρ and λ of each point exceed those of the set by (2, n); receives them.
         scale: s, NaN where it is not known (1,).
+        group: the group of each point (n,).
+        fuller: Fuller's constant α where the radius of group 0 is fitted, too; NaN where it is given.
+        downhill: the equations are those of a minimum of Σp(R - r)², to which each step goes down.
+        offsets: by how much ρ and λ of each point exceed those of group 0, pV over its mean, and ∂λ/∂r - 1 (4, n);
+            receives them.
+        sums: what `_SIZE` and the others say, of each group (M, _E + 2d); receives them.
+        own: Σp eeᵀ/R of group 0 (d, d); receives it.
+        step: the last step of the centre (d,); receives it.
     """
 
     p: Floats
     bent: Floats
-    offsets: Floats
     scale: Floats
-
-
-class Markers(NamedTuple):
-    """The markers of one set of points, of which marker 0 has the hypothetical radius.
-
-    Attributes:
-        which: the marker of each point (n,).
-        size: number of points of each marker (M,).
-        radii: their radii (M,); receives them.
-        means: ρ - r, λ - r, V and the derivatives of ρ, λ and V by s (M, 6); receives them.
-        sums: ΣR and Σe of each marker (M, d+1); receives them.
-        points: R and e of each point (n, d+1); receives them.
-    """
-
-    which: Ints
-    size: Floats
-    radii: Floats
-    means: Floats
+    group: Ints
+    fuller: float
+    downhill: bool
+    offsets: Floats
     sums: Floats
-    points: Floats
+    own: Floats
+    step: Floats
 
-    @classmethod
-    def of(cls, which: Ints, dimension: int) -> "Markers":
-        """Markers of points, with room for what kernels find."""
-        size = np.bincount(which).astype(float)
-        m, n, wide = len(size), len(which), dimension + 1
-        return cls(which, size, np.empty(m), np.empty((m, 6)), np.empty((m, wide)), np.empty((n, wide)))
+
+_SIZE, _EXCESS, _SHIFT, _SHARE, _LONGER, _BENT, _LONGER_BY_S, _BENT_BY_S, _SHORT, _E = range(10)
+"""Columns of the groups' sums: Σp, Σp(R - r₀), its radius less r₀, the h of w = h - b·e, then sums of p times ρ - r,
+λ - r, their derivatives by s, and ∂ρ/∂r - 1; then Σpe, and Σp ∂λ/∂r e."""
+
+
+@compiled
+def new_weights(p: Floats, bent: Floats, scale: Floats, group: Ints, fuller: float, downhill: bool, d: int) -> Weights:
+    """Weights of a set in d dimensions, with room for what is found."""
+    groups = 0
+    for k in range(group.size):
+        groups = max(groups, group[k] + 1)
+    sums = np.zeros((groups, _E + 2 * d))
+    return Weights(p, bent, scale, group, fuller, downhill, np.empty((4, p.size)), sums, np.empty((d, d)), np.zeros(d))
 
 
 class PointSet(NamedTuple):
@@ -96,16 +109,12 @@ class PointSet(NamedTuple):
         zero: d sums at zero.
         square: d² sums at zero.
         least: noise variance that counts as none.
-        weights: their weights; None where all points have the same noise, of unknown size.
-        markers: None for one sphere. Each combination has code of its own.
     """
 
     rows: Floats
     zero: Sums
     square: Sums
     least: float
-    weights: Weights | None
-    markers: Markers | None
 
 
 class Profile(NamedTuple):
@@ -163,21 +172,15 @@ def place(profile: Profile, radius: float, center: Floats) -> None:
 
 
 @compiled
-def _weight(weights: Weights | None, k: int) -> float:
-    """Weight p of point k."""
-    return 1.0 if weights is None else weights.p[k]
+def _free(weights: Weights | None) -> bool:
+    """True if the radius of group 0 is fitted."""
+    return False if weights is None else weights.fuller == weights.fuller
 
 
 @compiled
-def _offset(weights: Weights | None, of: int, k: int) -> float:
-    """The offset of ρ (0) or λ (1) of point k from that of the set."""
-    return 0.0 if weights is None else weights.offsets[of, k]
-
-
-@compiled
-def _known(weights: Weights | None) -> float:
-    """The noise scale s, NaN where it is not known."""
-    return math.nan if weights is None else weights.scale[0]
+def _fitted(weights: Weights | None) -> int:
+    """Number of radii that follow from the centre."""
+    return 0 if weights is None else weights.sums.shape[0] - (0 if _free(weights) else 1)
 
 
 @compiled
@@ -193,33 +196,42 @@ def _widest(weights: Weights | None) -> float:
 
 @compiled
 def _means(weights: Weights | None, r: float, s: float, d: int) -> RadialMeans:
-    """Means of R: of every point where all are alike, else means over the points, and each point's offsets from them.
+    """Means of R: of every point where all are alike, else means over group 0, and each point's offsets from them.
 
-    They are Σ p ρ/N, Σ p λ/N and Σ p V/N; of derivatives by s nothing is left where s is known.
+    They are Σ p ρ/Σp, Σ p λ/Σp and, over all points, Σ p V/N; of derivatives by s nothing is left where s is known.
     """
     if weights is None:
         return radial_means(r, s, d)
-    n, m, x = weights.p.size, weights.offsets[0], weights.offsets[1]
-    a = b = v = m_by_s = x_by_s = v_by_s = x_by_r = short = 0.0
+    p, sums, offsets, n = weights.p, weights.sums, weights.offsets, weights.p.size
+    unknown = 1.0 if math.isnan(weights.scale[0]) else 0.0
+    sums[:, _LONGER:_E] = 0.0
+    of, last, radius = radial_means(r, s, d), math.nan, math.nan
+    variance = by_s = by_r = 0.0
     for k in range(n):
-        p = weights.p[k]
+        g, weight = weights.group[k], p[k]
+        own = r + sums[g, _SHIFT]
         if weights.bent.shape[1] > 0:
-            m_s, x_s = weights.bent[0, k] / r, weights.bent[1, k] / r
-            m[k], x[k] = s * m_s, s * x_s
-            v, m_by_s, x_by_s, v_by_s = v + s, m_by_s + p * m_s, x_by_s + p * x_s, v_by_s + 1.0
-            short, x_by_r = short - p * m[k] / r, x_by_r - p * x[k] / r
+            m_by_s, x_by_s = weights.bent[0, k] / own, weights.bent[1, k] / own
+            m, x, v, v_by_s = s * m_by_s, s * x_by_s, s / weight, 1.0
+            m_by_s, x_by_s, short, offsets[3, k] = weight * m_by_s, weight * x_by_s, -m / own, -x / own
         else:
-            of = radial_means(r, s / p, d)
-            m[k], x[k] = of.lengthening, of.excess01
-            v, m_by_s, x_by_s = v + p * of.variance, m_by_s + of.mean_by_s, x_by_s + of.excess01_by_s
-            v_by_s, x_by_r, short = v_by_s + of.variance_by_s, x_by_r + p * of.excess01_by_r, short + p * of.shortening
-        a, b = a + p * m[k], b + p * x[k]
-    a, b = a / n, b / n
+            if weight != last or own != radius:
+                of, last, radius = radial_means(own, s / weight, d), weight, own
+            m, x, v, v_by_s = of.lengthening, of.excess01, of.variance, of.variance_by_s
+            m_by_s, x_by_s, short, offsets[3, k] = of.mean_by_s, of.excess01_by_s, of.shortening, of.excess01_by_r
+        offsets[0, k], offsets[1, k], offsets[2, k] = m + sums[g, _SHIFT], x + sums[g, _SHIFT], weight * v
+        sums[g, _LONGER], sums[g, _BENT] = sums[g, _LONGER] + weight * m, sums[g, _BENT] + weight * x
+        sums[g, _LONGER_BY_S] += m_by_s * unknown
+        sums[g, _BENT_BY_S] += x_by_s * unknown
+        sums[g, _SHORT] += weight * short
+        variance, by_s = variance + weight * v / n, by_s + v_by_s / n
+        by_r += weight * offsets[3, k] if g == 0 else 0.0
+    size = sums[0, _SIZE]
+    a, b = sums[0, _LONGER] / size, sums[0, _BENT] / size
     for k in range(n):
-        m[k], x[k] = m[k] - a, x[k] - b
-    unknown = 1.0 / n if math.isnan(weights.scale[0]) else 0.0
-    m_by_s, x_by_s = m_by_s * unknown, x_by_s * unknown
-    return RadialMeans(a, short / n, v / n, b, 0.0, m_by_s, 0.0, v_by_s / n, x_by_r / n, x_by_s, 0.0, 0.0)
+        offsets[0, k], offsets[1, k], offsets[2, k] = offsets[0, k] - a, offsets[1, k] - b, offsets[2, k] / variance
+    m_by_s, x_by_s, short = sums[0, _LONGER_BY_S] / size, sums[0, _BENT_BY_S] / size, sums[0, _SHORT] / size
+    return RadialMeans(a, short, variance, b, 0.0, m_by_s, 0.0, by_s, by_r / size, x_by_s, 0.0, 0.0)
 
 
 @compiled
@@ -234,26 +246,70 @@ def _distance(rows: Floats, k: int, r: float, twice_height: float, twice_u: Sums
 
 
 @compiled
-def _pass(points: PointSet, profile: Profile) -> tuple[float, float]:
-    """Fill in the profile's ``sums``, and return Σ(R - r₀) and Σ(R - r₀)²: all with weights, and less the offsets."""
-    rows, zero, square, _, weights, _ = points
+def _measure(points: PointSet, weights: Weights | None, profile: Profile) -> None:
+    """Fill in the sums of R and e over each group, and the radii that follow from them; group 0's is the sphere's."""
+    if weights is None:
+        return
+    rows, sphere, toward, sums = points.rows, profile.sphere, profile.toward, weights.sums
+    d, r, twice, u = toward.size, sphere[0], 2.0 * sphere[1], fresh(points.zero)
+    for i in range(d):
+        u = put(u, i, 2.0 * toward[i])
+    sums[:, :_LONGER], sums[:, _E : _E + d] = 0.0, 0.0
+    for k in range(rows.shape[1]):
+        distance, excess = _distance(rows, k, r, twice, u)
+        g, p = weights.group[k], weights.p[k]
+        sums[g, _SIZE] += p
+        sums[g, _EXCESS] += p * excess
+        for i in range(d):
+            sums[g, _E + i] += p * (rows[i, k] - r * toward[i]) / distance
+    for g in range(0 if _free(weights) else 1, sums.shape[0]):
+        mean = sums[g, _EXCESS] / sums[g, _SIZE]
+        sums[g, _SHIFT] = max(mean - sums[g, _LONGER] / sums[g, _SIZE], _SMALLEST * (r + mean) - r)
+    change = sums[0, _SHIFT]
+    if change != 0.0:
+        sphere[0] = r + change
+        sphere[1] = (r * sphere[1] - change * (r + 0.5 * change)) / sphere[0]
+        for i in range(d):
+            toward[i] *= r / sphere[0]
+        for g in range(sums.shape[0]):
+            sums[g, _EXCESS] -= sums[g, _SIZE] * change
+            sums[g, _SHIFT] -= change
+
+
+@compiled
+def _pass(
+    points: PointSet, weights: Weights | None, profile: Profile, curvature: float, bend: float
+) -> tuple[float, float]:
+    """Fill in the profile's ``sums``, and return Σ(R - r₀) and Σ(R - r₀)²: all with weights, and less the offsets.
+
+    With weights Σeeᵀ/R has those of λ, in units of λ of group 0, which is given, and ``bend`` is αs/(N r) of (9.6).
+    """
+    rows, zero, square, _ = points
     d, r, twice = len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     u, center, e, pull, mean, curve = fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(zero), fresh(square)
     for i in range(d):
         u, center = put(u, i, 2.0 * profile.toward[i]), put(center, i, r * profile.toward[i])
     total = squares = 0.0
+    if weights is not None:
+        weights.sums[:, _E + d :] = 0.0
     for k in range(rows.shape[1]):
         distance, excess = _distance(rows, k, r, twice, u)
-        over, p = 1.0 / distance, _weight(weights, k)
-        away, rest = excess - _offset(weights, 1, k), excess - _offset(weights, 0, k)
+        over, p, rest = 1.0 / distance, 1.0, excess
+        size, force = 1.0, excess  # factors of eeᵀ/R and e
+        if weights is not None:
+            p, rest = weights.p[k], excess - weights.offsets[0, k]
+            size = p * (1.0 + weights.offsets[1, k] / curvature) - bend / curvature
+            force = p * (excess - weights.offsets[1, k]) + bend
         total += p * rest
         squares += p * rest * rest
         for i in range(d):
             e = put(e, i, (rows[i, k] - center[i]) * over)
             mean = put(mean, i, mean[i] + p * e[i])
-            pull = put(pull, i, pull[i] + p * e[i] * away)
+            pull = put(pull, i, pull[i] + force * e[i])
+            if weights is not None:
+                weights.sums[weights.group[k], _E + d + i] += p * (1.0 + weights.offsets[3, k]) * e[i]
             for j in range(i + 1):
-                curve = put(curve, i * d + j, curve[i * d + j] + p * e[i] * over * e[j])
+                curve = put(curve, i * d + j, curve[i * d + j] + size * e[i] * over * e[j])
     for i in range(d):
         profile.sums[0, i], profile.sums[1, i] = pull[i], mean[i]
         for j in range(d):
@@ -275,11 +331,116 @@ def _jacobian(n: int, curvature: float, profile: Profile) -> None:
 
 
 @compiled
-def solve_profile(points: PointSet, profile: Profile, least: float) -> tuple[bool, RadialMeans]:
-    """Solve for centre and noise variance by Newton's method, from those of ``profile``; the radius stays.
+def _take_out_radii(weights: Weights | None, n: int, matrix: Floats) -> None:
+    """Take the radii that follow from the centre out of the equations: each takes a mean direction."""
+    if weights is None:
+        return
+    d, sums = matrix.shape[0], weights.sums
+    for g in range(sums.shape[0] - _fitted(weights), sums.shape[0]):
+        size, e, by_r = sums[g, _SIZE], sums[g, _E : _E + d], sums[g, _E + d :]
+        rest, direct = sums[g, _EXCESS] - size * sums[g, _SHIFT] - sums[g, _LONGER], size + sums[g, _SHORT]
+        for i in range(d):
+            matrix[i, d] -= by_r[i] / direct * rest / n
+            for j in range(d):
+                matrix[i, j] -= by_r[i] * e[j] / direct / n
+
+
+@compiled
+def _along(weights: Weights | None, profile: Profile, i: int) -> float:
+    """Coordinate i of Σpe, along which the noise variance moves the centre's equations."""
+    if weights is None or not weights.sums[0, _BENT_BY_S] > 0.0:
+        return profile.sums[1, i]  # type: ignore[no-any-return]
+    total, sums = 0.0, weights.sums
+    for g in range(sums.shape[0]):
+        follows = sums[g, _LONGER_BY_S] if g > 0 or _free(weights) else 0.0
+        total += (sums[g, _BENT_BY_S] - follows) / sums[g, _SIZE] * sums[g, _E + i]
+    return float(total * sums[0, _SIZE] / sums[0, _BENT_BY_S])
+
+
+@compiled
+def _step(weights: Weights | None, matrix: Floats, profile: Profile) -> bool:
+    """Solve for the step of the centre; by absolute eigenvalues, so that it goes down, where it seeks a minimum."""
+    if weights is None or not weights.downhill:
+        return eliminate(matrix, 1)
+    d, values, axes = matrix.shape[0], profile.scatter[0], profile.axes
+    for i in range(d):
+        for j in range(d):
+            values[i, j] = 0.5 * (matrix[i, j] + matrix[j, i])
+    diagonalise(values, axes)
+    largest = max(abs(values[0, 0]), abs(values[d - 1, d - 1]))
+    if not 0.0 < largest < math.inf:
+        return False
+    for i in range(d):
+        weights.step[i] = matrix[i, d]
+        matrix[i, d] = 0.0
+    for k in range(d):
+        along = 0.0
+        for i in range(d):
+            along += axes[i, k] * weights.step[i]
+        along /= max(abs(values[k, k]), 1e-15 * largest)
+        for i in range(d):
+            matrix[i, d] += axes[i, k] * along
+    return True
+
+
+@compiled
+def _rose(weights: Weights | None, profile: Profile, cost: float, best: float) -> bool:
+    """True, and half of the last step undone, if it went up where a minimum is sought."""
+    if weights is None or not (weights.downhill and cost > best * (1.0 + 1e-9) + 1e-30):
+        return False
+    for i in range(weights.step.size):
+        weights.step[i] *= 0.5
+        profile.sphere[1] -= weights.step[i] * (profile.toward[i] - 0.5 * weights.step[i] / profile.sphere[0])
+        profile.toward[i] -= weights.step[i] / profile.sphere[0]
+    return True
+
+
+@compiled
+def first_variance(points: PointSet, weights: Weights | None, center: Floats, radius: float) -> float:
+    """Mean square of the distances from the first sphere, and of other groups from their mean distance."""
+    total, n = 0.0, points.rows.shape[1]
+    if weights is not None:
+        weights.sums[:, :_SHIFT] = 0.0
+    for k in range(n):
+        square = 0.0
+        for i in range(center.size):
+            square += (points.rows[i, k] - center[i]) ** 2
+        away = math.sqrt(square) - radius
+        total += away**2
+        if weights is not None:
+            weights.sums[weights.group[k], _SIZE] += 1.0
+            weights.sums[weights.group[k], _EXCESS] += away
+    if weights is not None:
+        for g in range(1, weights.sums.shape[0]):
+            total -= weights.sums[g, _EXCESS] ** 2 / weights.sums[g, _SIZE]
+    return float(total / n)
+
+
+@compiled
+def _finish(weights: Weights | None, profile: Profile) -> None:
+    """Write Σpe of group 0 in place of that of all, and the h of each group: 1, and b·ē of the others."""
+    if weights is None:
+        return
+    d, n, sums = profile.toward.size, weights.p.size, weights.sums
+    for i in range(d):
+        profile.bend[i] = 0.0
+        for j in range(d):
+            profile.bend[i] += profile.inverse[i, j] * sums[0, _E + j] / n
+    for g in range(sums.shape[0]):
+        sums[g, _SHARE] = 1.0 if g == 0 else 0.0
+        for i in range(d):
+            sums[g, _SHARE] += profile.bend[i] * sums[g, _E + i] / sums[g, _SIZE] if g > 0 else 0.0
+
+
+@compiled
+def solve_profile(
+    points: PointSet, weights: Weights | None, profile: Profile, least: float
+) -> tuple[bool, RadialMeans]:
+    """Solve for centre and noise variance by Newton's method, from those of ``profile``; the radius stays if given.
 
     Args:
         points: more than d + 1 points.
+        weights: theirs; None where all points have the same noise, of unknown size, and one radius.
         profile: holds the starting values; receives the solution, J⁻¹ and b.
         least: noise variance that counts as none.
 
@@ -287,29 +448,47 @@ def solve_profile(points: PointSet, profile: Profile, least: float) -> tuple[boo
         False if the iteration did not converge; and the means of R at the solution.
     """
     sphere, toward, matrix, sums = profile.sphere, profile.toward, profile.system, profile.sums
-    n, d, r, known = points.rows.shape[1], toward.size, sphere[0], _known(points.weights)
-    means, done, fine = radial_means(r, 1.0, d), False, False
-    for _ in range(_MAX_STEPS):
+    n, d, r, known = points.rows.shape[1], toward.size, sphere[0], math.nan
+    means, done, fine, best, bend = radial_means(r, 1.0, d), False, False, math.inf, 0.0
+    spare, steady_to, close_to, near, most = max(n - d - _fitted(weights), 1), _STEADY, _CONVERGED, 1e-2, _MAX_STEPS
+    if weights is not None:
+        known = weights.scale[0]
+        weights.sums[:, _LONGER] = 0.0
+        if weights.downhill or _free(weights):
+            steady_to, close_to, near, most = _STEADILY, _EXACTLY, math.inf, 2 * _MAX_STEPS
+    for _ in range(most):
         sphere[2] = known if known == known else sphere[2]
-        means = _means(points.weights, r, sphere[2], d)
+        _measure(points, weights, profile)
+        if weights is not None:
+            r = sphere[0]
+        means = _means(weights, r, sphere[2], d)
         if done:
             fine = True
             break
-        total, squares = _pass(points, profile)
+        if weights is not None and _free(weights):
+            bend = weights.fuller * sphere[2] / n / r
+        total, squares = _pass(points, weights, profile, r + means.excess01, bend)
         shift, mean = means.excess01, means.lengthening
-        excess = (squares - 2.0 * mean * total + n * mean * mean) / (n - d) - means.variance
-        slope = -2.0 * means.mean_by_s * (total - n * mean) / (n - d) - means.variance_by_s
+        cost = squares - 2.0 * mean * total + n * mean * mean
+        if _rose(weights, profile, cost, best):
+            continue
+        best = cost
+        excess = cost / spare - means.variance
+        slope = -2.0 * means.mean_by_s * (total - n * mean) / spare - means.variance_by_s
         if not (abs(slope) > 1e-3 and squares < math.inf):
             break
         # the second equation gives the step of s, which is put into the first: d equations for the centre remain
         _jacobian(n, r + shift, profile)
-        by_s, factor = means.excess01_by_s / slope, -2.0 / (n - d)
+        by_s, factor = means.excess01_by_s / slope, -2.0 / spare
         for i in range(d):
-            along = sums[1, i] / n
+            along = direct = sums[1, i] / n
+            if weights is not None:
+                along = _along(weights, profile, i) / n
             for j in range(d):
                 matrix[i, j] -= by_s * along * factor * (sums[0, j] - mean * sums[1, j])
-            matrix[i, d] = sums[0, i] / n - shift * along + by_s * along * excess
-        if not eliminate(matrix, 1):
+            matrix[i, d] = sums[0, i] / n - shift * direct + by_s * along * excess
+        _take_out_radii(weights, n, matrix)
+        if not _step(weights, matrix, profile):
             break
         length = change = forward = 0.0
         for i in range(d):
@@ -324,13 +503,16 @@ def solve_profile(points: PointSet, profile: Profile, least: float) -> tuple[boo
             forward += (sums[0, i] - shift * sums[1, i]) * step  # n times the length squared, measured by J
             sphere[1] += step * (toward[i] + 0.5 * step / r)
             toward[i] += step / r
+            if weights is not None:
+                weights.step[i] = step
         before = sphere[2]
         sphere[2] = max(before - (excess + change) / slope, _DROP * before, 0.1 * least)
-        steady = abs(sphere[2] - before) <= _STEADY * before or known == known
-        short = abs(forward) <= _CONVERGED * sphere[2] and length <= 1e-2 * r
+        steady = abs(sphere[2] - before) <= steady_to * before or known == known
+        short = abs(forward) <= close_to * sphere[2] and length <= near * r
         done = (short and steady) or (sphere[2] < least and before < least)
     if fine:
         _jacobian(n, r + means.excess01, profile)
+        _take_out_radii(weights, n, matrix)
         for i in range(d):
             for j in range(d):
                 matrix[i, d + j] = 1.0 if i == j else 0.0
@@ -340,18 +522,71 @@ def solve_profile(points: PointSet, profile: Profile, least: float) -> tuple[boo
             for j in range(d):
                 profile.inverse[i, j] = matrix[i, d + j]
                 profile.bend[i] += matrix[i, d + j] * sums[1, j] / n
+        _finish(weights, profile)
     return fine, means
 
 
 @compiled
-def _weigh(points: PointSet, profile: Profile, excess: float) -> tuple[float, float, float, float]:
+def covary(points: PointSet, weights: Weights, profile: Profile, known: bool, corrected: bool, result: Floats) -> None:
+    """Write the covariance of centre and radius of a sphere (d+1, d+1), whatever it was fitted by (theory 9.6).
+
+    Args:
+        points: the points.
+        weights: theirs.
+        profile: holds radius, centre and noise variance.
+        known: the radius has no error.
+        corrected: J⁻¹ΩJ⁻ᵀ of the corrected equations; else the inverse of the information Ω/s.
+        result: receives it.
+    """
+    _measure(points, weights, profile)
+    d, r, s, sums = profile.toward.size, profile.sphere[0], profile.sphere[2], weights.sums
+    means = _means(weights, r, s, d)
+    _pass(points, weights, profile, r + means.excess01, 0.0)
+    wide, n, curve, inverse = (d if known else d + 1), points.rows.shape[1], 0.0, r + means.excess01
+    system, middle, e = np.zeros((wide, 2 * wide)), np.zeros((d + 1, d + 1)), np.ones(d + 1)
+    for k in range(n):
+        square = 0.0
+        for i in range(d):
+            e[i] = points.rows[i, k] - r * profile.toward[i]
+            square += e[i] * e[i]
+        for i in range(d):
+            e[i] /= math.sqrt(square)
+        for i in range(d + 1):
+            for j in range(d + 1):
+                middle[i, j] += weights.p[k] * weights.offsets[2, k] * means.variance * e[i] * e[j]
+    for i in range(d):
+        curve += inverse * profile.sums[2 + i, i]
+    for i in range(wide):
+        system[i, wide + i] = 1.0
+        for j in range(wide):
+            if not corrected:
+                system[i, j] = middle[i, j] / s
+            elif i < d and j < d:
+                system[i, j] = inverse * profile.sums[2 + max(i, j), min(i, j)] + (n - curve if i == j else 0.0)
+            elif i < d:
+                system[i, j] = sums[0, _E + d + i]
+            else:
+                system[i, j] = sums[0, _E + j] if j < d else sums[0, _SIZE] + sums[0, _SHORT]
+    fine = eliminate(system, wide)
+    result[:, :] = 0.0 if fine else math.nan
+    if fine:
+        _sandwich(np.ascontiguousarray(system[:, wide:]), middle[:wide, :wide], 1.0, result[:wide, :wide])
+
+
+@compiled
+def _weigh(
+    points: PointSet, weights: Weights | None, profile: Profile, excess: float
+) -> tuple[float, float, float, float]:
     """Σw, Σw², Σw(R - r₀) and a rough Σw, given λ - r₀, all with weights; fills in the profile's ``scatter``.
+
+    With weights Σw² has the noise variances of the points in units of their mean, as has Σeeᵀ, of e less its mean in
+    groups whose radius follows from the centre.
 
     On a small cap w is of second order in its angle and Σw of fourth. So each w is formed by itself, and Σw from Σw²
     and the difference of J and mean eeᵀ: N b·(J - mean eeᵀ)b = Σ (1 - λ/R)(|b|² - (b·e)²).
     The rough one adds up the w, and has their rounding.
     """
-    rows, zero, square, _, weights, _ = points
+    rows, zero, square, _ = points
     d, r, twice = len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     u, center, e, b = fresh(zero), fresh(zero), fresh(zero), fresh(zero)
     scatter, weighted = fresh(square), fresh(square)
@@ -360,52 +595,74 @@ def _weigh(points: PointSet, profile: Profile, excess: float) -> tuple[float, fl
         u, center = put(u, i, 2.0 * profile.toward[i]), put(center, i, r * profile.toward[i])
         b = put(b, i, profile.bend[i])
         length += profile.bend[i] * profile.bend[i]
-    total, squares, score, rough = 0.0, 0.0, 0.0, 0.0
+    total, squares, score, rough, spread = 0.0, 0.0, 0.0, 0.0, 0.0
+    if weights is not None:
+        weights.own[:, :] = 0.0
     for k in range(rows.shape[1]):
         distance, away = _distance(rows, k, r, twice, u)
-        over, w, p = 1.0 / distance, 1.0, _weight(weights, k)
-        away -= _offset(weights, 1, k)
+        over, h, p, g, of_noise = 1.0 / distance, 1.0, 1.0, 0, 1.0
+        if weights is not None:
+            g, p, of_noise = weights.group[k], weights.p[k], weights.p[k] * weights.offsets[2, k]
+            away -= weights.offsets[1, k]
+            h = weights.sums[g, _SHARE]
+        w = h
         for i in range(d):
             e = put(e, i, (rows[i, k] - center[i]) * over)
             w -= b[i] * e[i]
         for i in range(d):
             for j in range(i + 1):
-                scatter = put(scatter, i * d + j, scatter[i * d + j] + p * e[i] * e[j])
+                both = e[i] * e[j]
+                if weights is not None and g == 0:
+                    weights.own[i, j] += p * over * both
+                elif weights is not None:
+                    m = weights.sums[g]
+                    both = (e[i] - m[_E + i] / m[_SIZE]) * (e[j] - m[_E + j] / m[_SIZE])
+                scatter = put(scatter, i * d + j, scatter[i * d + j] + of_noise * both)
                 weighted = put(weighted, i * d + j, weighted[i * d + j] + p * w * over * e[i] * e[j])
-        total += p * (away - excess) * over * (length - (1.0 - w) * (1.0 - w))
+        total += p * (away - excess) * over * (length - (h - w) * (h - w))
         squares += p * w * w
+        if weights is not None:
+            spread += of_noise * w * w
         score += p * w * away
         rough += p * w
     for i in range(d):
         for j in range(d):
             profile.scatter[0, i, j], profile.scatter[1, i, j] = scatter[i * d + j], weighted[i * d + j]
-    return squares + total, squares, score, rough
+    return squares + total, squares if weights is None else spread, score, rough
 
 
 @compiled
-def _multiply(points: PointSet, profile: Profile, means: RadialMeans, g: float) -> tuple[float, float]:
+def _multiply(
+    points: PointSet, weights: Weights | None, profile: Profile, means: RadialMeans, g: float
+) -> tuple[float, float]:
     """Fill in the profile's ``products`` of ψ and p = (R - λ)e - α[(R - ρ)² - V]ē; returns Σψ and Σψ²."""
-    rows, zero, _, _, weights, _ = points
+    rows, zero, _, _ = points
     n, d, r, twice = rows.shape[1], len(zero), profile.sphere[0], 2.0 * profile.sphere[1]
     alpha, products = means.excess01_by_s / means.variance_by_s, profile.products
     u, p, tilt = fresh(zero), fresh(zero), fresh(zero)
     for i in range(d):
-        u, tilt = put(u, i, 2.0 * profile.toward[i]), put(tilt, i, alpha * profile.sums[1, i] / n)
+        u, tilt = put(u, i, 2.0 * profile.toward[i]), put(tilt, i, alpha * _along(weights, profile, i) / n)
         fill(products[i], 0.0)
     fill(products[d], 0.0)
     fill(products[d + 1], 0.0)
     total = squares = 0.0
     for k in range(n):
         distance, excess = _distance(rows, k, r, twice, u)
-        weight = _weight(weights, k)
-        rest, away = excess - means.lengthening, excess - means.excess01
-        rest, away = rest - _offset(weights, 0, k), weight * (away - _offset(weights, 1, k))
-        surplus = weight * rest * rest - means.variance
-        psi = weight * rest - g * surplus
+        rest, away, variance, h, m = excess - means.lengthening, excess - means.excess01, means.variance, 1.0, 0
+        if weights is not None:
+            m, p_k = weights.group[k], weights.p[k]
+            rest, away = p_k * (rest - weights.offsets[0, k]), p_k * (away - weights.offsets[1, k])
+            variance, h = variance * weights.offsets[2, k], weights.sums[m, _SHARE]
+            surplus = rest * rest / p_k - variance
+        else:
+            surplus = rest * rest - variance
+        psi = h * rest - g * surplus
         for i in range(d):
             e = (rows[i, k] - r * profile.toward[i]) / distance
             psi -= profile.bend[i] * e * away
             p = put(p, i, away * e - tilt[i] * surplus)
+            if weights is not None and m > 0:
+                p = put(p, i, p[i] - rest * weights.sums[m, _E + i] / weights.sums[m, _SIZE])
         for i in range(d):
             products[0, i] += p[i] * psi
             products[1, i] += p[i]
@@ -443,27 +700,32 @@ def _lengthening(scatter: Floats, covariance: Floats) -> float:
 
 
 @compiled
-def _slope(points: PointSet, profile: Profile, means: RadialMeans, plain: float, weights: Weights | None) -> float:
+def _slope(points: PointSet, weights: Weights | None, profile: Profile, means: RadialMeans, plain: float) -> float:
     """The number g of points with weights, whose sums are without them; that of others is given."""
     if weights is None:
         return plain
-    d, n, r, along = profile.toward.size, points.rows.shape[1], profile.sphere[0], 0.0
+    d, n, r, sums, drift = profile.toward.size, points.rows.shape[1], profile.sphere[0], weights.sums, 0.0
     for k in range(n):
         square = part = 0.0
         for i in range(d):
             away = points.rows[i, k] - r * profile.toward[i]
             square += away * away
             part += profile.bend[i] * away
-        along += part / math.sqrt(square)
-    return float((means.mean_by_s - means.excess01_by_s * (along / n)) / means.variance_by_s)
+        drift -= part / math.sqrt(square) * sums[weights.group[k], _BENT_BY_S] / sums[weights.group[k], _SIZE]
+    for g in range(sums.shape[0]):
+        drift += sums[g, _SHARE] * sums[g, _LONGER_BY_S]
+    return float(drift / n / means.variance_by_s)
 
 
 @compiled
-def score(points: PointSet, profile: Profile, means: RadialMeans) -> tuple[float, float, float]:
+def score(
+    points: PointSet, weights: Weights | None, profile: Profile, means: RadialMeans
+) -> tuple[float, float, float]:
     """Score of a radius at its profile, which receives the standard errors of the centre given the radius.
 
     Args:
         points: the points.
+        weights: theirs, or None.
         profile: the solution of `solve_profile`.
         means: means of R there.
 
@@ -472,29 +734,35 @@ def score(points: PointSet, profile: Profile, means: RadialMeans) -> tuple[float
     """
     model, robust = profile.covariance[0], profile.covariance[1]
     n, d, r, variance = points.rows.shape[1], profile.toward.size, profile.sphere[0], means.variance
-    known = _known(points.weights)
-    total, weight, plain, rough = _weigh(points, profile, means.excess01)
-    s = plain - means.excess01 * total + n * (means.excess01 - means.lengthening)
+    known, first, free, own = math.nan, n * 1.0, n - d - _fitted(weights), profile.sums[2:]
+    total, weight, plain, rough = _weigh(points, weights, profile, means.excess01)
+    s = plain - means.excess01 * total  # then with Σp h (λ - ρ)
+    if weights is None:
+        s += n * (means.excess01 - means.lengthening)
+    else:
+        known, first, own = weights.scale[0], weights.sums[0, _SIZE], weights.own
+        for m in weights.sums:
+            s += m[_SHARE] * (m[_BENT] - m[_LONGER])
     _sandwich(profile.inverse, profile.scatter[0], variance / n / n, model)
     for i in range(d):
         profile.errors[i], profile.correlations[i] = math.sqrt(model[i, i]), 0.0
-    along = 1.0 - total / n  # b·ē
+    along = 1.0 - total / first  # b·ē
     g = (means.mean_by_s * (total / n) + (means.mean_by_s - means.excess01_by_s) * along) / means.variance_by_s
-    g = _slope(points, profile, means, g, points.weights)
+    g = _slope(points, weights, profile, means, g)
     # Σw is Σw² but for noise and rounding, which grow without limit towards a plane: the mean part of the sum has Σw²
-    bias = 0.5 * _lengthening(profile.scatter[1], model) + g * variance * n / (n - d)
-    bias += 0.5 * _lengthening(profile.sums[2:], model) * (weight - rough) / n
+    bias = 0.5 * _lengthening(profile.scatter[1], model) + g * variance * n / free
+    bias += 0.5 * _lengthening(own, model) * (weight - rough) / first
     rest = s - bias
-    scale = ((n - d) * variance - s * s / max(weight, _TINY)) / (n - d - 1.0)
+    scale = (free * variance - s * s / max(weight, _TINY)) / (free - 1.0)
     if known == known:
         scale = variance
     value = abs(rest) / math.sqrt(max(weight * max(scale, 1e-12 * variance, _TINY), _TINY))
-    slope = (means.excess01_by_r - means.shortening) * along - (1.0 + means.shortening) * (total / n)
-    slope *= n / math.sqrt(max(variance * weight, _TINY))
+    slope = (means.excess01_by_r - means.shortening) * along - (1.0 + means.shortening) * (total / first)
+    slope *= first / math.sqrt(max(variance * weight, _TINY))
     larger = 0.0
-    if profile.sphere[2] * _widest(points.weights) >= (_NOISY * min(1.0, 2.0 / (d - 1.0)) * r) ** 2:
-        sum_psi, squares = _multiply(points, profile, means, g)
-        squares, products, spare = max(squares - s * s / n, _TINY), profile.products, n * (n - d - 1.0)
+    if profile.sphere[2] * _widest(weights) >= (_NOISY * min(1.0, 2.0 / (d - 1.0)) * r) ** 2:
+        sum_psi, squares = _multiply(points, weights, profile, means, g)
+        squares, products, spare = max(squares - s * s / n, _TINY), profile.products, n * (free - 1.0)
         if known != known:
             value = min(value, abs(rest) * math.sqrt(spare / squares) / n)
         _sandwich(profile.inverse, products[2:], 1.0 / spare, robust)

@@ -1,4 +1,4 @@
-"""Spheres whose radius is known, or whose points have a noise of their own: weighted fits in plain NumPy.
+"""Spheres whose radius is known, or whose points have a noise of their own: weighted fits.
 
 Point i has noise of variance s vᵢ on each coordinate: vᵢ is given, the scale s is known, or not. Its weight is p = 1/v.
 With R = |x - c|, e = (x - c)/R and its own means of a noisy radius (theory 9.1) ρ = E R, λ = λ₀₁ and V = Var R, the
@@ -8,7 +8,7 @@ corrected equations (theory 9.6) are
 
 the second only where the radius is unknown, the third where the scale is; k is the number of coordinates of centre and
 radius that are fitted, α Fuller's constant, 0 for a known radius. With ρ = λ = r and V = s/p they are those of weighted
-geometric least squares. Newton's method solves for centre and radius, and the scale follows each step.
+geometric least squares. `study.fits.score` solves them.
 
 Where a point has a covariance s Σᵢ, it weighs by its variance along the normal, p = 1/(eᵀΣe), and the means are those
 of second order (theory 9.7): with P = I - eeᵀ and q = eᵀΣPΣe
@@ -32,31 +32,24 @@ one equation in θ.
 Intervals, and the score of a radius (theory 10.6), are those of `study.fits.intervals` with these weights.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.corrected import RadialMeans, corrected, radial_means
-from study.fits.jit import compiled
+from study.fits.corrected import corrected
+from study.fits.intervals import BatchWeights, PointSets, Spheres, covariances_of, spheres_of
 from study.fits.samples import Estimates, Samples
 
 FULLER = 2.0
 """Fuller's constant where the radius is fitted: bias is removed in full, and tails are short (theory 9.3)."""
-_STEPS = 50
-_TOLERANCE = 1e-12
-"""A step below this share of the radius ends the iteration."""
-_SURE = 1e-9
-"""A step below this share of a standard error ends it, too: rounding leaves no shorter ones on flat caps."""
-_STEADY = 1e-11
-"""Relative change of the scale that ends it."""
-_LONGEST = 0.5
-"""Longest step, in radii."""
-_HALVINGS = 30
+_ROUNDS = 30
+"""Most rounds in which points with covariances weigh anew by their normals."""
+_SAME = 1e-13
+"""Relative change of the sphere that ends them."""
 _TURNS = 100
 """Most steps of the closed forms' searches for one number."""
-_LEAST = 1e-32
-"""Scale that counts as none, in units of the points' spread squared."""
 
 
 class Weighted(NamedTuple):
@@ -155,179 +148,71 @@ class Weighted(NamedTuple):
         return Weighted(*parts)  # type: ignore[arg-type]
 
 
-class Spheres(NamedTuple):
-    """Spheres of a batch, in its units: centre (b, d), radius (b,), scale s (b,), and True where they are answers."""
+def for_kernels(
+    sets: Weighted, spheres: Spheres, corrected: bool = True, plain: bool = False
+) -> Iterator[tuple[Ints, PointSets, Floats]]:
+    """Sets of equally many points as the compiled loops take them, with their places (k,) and the mean of 1/v (k,).
 
-    center: Floats
-    radius: Floats
-    scale: Floats
-    found: Bools
-
-    def take(self, places: Bools | Ints) -> "Spheres":
-        """Some spheres of the batch."""
-        return Spheres(self.center[places], self.radius[places], self.scale[places], self.found[places])
-
-
-@compiled
-def _radial(radius: Floats, variance: Floats, dimension: int, result: Floats) -> None:
-    """Those means of a noisy radius that are used (12, b, n), in the order of `RadialMeans`.
-
-    Args:
-        radius: r (b,).
-        variance: s of each point (b, n).
-        dimension: d.
-        result: receives the means.
-    """
-    for t in range(variance.shape[0]):
-        for k in range(variance.shape[1]):
-            means = radial_means(radius[t], variance[t, k], dimension)
-            result[0, t, k], result[1, t, k], result[2, t, k] = means.lengthening, means.shortening, means.variance
-            result[3, t, k], result[5, t, k], result[7, t, k] = means.excess01, means.mean_by_s, means.variance_by_s
-            result[8, t, k], result[9, t, k] = means.excess01_by_r, means.excess01_by_s
-
-
-class _At(NamedTuple):
-    """Points about trial spheres.
-
-    Attributes:
-        distance: R (b, n).
-        direction: e (b, n, d), 0 where a point is missing.
-        weights: p (b, n).
-        means: means of a noisy radius at each point (b, n), or (b, 1) where all are alike.
-        aside: mean of (R - λ) e across e (b, n, d); None where it is nil.
-    """
-
-    distance: Floats
-    direction: Floats
-    weights: Floats
-    means: RadialMeans
-    aside: Floats | None = None
-
-
-def _about(sets: Weighted, center: Floats, radius: Floats, scale: Floats, corrected: bool) -> _At:
-    """Distances and directions of the points from trial spheres, and the means of each.
-
-    Where each point has a covariance, the means are those of second order in the noise (theory 9.7); where the
-    equations are not the corrected ones, those of a radius that noise does not lengthen.
-    """
-    noise, present, p, s, r = sets.covariances, sets.present, sets.weights, scale[:, None], radius[:, None]
-    away = sets.points - center[:, None]
-    distance = np.sqrt(np.einsum("bni,bni->bn", away, away) + 1e-300)
-    e = np.where(present[..., None], away / distance[..., None], 0.0)
-    if noise is not None:
-        turned = np.einsum("bnij,bnj->bni", noise, e)
-        normal = np.where(present, np.einsum("bni,bni->bn", e, turned), 1.0)
-        p, variance = np.where(present, 1.0 / normal, 0.0), np.where(present, s * normal, 0.0)
-    else:
-        variance = s * sets.variances if (p != np.where(present, 1.0, 0.0)).any() else s
-    numbers = np.zeros((len(RadialMeans._fields), *variance.shape))
-    numbers[2], numbers[7] = variance, 1.0  # in the order of their names
-    if corrected and noise is None:
-        _radial(radius, variance, center.shape[1], numbers)
-    if noise is None or not corrected:
-        return _At(distance, e, p, RadialMeans._make(numbers))
-    square = np.einsum("bni,bni->bn", turned, turned) - normal**2
-    by_s = ((np.einsum("bnii->bn", noise) - normal) / 2.0 - 2.0 * p * square) / r
-    numbers[0] = numbers[3] = np.where(present, s * by_s, 0.0)
-    numbers[5] = numbers[9] = by_s
-    aside = (s / r)[..., None] * (turned - normal[..., None] * e)
-    return _At(distance, e, p, RadialMeans._make(numbers), np.where(present[..., None], aside, 0.0))
-
-
-def scale_of(sets: Weighted, at: _At, radius: Floats, scale: Floats, fitted: Ints) -> Floats:
-    """The scale s by which Σ p (R - ρ)² has its mean; the known one where it is known (theory 9.6)."""
-    square = (at.weights * (at.distance - radius[:, None] - at.means.lengthening) ** 2).sum(axis=1)
-    expected = (at.weights * at.means.variance).sum(axis=1)
-    spare = np.maximum(sets.size - fitted, 1.0)
-    ratio = np.where(expected > 0.0, square / spare / np.where(expected > 0.0, expected / sets.size, 1.0), 1.0)
-    return np.where(np.isfinite(sets.scale), sets.scale, np.maximum(scale * ratio, _LEAST))
-
-
-def _system(sets: Weighted, at: _At, radius: Floats, bend: Floats) -> tuple[Floats, Floats]:
-    """The equations for centre and radius (b, d + 1), and less their derivatives (b, d + 1, d + 1), theory 9.6.
-
-    ``bend`` is α s/(N r).
-    """
-    p, e = at.weights, at.direction
-    b, _, d = e.shape
-    curvature = radius[:, None] + at.means.excess01
-    with np.errstate(all="ignore"):
-        over = np.where(sets.present, 1.0 / at.distance, 0.0)
-        fuller = bend[:, None] * over
-    values, slopes = np.empty((b, d + 1)), np.empty((b, d + 1, d + 1))
-    pull = p * (at.distance - curvature)
-    values[:, :d] = np.einsum("bn,bni->bi", pull + bend[:, None], e)
-    if at.aside is not None:
-        values[:, :d] -= np.einsum("bn,bni->bi", p, at.aside)
-    values[:, d] = (p * (at.distance - radius[:, None] - at.means.lengthening)).sum(axis=1)
-    along = p * curvature * over - fuller
-    slopes[:, :d, :d] = np.einsum("bn,bni,bnj->bij", along, e, e, optimize=True)
-    slopes[:, :d, :d] += (p - along).sum(axis=1)[:, None, None] * np.eye(d)
-    slopes[:, :d, d] = np.einsum("bn,bni->bi", p * (1.0 + at.means.excess01_by_r), e)
-    slopes[:, d, :d] = np.einsum("bn,bni->bi", p, e)
-    slopes[:, d, d] = (p * (1.0 + at.means.shortening)).sum(axis=1)
-    return values, slopes
-
-
-def _inverse(matrices: Floats) -> Floats:
-    """Inverses of matrices (b, m, m); NaN where they are singular."""
-    result = np.full(matrices.shape, np.nan)
-    with np.errstate(all="ignore"):
-        fine = np.isfinite(matrices).all(axis=(1, 2)) & (np.linalg.slogdet(matrices)[0] != 0.0)
-    result[fine] = np.linalg.inv(matrices[fine])
-    return result
-
-
-def solve(sets: Weighted, start: Spheres, corrected: bool = True, fuller: Floats | float = 0.0) -> Spheres:
-    """Solve the equations for centre, scale and, where it is unknown, radius, by Newton's method.
+    A point with a covariance weighs by its variance along the normal of its set's sphere, and keeps that weight.
 
     Args:
         sets: the points.
-        start: spheres to start from; the scale need not be known.
-        corrected: the corrected equations; else those of the minimum of Σ p (R - r)², to which steps go downhill.
-        fuller: α for each set, where the radius is unknown.
+        spheres: spheres to start from.
+        corrected: noise lengthens radii; if not, as if all of it were along them.
+        plain: sets of equal weights and unknown scale have none, which is faster.
     """
-    free: Bools = np.isnan(sets.radius)
-    d, n = start.center.shape[1], sets.size
-    if sets.radial:
-        corrected, fuller = False, 0.0
-    center, radius = start.center.copy(), np.where(free, start.radius, sets.radius)
-    scale = np.where(np.isfinite(sets.scale), sets.scale, np.where(np.isfinite(start.scale), start.scale, 0.0))
-    found: Bools = np.zeros(len(center), dtype=np.bool_)
-    with np.errstate(all="ignore"):
-        for _ in range(_STEPS):
-            at = _about(sets, center, radius, scale, corrected)
-            before, scale = scale, scale_of(sets, at, radius, np.maximum(scale, _LEAST), d + free)
-            values, slopes = _system(sets, at, radius, np.where(free, fuller * scale / (n * radius), 0.0))
-            slopes[~free, :d, d] = slopes[~free, d, :d] = 0.0
-            slopes[~free, d, d], values[~free, d] = 1.0, 0.0
-            step = _step(values, slopes, corrected)
-            length = np.linalg.norm(step, axis=1)
-            share = np.minimum(1.0, _LONGEST * radius / np.maximum(length, 1e-300))
-            if not corrected and sets.covariances is None:
-                share = _downhill(sets, center, radius, step, share)
-            moving = ~found & np.isfinite(length)
-            center[moving] += (share[:, None] * step)[moving, :d]
-            radius[moving] += (share * step[:, d])[moving]
-            error = np.abs(np.einsum("bi,bi->b", step, values))
-            short = (length <= _TOLERANCE * radius) | (error <= _SURE**2 * scale)
-            found |= short & (np.abs(scale - before) <= _STEADY * scale + _LEAST)
-            if (found | ~np.isfinite(length)).all():
-                break
-    return Spheres(center, radius, scale, found & (radius > 0.0))
+    kinds = np.column_stack([sets.size.astype(int), sets.alike & plain])
+    for count, same in np.unique(kinds[sets.size > sets.points.shape[2]], axis=0).tolist():
+        places = np.flatnonzero((kinds == [count, same]).all(axis=1))
+        part, sphere = sets.take(places), spheres.take(places)
+        if sets.covariances is not None:
+            p, bent, mean = along_normals(part, sphere)
+        else:
+            p, bent, mean = part.weights, np.empty((len(places), 2, 0)), np.ones(len(places))
+        if part.radial or not corrected:
+            bent = np.zeros((*p.shape, 2))
+
+        def dense(array: Floats, part: Weighted = part, shape: tuple[int, int] = (len(places), count)) -> Floats:
+            return np.ascontiguousarray(np.moveaxis(array[part.present].reshape(*shape, -1), 2, 1))
+
+        own = (
+            None
+            if same
+            else BatchWeights(dense(p)[:, 0], bent if bent.size == 0 else dense(bent), part.scale / mean, alone(count))
+        )
+        yield places, PointSets(dense(part.points), sphere.center, sphere.radius, own), mean
 
 
-def _step(values: Floats, slopes: Floats, corrected: bool) -> Floats:
-    """Newton's step (b, m); downhill, by absolute eigenvalues, where the equations are those of a minimum."""
-    fine: Bools = np.asarray(np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(values).all(axis=1))
-    safe = np.where(fine[:, None, None], slopes, np.eye(slopes.shape[1]))
-    if corrected:
-        inverse = _inverse(safe)
-    else:
-        eigenvalues, vectors = np.linalg.eigh(safe)
-        least = 1e-15 * np.abs(eigenvalues).max(axis=1, keepdims=True)
-        inverse = np.einsum("bik,bk,bjk->bij", vectors, 1.0 / np.maximum(np.abs(eigenvalues), least), vectors)
-    return np.where(fine[:, None], np.einsum("bij,bj->bi", inverse, values), np.nan)
+def alone(count: int) -> Ints:
+    """One group of so many points."""
+    return np.zeros(count, dtype=np.int64)
+
+
+def solve(sets: Weighted, start: Spheres, corrected: bool = True, fuller: float = 0.0) -> Spheres:
+    """Solve the equations for centre, scale and, where it is unknown, radius.
+
+    Args:
+        sets: the points.
+        start: spheres to start from.
+        corrected: the corrected equations; else those of the minimum of Σ p (R - r)².
+        fuller: α, where the radius is unknown.
+    """
+    corrected = corrected and not sets.radial
+    known = np.isfinite(sets.radius)
+    alpha = np.where(known, np.nan, fuller if corrected else 0.0)
+    result = Spheres(start.center.copy(), start.radius.copy(), start.scale.copy(), start.found.copy())
+    result.radius[known] = sets.radius[known]
+    for _ in range(1 if sets.covariances is None else _ROUNDS):
+        before = result.center.copy()
+        for places, part, mean in for_kernels(sets, result, corrected):
+            for whole, values in zip(result, spheres_of(part, alpha[places], not corrected), strict=True):
+                whole[places] = values
+            result.scale[places] *= mean
+        with np.errstate(all="ignore"):
+            moved = np.linalg.norm(result.center - before, axis=1) > _SAME * result.radius
+        if not (moved & result.found).any():
+            break
+    return result
 
 
 def cost(sets: Weighted, center: Floats, radius: Floats) -> Floats:
@@ -337,36 +222,17 @@ def cost(sets: Weighted, center: Floats, radius: Floats) -> Floats:
     return np.asarray((sets.weights * (distance - radius[:, None]) ** 2).sum(axis=1))
 
 
-def _downhill(sets: Weighted, center: Floats, radius: Floats, step: Floats, share: Floats) -> Floats:
-    """Halve shares of steps until the cost does not rise, but for rounding."""
-    d, best = center.shape[1], cost(sets, center, radius)
-    limit = best * (1.0 + 1e-9) + 1e-30
-    for _ in range(_HALVINGS):
-        worse = cost(sets, center + share[:, None] * step[:, :d], radius + share * step[:, d]) > limit
-        if not worse.any():
-            break
-        share = np.where(worse, 0.5 * share, share)
-    return share
-
-
 def covariance(sets: Weighted, spheres: Spheres, corrected: bool = True) -> Floats:
     """Covariance of (ĉ, r̂) (b, d+1, d+1) in the units of the sets (theory 9.6).
 
     That of the corrected equations is J⁻¹ Σ p² V (e, 1)(e, 1)ᵀ J⁻ᵀ; else it is the Cramér-Rao bound with the estimates
     plugged in. A known radius has no error. NaN where there is no sphere.
     """
-    d, free, corrected = spheres.center.shape[1], np.isnan(sets.radius), corrected and not sets.radial
-    result = np.zeros((len(free), d + 1, d + 1))
-    with np.errstate(all="ignore"):
-        at = _about(sets, spheres.center, spheres.radius, spheres.scale, corrected)
-        _, slopes = _system(sets, at, spheres.radius, np.zeros(len(free)))
-        normal = np.concatenate([at.direction, np.where(sets.present, 1.0, 0.0)[..., None]], axis=2)
-        spread = at.weights**2 * at.means.variance
-        middle = np.einsum("bn,bni,bnj->bij", spread, normal, normal, optimize=True)
-        information = middle / np.maximum(spheres.scale, 1e-300)[:, None, None]  # Σ p (e, 1)(e, 1)ᵀ, as pV = s
-    for some, m in ((np.flatnonzero(free), d + 1), (np.flatnonzero(~free), d)):
-        inverse = _inverse((slopes if corrected else information)[some, :m, :m])
-        result[some, :m, :m] = inverse @ middle[some, :m, :m] @ inverse.swapaxes(1, 2)
+    d, corrected = spheres.center.shape[1], corrected and not sets.radial
+    result = np.full((len(sets.unit), d + 1, d + 1), np.nan)
+    for places, part, mean in for_kernels(sets, spheres, corrected):
+        known = np.isfinite(sets.radius[places])
+        result[places] = covariances_of(part, spheres.scale[places] / mean, known, corrected)
     return result
 
 
@@ -478,19 +344,36 @@ def _theta(values: Floats, right: Floats, level: Floats) -> Floats:
 
 
 def along_normals(sets: Weighted, spheres: Spheres) -> tuple[Floats, Floats, Floats]:
-    """Weights of mean 1 (b, n), the means' factors (b, n, 2) and the scale, of points with covariances at spheres.
+    """Weights of mean 1 (b, n), the means' factors (b, n, 2) and the mean of 1/v (b,) of covariances at spheres.
 
     What their noise across the normal adds to the centre's equation (9.7) is written as Σp eeᵀ h: it acts as a λ that
     varies by h·e from point to point.
     """
-    at = _about(sets, spheres.center, spheres.radius, np.ones(len(sets.unit)), True)
-    assert at.aside is not None
-    mean = at.weights.sum(axis=1, keepdims=True) / sets.size[:, None]
-    spread = np.einsum("bn,bni,bnj->bij", at.weights, at.direction, at.direction)
-    h = np.einsum("bij,bnj,bn->bi", _inverse(spread), at.aside, at.weights)
-    plain, radius = at.means.lengthening, spheres.radius[:, None] * mean
-    tilted = plain + np.einsum("bni,bi->bn", at.direction, h)
-    return at.weights / mean, np.stack([plain, tilted], axis=2) * radius[..., None], sets.scale / mean[:, 0]
+    noise, present = sets.covariances, sets.present
+    assert noise is not None
+    with np.errstate(all="ignore"):
+        away = sets.points - spheres.center[:, None]
+        e = np.where(present[..., None], away / np.linalg.norm(away, axis=2, keepdims=True), 0.0)
+        turned = np.einsum("bnij,bnj->bni", noise, e)
+        normal = np.where(present, np.einsum("bni,bni->bn", e, turned), 1.0)
+        p = np.where(present, 1.0 / normal, 0.0)
+        across = np.einsum("bni,bni->bn", turned, turned) - normal**2
+        plain = np.where(present, (np.einsum("bnii->bn", noise) - normal) / 2.0 - 2.0 * p * across, 0.0)
+        aside = np.where(present[..., None], turned - normal[..., None] * e, 0.0)
+        spread = np.einsum("bn,bni,bnj->bij", p, e, e)
+        h = np.einsum("bij,bnj,bn->bi", _inverse(spread), aside, p)
+        mean = p.sum(axis=1, keepdims=True) / sets.size[:, None]
+        bent = np.stack([plain, plain + np.einsum("bni,bi->bn", e, h)], axis=2) * mean[..., None]
+        return p / mean, bent, mean[:, 0]
+
+
+def _inverse(matrices: Floats) -> Floats:
+    """Inverses of matrices (b, m, m); NaN where they are singular."""
+    result = np.full(matrices.shape, np.nan)
+    with np.errstate(all="ignore"):
+        fine = np.isfinite(matrices).all(axis=(1, 2)) & (np.linalg.slogdet(matrices)[0] != 0.0)
+    result[fine] = np.linalg.inv(matrices[fine])
+    return result
 
 
 def free_sphere(samples: Samples) -> Estimates:
@@ -498,15 +381,10 @@ def free_sphere(samples: Samples) -> Estimates:
     start = corrected(samples)
     if samples.weights is None:
         return start
-    sets = Weighted.of(samples.points, 1.0 / samples.weights, False, np.full(len(samples.x), np.nan))
-    with np.errstate(all="ignore"):
-        center = (start.center - sets.origin) / sets.unit[:, None]
-        sphere = Spheres(
-            center, start.radius / sets.unit, start.noise_variance / sets.unit**2, np.isfinite(start.radius)
-        )
-        sphere = corrected_equations(sets, sphere)
-        scale = sphere.scale * sets.unit**2 * samples.weights.mean(axis=1)
-    fields = [sets.origin + sphere.center * sets.unit[:, None], sphere.radius * sets.unit, scale]
-    for whole, part in zip(start, fields, strict=False):
+    b, _, n = samples.shape
+    mean, unknown = samples.weights.mean(axis=1), np.full(b, np.nan)
+    own = BatchWeights(samples.weights / mean[:, None], np.empty((b, 2, 0)), unknown, alone(n))
+    sphere = spheres_of(PointSets(samples.rows, start.center, start.radius, own), np.full(b, FULLER), False)
+    for whole, part in zip(start, (sphere.center, sphere.radius, sphere.scale * mean), strict=False):
         whole[:] = np.where(sphere.found.reshape(-1, *[1] * (part.ndim - 1)), part, np.nan)
     return start

@@ -120,15 +120,15 @@ def weighted_score(x, r, start, v, known):
     c, s = found.x[:d], found.x[d]
     e, rest, away, variance = deviations(c, s)
     spread, distance = np.mean(p * variance), np.linalg.norm(x - c[:, None], axis=0)
-    ratio = p @ (distance - away) / n / distance  # the mean λ over R
+    ratio = (distance - away) / distance  # λ over R
     inverse = np.linalg.inv(np.mean(p * (1.0 - ratio)) * np.eye(d) + (p * e * ratio) @ e.T / n)
-    error = inverse @ ((p * e) @ e.T / n) @ inverse.T * spread / n
+    error = inverse @ ((p * p * variance * e) @ e.T / n) @ inverse.T / n
     along = (inverse @ (e @ p) / n) @ e
     w = 1.0 - along
     across = np.array([np.trace((np.eye(d) - np.outer(e[:, k], e[:, k])) @ error) / distance[k] for k in range(n)])
     mean = p @ across / n
-    bias = 0.5 * p @ (w * (across - mean) + w**2 * mean)
-    total, weight = p @ rest, p @ w**2
+    total, weight = p @ rest, p**2 @ (w**2 * variance) / spread
+    bias = 0.5 * (p @ (w * (across - mean)) + weight * mean)
     left = (p @ rest**2 - total**2 / weight) / (n - d - 1)
     if known:
         left = spread
