@@ -199,6 +199,12 @@ def ask(samples: int, noise_over_radius: float, angle: float) -> list[Prediction
 
     Raises:
         ValueError: if the table that comes along does not reach so far.
+
+    Examples:
+        >>> import study
+        >>> best = study.ask(50, 0.1, 40)[0]
+        >>> print(f"{best.estimator}: {best.ratio_median:.2f}, from {best.low:.2f} to {best.high:.2f}")
+        corrected: 0.78, from 0.77 to 0.79
     """
     return Emulator.load().ask((samples, noise_over_radius, angle))
 
