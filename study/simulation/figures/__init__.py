@@ -76,6 +76,7 @@ def draw_all(
     for place in {folder or own_folder(run) for run in runs}:
         make_folder(place)
     drawn = gallery(names, kinds or (*style.KINDS, "pdf"))
-    drawn.draw(of_runs)
+    for tables in of_runs:
+        drawn.add(tables)
     reasons = {name: gathered(reasons, len(runs)) for name, reasons in drawn.undrawn.items()}
     return drawn.save(folder), reasons

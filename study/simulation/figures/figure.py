@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -254,14 +253,6 @@ class Drawing(NamedTuple):
     pictures: dict[str, bytes]
 
 
-def _encoded(figure: Figure, kinds: Collection[str]) -> dict[str, bytes] | str:
-    """A figure's pictures by format, or how it failed."""
-    try:
-        return style.encoded(figure, kinds)
-    except Exception as error:  # a figure that fails must not cost the others
-        return failure(error)
-
-
 class Gallery:
     """Figures of runs, each drawn from the first run that has the tables for it.
 
@@ -285,30 +276,21 @@ class Gallery:
         """The figures that were drawn, by name, in the order in which they were given."""
         return {name: self._drawings[name] for name in self._figures if name in self._drawings}
 
-    def draw(self, runs: Sequence[Tables]) -> None:
-        """Draw each figure from the first run that can feed it; of a run's tables the summary stays in memory."""
-        drawn: dict[str, tuple[Tables, Any, Figure]] = {}
-        for tables in runs:
-            for name in [name for name in self.undrawn if name not in drawn and name not in self.failures()]:
-                figure = self._figures[name]
-                try:
-                    frame = figure.prepare(tables)
-                    drawn[name] = tables, frame, figure.draw(frame)
-                except NotApplicable as reason:
-                    self.undrawn[name][tables.name] = str(reason)
-                except Exception as error:  # a figure that fails must not cost the others
-                    self.undrawn[name] = {tables.name: failure(error)}
-            tables.release()
-        # to lay out and to encode takes longer than to draw
-        pictures = Parallel(n_jobs=min(2, max(1, len(drawn))))(
-            delayed(_encoded)(picture, self._kinds) for *_, picture in drawn.values()
-        )
-        for (name, (tables, frame, _)), data in zip(drawn.items(), pictures, strict=True):
-            if isinstance(data, str):
-                self.undrawn[name] = {tables.name: data}
+    def add(self, tables: Tables) -> None:
+        """Draw the figures that a run can feed and no earlier run could; of its tables the summary stays in memory."""
+        for name in [name for name in self.undrawn if name not in self.failures()]:
+            figure = self._figures[name]
+            try:
+                frame = figure.prepare(tables)
+                pictures = style.encoded(figure.draw(frame), self._kinds)
+            except NotApplicable as reason:
+                self.undrawn[name][tables.name] = str(reason)
+            except Exception as error:  # a figure that fails must not cost the others
+                self.undrawn[name] = {tables.name: failure(error)}
             else:
-                self._drawings[name] = Drawing(self._figures[name], tables, frame, data)
+                self._drawings[name] = Drawing(figure, tables, frame, pictures)
                 del self.undrawn[name]
+        tables.release()
 
     def save(self, folder: Path | None = None) -> list[Path]:
         """Write the pictures into a folder, by default the run's own, and return their paths.

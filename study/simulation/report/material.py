@@ -356,8 +356,8 @@ class Material:
             tables = Tables(run)
             if tables.name in [other.name for other in self.runs]:
                 raise RunError(f"{run.folder}: {tables.name} is given twice")
+            gallery.add(tables)
             self.runs.append(tables)
-        gallery.draw(self.runs)
         drawings, self.undrawn = gallery.drawings, dict(gallery.undrawn)
         efficiency = drawings[_LEAD].frame if _LEAD in drawings else None
         self.lead: Markup | None = None
