@@ -79,7 +79,7 @@ class ChainStatus(Worded):
     NOT_CONVERGED = 1, "the chain did not reach 50 autocorrelation times, stable to 1 %, within its budget of steps"
     AT_PRIOR = 2, "the posterior reaches the prior's box, which decides the answer: the data alone do not bound it"
     NO_START = 3, "no finite error ellipsoid within the prior's box to start from"
-    NOT_MIXED = 4, "walkers did not mix within the budget of steps, or differ from independent draws of the posterior"
+    NOT_MIXED = 4, "walkers that started at different modes of the posterior did not mix within the budget of steps"
 
 
 def _conditions(value: object) -> tuple[tuple[str, tuple[Value, ...]], ...]:

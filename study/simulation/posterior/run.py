@@ -266,7 +266,7 @@ def _squares(vectors: Floats, covariance: Floats) -> Floats:
         return np.asarray((((vectors @ axes) ** 2) / values).sum(axis=1))
 
 
-FORMAT = 4
+FORMAT = 3
 """Version of the sampler; a chain of another version is computed again."""
 
 

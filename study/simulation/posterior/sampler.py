@@ -3,13 +3,12 @@
 Most moves propose independent places from Student's distribution with the mean and covariance of the other half of the
 walkers. The posteriors here are so nearly normal that the integrated autocorrelation time τ is then about 3 steps; with
 the stretch move it is about 50. One move in ten is differential evolution (ter Braak 2006), which also works for
-posteriors that are not normal. Before the chain, independent draws are taken from the same posterior
-(`study.simulation.posterior.proposals`). If they find mass apart from the best sphere, the walkers start at such draws,
-and half of the moves are to such places.
+posteriors that are not normal. If there may be modes apart from the best sphere, half of the walkers start there,
+places are proposed in coordinates in which the modes are neighbours (see below), and one move in five is to the other
+side of the points.
 
 A chain is long enough when what remains after its first fifth is 50 τ long, and τ is stable to 1 %. As τ does not
-notice walkers that stay at one mode each, they must be mixed as well, by the variance between their means. Nor does it
-notice a mode that no walker found: standard deviations and quantiles must be those of the independent draws. Otherwise
+notice walkers that stay at one mode each, they must be mixed as well, by the variance between their means; otherwise
 the chain's status says so.
 
 There are two log-likelihoods, both up to a constant. Geometric: the distances Rᵢ = |xᵢ - c| are normal about r with the
@@ -25,6 +24,18 @@ cancellation that would cost all digits where σ ≪ r.
 The prior is flat on the centre in a box and on the radius, and 1/σ on an unknown noise. The box is needed, as a flat
 prior on the whole space makes the posterior of a partial cap improper: towards a plane the likelihood tends to a
 constant.
+
+Modes of a flat cap's posterior. Points on a flat cap, whose noise is about its height or above, are explained about as
+well by a sphere on the other side, by one of any larger radius up to a plane, and some of them by a small one. These
+modes differ widely in size, and walkers in (c, r) hardly ever find a way between them. All have their centres on rays
+from the points' centroid x̄, along which the sphere's tangent near the points keeps its direction. So the centre is
+given as
+
+    w = u log(1 + D/ε),    c - x̄ = D u,    dc/dw = (D + ε) (D/|w|)^(d-1),
+
+with half the points' extent for ε; then both sides, near and far, are a few units apart. Given the centre, the
+geometric radius is normal about the mean distance R̄(c) with variance σ²/n, and an unknown σ is proportional to √S(c),
+S = Σ(R - R̄)². So (r - R̄)/√S and log σ - log √S take their places; r - R̄ takes that of r if σ is known.
 """
 
 import math
@@ -40,10 +51,9 @@ import scipy.fft
 from study.arrays import Floats
 from study.fits import Samples, Status
 from study.fits.jit import compiled
-from study.fits.random import OldStream, stream
+from study.fits.random import OldStream
 from study.fits.registry import fit_samples
 from study.simulation.experiment.config import ChainStatus
-from study.simulation.posterior.proposals import Proposals
 
 
 def autocorrelation_times(chain: Floats) -> Floats:
@@ -223,41 +233,188 @@ def log_posterior(
     return value
 
 
+_LEAST = 1e-12
+"""Least √S in units of the points' extent: far away rounding makes S zero, and √S is divided by."""
+_TINY = 1e-300
+"""Guard against division by zero."""
+_FARTHEST = 100.0
+"""Length |w| above which the distance is cut off: far outside any box, and still finite."""
+
+
+@dataclass(frozen=True)
+class RayCoordinates:
+    """The map between walkers and coordinates along rays from the points' centroid.
+
+    A walker is an offset from the best sphere's parameters, scaled by a matrix.
+
+    Attributes:
+        points: (d, n).
+        origin: parameters of the best sphere: centre, radius, and log σ if σ is unknown (p,).
+        spread: matrix from walkers to offsets from the origin (p, p).
+    """
+
+    points: Floats
+    origin: Floats
+    spread: Floats
+
+    @property
+    def centroid(self) -> Floats:
+        """The points' centroid (d,)."""
+        return np.asarray(self.points.mean(axis=1))
+
+    @property
+    def extent(self) -> float:
+        """The points' root mean square distance from the centroid."""
+        return math.sqrt(self.points.var(axis=1).sum())
+
+    def coordinates(self, walkers: Floats) -> tuple[Floats, Floats]:
+        """Coordinates of walkers (k, p), and log-volumes of parameters per volume of coordinates (k,)."""
+        d = len(self.points)
+        result = self.origin + walkers @ self.spread.T
+        mean, root = self.distances(result[:, :d])
+        away = result[:, :d] - self.centroid
+        distance = np.linalg.norm(away, axis=1)
+        length = np.log1p(distance / (0.5 * self.extent))
+        result[:, :d] = away * (length / np.maximum(distance, _TINY))[:, None]
+        result[:, d] = (result[:, d] - mean) / root
+        if len(self.origin) > d + 1:
+            result[:, d + 1] -= np.log(root)
+        return result, self._volume(distance, length, root)
+
+    def walkers(self, coordinates: Floats) -> tuple[Floats, Floats]:
+        """Walkers at coordinates (k, p), and log-volumes of parameters per volume of coordinates (k,)."""
+        d = len(self.points)
+        result = coordinates.copy()
+        length = np.linalg.norm(result[:, :d], axis=1)
+        distance = 0.5 * self.extent * np.expm1(np.minimum(length, _FARTHEST))
+        result[:, :d] = self.centroid + result[:, :d] * (distance / np.maximum(length, _TINY))[:, None]
+        mean, root = self.distances(result[:, :d])
+        result[:, d] = mean + result[:, d] * root
+        if len(self.origin) > d + 1:
+            result[:, d + 1] += np.log(root)
+        return self.walkers_at(result), self._volume(distance, length, root)
+
+    def walkers_at(self, parameters: Floats) -> Floats:
+        """Walkers at parameters (k, p)."""
+        return np.asarray(np.linalg.solve(self.spread, (parameters - self.origin).T).T)
+
+    def distances(self, center: Floats) -> tuple[Floats, Floats]:
+        """Mean R̄ of the points' distances from centres (k, d), and √S; 1 in place of √S if σ is known."""
+        distance = np.sqrt(((center[:, :, None] - self.points) ** 2).sum(axis=1))
+        mean = distance.mean(axis=1)
+        if len(self.origin) == len(self.points) + 1:
+            return mean, np.ones(len(mean))
+        root = np.sqrt(((distance - mean[:, None]) ** 2).sum(axis=1))
+        return mean, np.maximum(root, _LEAST * self.extent)
+
+    def _volume(self, distance: Floats, length: Floats, root: Floats) -> Floats:
+        """Log of dc/dw times √S."""
+        d, near = len(self.points), 0.5 * self.extent
+        stretch = np.where(length > 1e-9, distance / np.maximum(length, _TINY), near)
+        return np.asarray(np.log(distance + near) + (d - 1) * np.log(stretch) + np.log(root))
+
+
+_NEAREST = 0.1
+"""Least distance of a trial centre from the centroid, in units of the points' extent √Tr C."""
+_CENTERS = 60
+"""Trial centres on each ray."""
+_APART = 6.0
+"""A centre farther than this from the best sphere, in its standard deviations, is apart from it ..."""
+_VALLEY = 2.0
+"""... and so is one across the centroid, where the log-density at the centroid is lower than its own by this."""
+_LEAST_MASS = 0.1
+"""Least mass in units of the best sphere's, by a crude bound, that counts as a possible mode."""
+
+
+def other_modes_possible(rays: RayCoordinates, width: float, log_density: Callable[[Floats], Floats]) -> bool:
+    """True if there may be mass apart from the best sphere.
+
+    The density is computed on lines through the centroid: towards the best centre, and along the points' main axes. A
+    centre at m standard deviations counts with m^d times the best sphere's volume. That overrates its mass about ten
+    times in the plane and more in space, so modes with less than about a percent of the mass may be missed.
+
+    Args:
+        rays: coordinates of the posterior.
+        width: half-width of the prior's box.
+        log_density: log-posterior of walkers (k, p).
+    """
+    d, n = rays.points.shape
+    main = rays.origin[:d] - rays.centroid
+    axes = [*np.linalg.eigh(np.cov(rays.points))[1].T, main / max(float(np.linalg.norm(main)), _TINY)]
+    steps = np.geomspace(_NEAREST * rays.extent, 2.0 * math.sqrt(d) * width, _CENTERS)
+    lines = [sign * steps[:, None] * axis for axis in axes for sign in (-1.0, 1.0)]
+    center = rays.centroid + np.concatenate([*lines, np.zeros((1, d))])
+    with np.errstate(all="ignore"):  # the density is zero where no sphere exists
+        mean, root = rays.distances(center)
+        rest = [mean] if len(rays.origin) == d + 1 else [mean, np.log(root / math.sqrt(n))]
+        walkers = rays.walkers_at(np.column_stack([center, *rest]))
+        walkers[~np.isfinite(walkers).all(axis=1)] = np.inf
+        covariance = rays.spread[:d] @ rays.spread[:d].T
+        away = np.linalg.solve(np.linalg.cholesky(covariance), (center - rays.origin[:d]).T)
+        size = np.sqrt((away**2).sum(axis=0))
+        density = log_density(walkers)
+        across = ((center - rays.centroid) @ main < 0.0) & (density > density[-1] + _VALLEY)
+        mass = density + d * np.log(np.maximum(size, 1.0))
+        best = log_density(np.zeros((1, len(rays.origin))))[0]
+    return bool((mass[across | (size > _APART)] > best + math.log(_LEAST_MASS)).any())
+
+
+def spread_out(rays: RayCoordinates, walkers: Floats, width: float, random: OldStream) -> Floats:
+    """Move every second walker along its line through the centroid, uniformly in log-distance on either side.
+
+    Args:
+        rays: coordinates of the posterior.
+        walkers: (k, p).
+        width: half-width of the prior's box, the largest distance.
+        random: source of random numbers.
+    """
+    d, result = len(rays.points), walkers.copy()
+    places, _ = rays.coordinates(walkers[1::2])
+    length = random.uniform(-1.0, 1.0, len(places)) * math.log1p(width / (0.5 * rays.extent))
+    places[:, :d] *= (length / np.maximum(np.linalg.norm(places[:, :d], axis=1), _TINY))[:, None]
+    result[1::2] = rays.walkers(places)[0]
+    return result
+
+
 _FREEDOM = 5.0
 """Degrees of freedom of the proposals: their tails are heavier than the posterior's, so that no walker is stuck."""
 
 
 class FittedMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Propose places independent of the walker's own, from Student's distribution fitted to the resting walkers."""
+    """Propose places independent of the walker's own, from Student's distribution fitted to the resting walkers.
+
+    Args:
+        rays: coordinates in which to fit and to propose; the walkers' own if None.
+    """
+
+    def __init__(self, rays: RayCoordinates | None = None) -> None:
+        super().__init__()
+        self.rays = rays
 
     def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
         """Places for walkers ``s`` (k, p) given the resting walkers ``c``, and log-ratios of proposal densities."""
-        return _drawn(s, np.concatenate(c, axis=0), random)
+        others = np.concatenate(c, axis=0)
+        if self.rays is None:
+            return _drawn(s, others, random)
+        here, volume = self.rays.coordinates(s)
+        places, balance = _drawn(here, self.rays.coordinates(others)[0], random)
+        walkers, after = self.rays.walkers(places)
+        return walkers, balance + after - volume
 
 
-def scaled(parameters: Floats, origin: Floats, spread: Floats) -> Floats:
-    """Walkers at parameters (k, p): offsets from the best sphere's, scaled by a matrix (p, p)."""
-    return np.asarray(np.linalg.solve(spread, (parameters - origin).T).T, dtype=np.float64)
+class MirrorMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
+    """Propose the sphere at the same distance on the other side of the points, for a mode with few walkers."""
 
-
-class IndependentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Propose spheres from all places where the posterior may have mass; see `Proposals`.
-
-    Args:
-        proposals: of spheres.
-        origin: parameters of the best sphere (p,).
-        spread: matrix from walkers to offsets from the origin (p, p).
-    """
-
-    def __init__(self, proposals: Proposals, origin: Floats, spread: Floats) -> None:
+    def __init__(self, rays: RayCoordinates) -> None:
         super().__init__()
-        self.proposals, self.origin, self.spread = proposals, origin, spread
+        self.rays = rays
 
     def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
-        """Places for walkers ``s`` (k, p), and log-ratios of proposal densities."""
-        drawn = self.proposals.draw(random, len(s))
-        here, there = map(self.proposals.log_density, (self.origin + s @ self.spread.T, drawn))
-        return scaled(drawn, self.origin, self.spread), here - there
+        """Mirrored places of walkers ``s`` (k, p), and log-ratios of volumes."""
+        here, volume = self.rays.coordinates(s)
+        here[:, : len(self.rays.points)] *= -1.0
+        walkers, after = self.rays.walkers(here)
+        return walkers, after - volume
 
 
 def _drawn(s: Floats, others: Floats, random: OldStream) -> tuple[Floats, Floats]:
@@ -274,12 +431,8 @@ def _drawn(s: Floats, others: Floats, random: OldStream) -> tuple[Floats, Floats
 
 _FITTED = 0.9
 """Share of independent proposals; the other moves are differential evolution."""
-_ANYWHERE = 0.5
-"""Share of moves to any place of the posterior, taken from the fitted proposals, if there is mass apart."""
-_APART = 6.0
-"""A centre farther than this from the best sphere, in its standard deviations, is apart from it."""
-_LEAST_MASS = 1e-3
-"""Least share of the posterior that counts as mass apart."""
+_MIRRORED = 0.2
+"""Share of moves across the points, taken from the independent proposals, if other modes are possible."""
 _FIRST_LENGTH = 100
 """Steps before the chain's length is checked first."""
 _WARM_UP = 0.2
@@ -387,42 +540,29 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
     density = partial(log_posterior, prior, name, reference, origin, spread)
     first = random.standard_normal((walkers, parameters))
     moves = [(FittedMove(), _FITTED), (emcee.moves.DEMove(), 1.0 - _FITTED)]
-    d = len(prior.center)
-    noise = prior.noise if prior.known else None
-    proposals = Proposals.of(samples.x[0], origin, spread[:d] @ spread[:d].T, noise, prior.width)
-    # a stream of its own, so that the chain's numbers do not depend on how many draws are taken here
-    own = stream(int(random.get_state(legacy=False)["state"]["key"][-1]), "posterior", "draws")
-    with np.errstate(all="ignore"):  # the density is zero where no sphere exists
-        drawn = proposals.search(lambda places: density(scaled(places, origin, spread)), own)
-        apart = drawn.weights[proposals.apart(drawn.parameters, _APART)].sum() > _LEAST_MASS
-    if apart:
-        first = scaled(drawn.resampled(random, walkers), origin, spread)
-        everywhere = IndependentMove(proposals, origin, spread)
-        moves = [(FittedMove(), _FITTED - _ANYWHERE), (everywhere, _ANYWHERE), moves[1]]
+    rays = RayCoordinates(samples.x[0], origin, spread)
+    if other_modes_possible(rays, prior.width, density):
+        first = spread_out(rays, first, prior.width, random)
+        moves = [(FittedMove(rays), _FITTED - _MIRRORED), (MirrorMove(rays), _MIRRORED), moves[1]]
     first = _inside(first, density)
     sampler = _Sampler(walkers, parameters, density, moves=moves)
     state = emcee.State(first, random_state=random.get_state())
-    status, tau = _until_long_enough(
-        sampler, state, max_steps, lambda chain: drawn.agree(origin + chain.reshape(-1, parameters) @ spread.T)
-    )
+    status, tau = _until_long_enough(sampler, state, max_steps)
     taken = sampler.get_chain().shape[0]
     draws = origin + sampler.get_chain(discard=int(_WARM_UP * taken)) @ spread.T
     if not prior.known:
         draws[..., -1] = np.exp(draws[..., -1])
     if status is ChainStatus.OK:
+        d = len(prior.center)
         rim = np.abs(draws[..., :d] - prior.center).max(axis=-1) > _RIM * prior.width
         status = ChainStatus.AT_PRIOR if rim.mean() > _AT_RIM else status
     return Chain(status, draws, tau, float(np.mean(sampler.acceptance_fraction)), taken)
 
 
 def _until_long_enough(
-    sampler: emcee.EnsembleSampler, state: emcee.State | None, max_steps: int, agrees: Callable[[Floats], bool]
+    sampler: emcee.EnsembleSampler, state: emcee.State | None, max_steps: int
 ) -> tuple[ChainStatus, float]:
-    """Run until the chain is 50 τ long, τ is stable, the walkers are mixed, and agree with independent draws.
-
-    Returns:
-        The status, and the last τ.
-    """
+    """Run until the chain is 50 τ long, τ is stable, and the walkers are mixed; returns the status and the last τ."""
     target, before, taken = min(_FIRST_LENGTH, max_steps), math.inf, 0
     while True:
         state = sampler.run_mcmc(state, target - taken, skip_initial_state_check=True)
@@ -432,11 +572,10 @@ def _until_long_enough(
             tau = float(np.max(autocorrelation_times(chain)))
         needed = _LENGTH * tau
         enough = len(chain) >= needed
-        mixed = enough and _mixed(chain) and agrees(chain)
-        if mixed and abs(before - tau) < _STABLE * tau:
+        if enough and abs(before - tau) < _STABLE * tau and _mixed(chain):
             return ChainStatus.OK, tau
         if taken >= max_steps:
-            return ChainStatus.NOT_MIXED if enough and not mixed else ChainStatus.NOT_CONVERGED, tau
+            return ChainStatus.NOT_MIXED if enough and not _mixed(chain) else ChainStatus.NOT_CONVERGED, tau
         before = tau
         ahead = math.ceil(needed / (1.0 - _WARM_UP)) if math.isfinite(needed) else 0
         target = min(max(ahead, math.ceil(1.1 * taken)), 4 * taken, max_steps)

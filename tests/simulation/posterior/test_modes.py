@@ -1,4 +1,6 @@
-"""Proposals of spheres from all places where a posterior may have mass: their density.
+"""Modes apart from the best sphere: the data for which they are possible, and walkers that start there.
+
+Coordinates along rays: there and back, and their volumes.
 
 Log-likelihoods of a sphere: against their definitions by quadrature, direct formulas, and 60-digit arithmetic.
 """
@@ -8,52 +10,65 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from scipy import integrate, stats
-from scipy.special import logsumexp
+from scipy import integrate
 
-from study.simulation.posterior.proposals import Proposals
-from study.simulation.posterior.sampler import Reference, geometric, whole_sphere
-
-
-@pytest.fixture(params=[(2, True), (2, False), (3, True), (3, False)], ids=str)
-def proposals(request, on_cap):
-    """Proposals for the points of a flat cap, about a sphere that is not its best one, and log σ if it is unknown."""
-    d, known = request.param
-    points, _ = on_cap(np.random.default_rng(3), 9, angle=40.0, d=d, noise=0.2, center=0.3)
-    best = np.append(np.full(d, 0.2), [1.0, -1.5])[: d + 2 - known]
-    root = np.tril(np.random.default_rng(4).uniform(0.1, 0.3, (d, d))) + 0.2 * np.eye(d)
-    return Proposals.of(points.T.copy(), best, root @ root.T, 0.2 if known else None, 3.0)
+from study.simulation.posterior import sampler
+from study.simulation.posterior.sampler import Reference, geometric, other_modes_possible, spread_out, whole_sphere
 
 
-def test_density_of_proposals(proposals):
-    """Against SciPy's laws of the centre near by, of the noise and of the radius, and drawn shares of the rays.
+def test_spread_out(rays):
+    """Every second walker stays; of the others as many are on either side, as near as far, and keep their line."""
+    walkers = np.random.default_rng(6).standard_normal((4000, len(rays.origin)))
+    moved = spread_out(rays, walkers, 5.0, np.random.RandomState(1))
+    np.testing.assert_array_equal(moved[::2], walkers[::2])
+    d = len(rays.points)
+    before, after = (rays.coordinates(w[1::2])[0] for w in (walkers, moved))
+    lengths = (before[:, :d] * after[:, :d]).sum(axis=1) / np.linalg.norm(before[:, :d], axis=1)
+    np.testing.assert_allclose(np.abs(lengths), np.linalg.norm(after[:, :d], axis=1), rtol=1e-6)
+    far = math.log1p(5.0 / (0.5 * rays.extent))
+    # uniform on ±far: 5 standard errors of the mean and of the mean length, false in 1 of 10⁶
+    assert abs(lengths.mean()) < 5.0 * far / math.sqrt(3.0 * 2000)
+    assert abs(np.abs(lengths).mean() - 0.5 * far) < 5.0 * far / math.sqrt(12.0 * 2000)
 
-    The share of draws in a ball about the centroid is compared with the density's integral over it, by the means of the
-    density at places that are uniform there, to 5 standard errors of both: false in 1 of 10⁶.
+
+@pytest.mark.parametrize(
+    ("angle", "noise", "wanted"),
+    [(180.0, 0.02, False), (90.0, 0.02, False), (60.0, 0.02, False), (90.0, 1e-9, False), (20.0, 0.1, True)],
+)
+@pytest.mark.parametrize("d", [2, 3])
+def test_where_they_are_possible(on_cap, d, angle, noise, wanted):
+    """On a cap whose noise is above its height, not where one sphere explains the points (fixed seed)."""
+    points, directions = on_cap(np.random.default_rng(7), 40, angle=angle, d=d, noise=noise)
+    rows = np.column_stack([directions, np.ones(40)])
+    spread = np.linalg.cholesky(np.linalg.inv(rows.T @ rows)) * noise
+    origin = np.append(np.zeros(d), 1.0)
+    reference = sampler.Reference.of(points.T, origin[:d], 1.0)
+
+    def log_probability(scaled):
+        offsets = scaled @ spread.T
+        value = sampler.geometric(reference, offsets, np.full(len(offsets), math.log(noise)))
+        return np.where((np.abs(offsets[:, :d]) < 3.0).all(axis=1), value, -np.inf)
+
+    rays = sampler.RayCoordinates(points.T.copy(), origin, spread)
+    assert other_modes_possible(rays, 3.0, log_probability) is wanted
+
+
+def test_there_and_back(rays):
+    """Each is the other's inverse, with the same volume, near and far (to roundings times e⁶).
+
+    Volumes are the Jacobian's determinants, by central differences, up to one constant.
     """
-    d, n = proposals.points.shape
-    drawn = proposals.draw(np.random.RandomState(1), 200_000)
-    given = proposals.log_density(drawn[:50]) - logsumexp(proposals._parts(drawn[:50, :d]), axis=0)
-    distance = np.linalg.norm(drawn[:50, None, :d] - proposals.points.T, axis=2)
-    mean, squares = distance.mean(axis=1), distance.var(axis=1) * n
-    sigma = np.full(50, 0.2) if proposals.noise else np.exp(drawn[:50, d + 1])
-    expected = stats.norm.logpdf(drawn[:50, d], mean, sigma / math.sqrt(n))
-    if not proposals.noise:  # S/σ² is χ²: its density, times its slope by log σ
-        expected += stats.chi2.logpdf(squares / sigma**2, n - 1) + np.log(2.0 * squares / sigma**2)
-    np.testing.assert_allclose(given, expected, rtol=1e-9, atol=1e-9)
-    about = stats.multivariate_t.logpdf(drawn[:50, :d], proposals.center, proposals.root @ proposals.root.T, df=3.0)
-    np.testing.assert_allclose(proposals._parts(drawn[:50, :d])[0], about + math.log(0.4), rtol=1e-9)
-    rng, size = np.random.default_rng(5), 2.0
-    ball = rng.standard_normal((200_000, d))
-    ball *= (size * rng.random(200_000) ** (1 / d) / np.linalg.norm(ball, axis=1))[:, None]
-    centroid = proposals.points.mean(axis=1)
-    volume = math.pi ** (d / 2) / math.gamma(d / 2 + 1) * size**d
-    for part, share in enumerate(proposals.shares):
-        density = np.exp(proposals._parts(centroid + ball)[part]) * volume
-        alone = Proposals(**{**vars(proposals), "shares": np.eye(4)[part]})
-        inside = np.linalg.norm(alone.draw(np.random.RandomState(2), 50_000)[:, :d] - centroid, axis=1) < size
-        error = math.hypot(share * inside.std() / math.sqrt(50_000), density.std() / math.sqrt(200_000))
-        assert abs(density.mean() - share * inside.mean()) < 5.0 * error
+    walkers = np.random.default_rng(4).standard_normal((50, len(rays.origin))) * np.geomspace(0.1, 100.0, 50)[:, None]
+    places, volume = rays.coordinates(walkers)
+    back, same = rays.walkers(places)
+    np.testing.assert_allclose(back, walkers, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(same, volume, atol=1e-9)
+    places = np.random.default_rng(5).standard_normal((20, len(rays.origin)))
+    _, volume = rays.walkers(places)
+    step = 1e-5 * np.eye(len(rays.origin))
+    columns = [(rays.walkers(places + s)[0] - rays.walkers(places - s)[0]) / 2e-5 for s in step]
+    excess = np.linalg.slogdet(np.stack(columns, axis=2))[1] - volume
+    np.testing.assert_allclose(excess, excess[0], atol=1e-5)
 
 
 @pytest.fixture(params=[2, 3, 5])
