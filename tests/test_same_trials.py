@@ -157,7 +157,10 @@ def test_spreads_of_figures_3_and_4_are_of_all_trials(pair):
 
 
 def test_claims_compare_the_same_trials(pair):
-    """No number behind a verdict depends on a status, but those that count it, and UGDK's mean, which is paired."""
+    """No number behind a verdict depends on a status, but those that count it, and UGDK's mean, which is paired.
+
+    The share of the conditions in which UGDK's bias holds is of such means.
+    """
     pairs = [pair(shipped(name)) for name in SMALL]
     one, other = (evaluate(CLAIMS, Evidence(runs)) for runs in zip(*pairs, strict=True))
     judged = [finding.claim.name for finding in one if finding.numbers]
@@ -165,8 +168,10 @@ def test_claims_compare_the_same_trials(pair):
     for before, after in zip(one, other, strict=True):
         assert before.reason == after.reason
         for number, changed_to in zip(before.numbers, after.numbers, strict=True):
-            if " ok" not in number.words:
-                assert number._replace(words="") == pytest.approx(changed_to._replace(words=""), nan_ok=True)
+            if " ok" not in number.words and not (
+                before.claim.name == "ugdk-bias" and number.words.startswith("share")
+            ):
+                assert number[1:] == pytest.approx(changed_to[1:], nan_ok=True), (before.claim.name, number.words)
 
 
 def test_means_of_biases_are_paired(pair):
@@ -180,7 +185,9 @@ def test_means_of_biases_are_paired(pair):
     assert len(both) < 0.6 * len(wide)
     slope = np.polyfit(np.log(means.index), np.log(means), 1)[0]
     assert finding.numbers[1].value == pytest.approx(slope, abs=3 * finding.numbers[1].error)
-    assert finding.numbers[0].trials == finding.numbers[1].trials == both.groupby("samples").size().min()
+    assert {number.trials for number in finding.numbers if " ok" in number.words} == {
+        both.groupby("samples").size().min()
+    }
 
 
 def test_the_report_compares_the_same_trials(pair):

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import study
-from study.simulation.analysis import error_table, rank, regret
+from study.simulation.analysis import error_table, losses, rank, regret
 from study.simulation.analysis.compare import Difference
 from study.simulation.analysis.error_table import Grouped
 from study.simulation.figures import Tables, fig2_error
@@ -159,8 +159,11 @@ def test_comparisons_do_not_depend_on_the_parts(run, memory):
     """Regret and rankings of the parts are those of the table in one."""
     errors, names = run.table("errors"), list(run.study.estimators)
     pd.testing.assert_frame_equal(regret.of_run(run), regret.by_cell([errors], names))
-    found = rank.ranked([rank.of_run(run)]).drop(columns="seconds")
-    whole = rank.ranked([rank.compared([errors], names, run.study.run_name())]).drop(columns="seconds")
+    whole = errors.astype({"cell": str, "estimator": str})
+    found = rank.ranked([rank.compared(losses.of_run(run))]).drop(columns="seconds")
+    whole = rank.ranked(
+        [rank.compared(losses.Losses(run.study.run_name(), names, [whole], f"{run.study.name}-{run.study.seed}", 2))]
+    ).drop(columns="seconds")
     pd.testing.assert_frame_equal(found, whole)
 
 
