@@ -15,7 +15,7 @@ from study.arrays import Bools, Floats, Ints, as_number, real_array
 from study.fits.circle import Circle
 from study.fits.display import as_dict, as_html, as_text, frame, named_axis
 from study.fits.fitted import FittedPoints, RadiusTest
-from study.fits.form import forms_that_move
+from study.fits.form import forms_that_move, moves_of_forms
 from study.fits.given import GivenPoints
 from study.fits.goodness import Answer, Goodness
 from study.fits.judge import NOTHING, Assumptions
@@ -261,14 +261,16 @@ class Fit(Hinting):
             correlation (of ĉ and r̂), sigma, residual_rms, form_error (largest minus smallest residual),
             largest_deviation, condition (ρ), radius_interval, center_intervals (95 %), and the same numbers by the
             names of ``study fit --csv`` (center_x, error_x, radius_low, …); goodness (p values by block, and
-            p of all), misfit (the block that is named, or ""), allowance, circle (of a hinge, else None), ordered. NaN
-            where there is no number.
+            p of all), misfit (the block that is named, or ""), allowance, circle (of a hinge, else None), visible_form
+            (size of a form that the test of shape finds in half of such sets, in σ), visible_moves (of centre and
+            radius by such a form, in their errors), ordered. NaN where there is no number.
 
         Raises:
             ValueError: if there is more than one fit, or the fit does not hold its points.
         """
         numbers = as_dict(self)
         numbers |= {"outlier_influence": self._points.influence, "copies": int(self._points.repeated.sum())}
+        numbers |= {"visible_form": float(self.goodness.visible_form), "visible_moves": visible_moves(self).tolist()}
         return numbers | {"ordered": self._assumed.ordered}
 
     def plot(self) -> "Figure":
@@ -410,12 +412,9 @@ class Fit(Hinting):
             array([[0.32, 0.31, 0.43],
                    [0.19, 0.18, 0.2 ]])
         """
-        points, d = self._points, self.center.shape[-1]
-        distance, directions = points.from_center
-        weights = np.ones(points.used.shape) if points.observed.weights is None else points.observed.weights
-        weights = np.where(points.used & (distance > 0.0), weights, 0.0)
-        errors = self.standard_errors.reshape(-1, d + 1)
-        found = forms_that_move(directions, weights, errors, points.held)
+        directions, weights, held = self._points.design
+        errors = self.standard_errors.reshape(-1, self.center.shape[-1] + 1)
+        found = forms_that_move(directions, weights, errors, held)
         with np.errstate(all="ignore"):
             return np.asarray((found / self.sigma.reshape(-1, 1, 1)).reshape(*self.shape, *found.shape[1:]))
 
@@ -496,3 +495,16 @@ def white_covariance(fit: Fit) -> Floats:
     Studies look at it: their noise is known to be white, and the tests behind `Fit.covariance` take time.
     """
     return fit._own_covariance
+
+
+def visible_moves(fit: Fit) -> Floats:
+    """Moves of ĉ's components and r̂ by a form that the test of shape just sees (…, d+1), in their standard errors.
+
+    Such a form, whose residuals are of the size ``goodness.visible_form``, is found in half of the sets; in the others
+    it moves the fit by so much, as a root mean square over forms of degree 2. NaN where the shape was not looked at.
+    """
+    points = fit._points
+    moved = moves_of_forms(*points.design).reshape(*fit.shape, -1)
+    with np.errstate(all="ignore"):
+        size = fit.goodness.visible_form * fit.sigma
+        return np.asarray(np.asarray(size)[..., None] * moved / fit.standard_errors)

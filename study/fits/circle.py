@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri, fdtri, stdtrit
 
-from study.arrays import Bools, Floats, Ints
+from study.arrays import Floats, Ints
 from study.fits.corrected import corrected, corrected_covariance
+from study.fits.goodness import Answer
 from study.fits.samples import Estimates, Samples, binary_size
 
 _CURVED = 1.3
@@ -26,7 +27,7 @@ _CURVED = 1.3
 _ROUND = 0.15
 """Largest residual of the circle, in its radii; points that fill a disc leave .3."""
 FEWEST, _SURE = 15, 25
-"""Number of points from which a circle is told from a cap, and from which that residual may be as large."""
+"""Number of points from which a circle is told from a cap by the rules below, and that residual may be as large."""
 _SAME = 2.5
 """Largest ratio of the circle's residual variance to the sphere's, beside chance."""
 _UNCERTAIN = 0.15
@@ -68,18 +69,19 @@ class Circle(NamedTuple):
     axis_error: Floats
 
 
-def on_circles(samples: Samples, fit: Estimates) -> Bools:
-    """True for sets of points in space that lie on a circle, within the noise (b,).
+def hinges(samples: Samples, fit: Estimates) -> Ints:
+    """Number of the `Answer` whether sets of points in space lie on a circle, within the noise (b,).
 
-    It takes the moments of the points alone, beside the noise and the radius of spheres that were fitted to them.
+    It takes the moments of the points alone, beside the noise and the radius of spheres that were fitted to them. Few
+    points are on no circle only if it leaves so much more than the sphere does that the noise cannot explain it.
 
     Args:
         samples: complete sets (b, 3, n).
         fit: spheres.
     """
     b, d, n = samples.shape
-    if d != 3 or n < FEWEST:
-        return np.zeros(b, dtype=np.bool_)
+    if d != 3:
+        return np.full(b, int(Answer.NOT_IN_SPACE))
     values, along = samples.regression.along[:2]
     with np.errstate(all="ignore"):
         # the algebraic fit in the plane of the two larger extents, and then without the noise that draws it inwards
@@ -94,6 +96,11 @@ def on_circles(samples: Samples, fit: Estimates) -> Bools:
             noise = np.minimum(left, 0.8 * extent[:, 0])
             center = 0.5 * along[:, 1:] / (extent - noise[:, None])
         height = values[:, 0] * (n - 1.0) / (n - 3.0)
+        if n < FEWEST:
+            sphere = (n - 4.0) * fit.noise_variance
+            more = ((n - 3.0) * (left + height) - sphere) / (n - 2.0)
+            refused = more > fdtri(n - 2, n - 4, 1.0 - _RARE) * fit.noise_variance
+            return np.where(refused, int(Answer.PASSED), int(Answer.TOO_FEW))
         ring = (values[:, 1] > _CURVED * left) & (left < (_ROUND * min(n / _SURE, 1.0) * radius) ** 2)
         same = ~(left > _SAME * (1.0 + 6.0 / math.sqrt(n)) * fit.noise_variance)
         uncertain = np.sqrt(left / n) * radius / height
@@ -105,7 +112,7 @@ def on_circles(samples: Samples, fit: Estimates) -> Bools:
         drawn = samples.regression.variance > 2.0 * (share * values.sum(axis=1)) ** 2  # by a point far from the rest
         same |= thin & (values[:, 2] > _STRIP * values[:, 1]) & ~drawn
         nothing = height <= (_ROUNDING * radius) ** 2
-        return np.asarray(ring & (nothing | (flat & same)))
+        return np.where(ring & (nothing | (flat & same)), int(Answer.FAILED), int(Answer.PASSED))
 
 
 def fit_circles(samples: Samples) -> Circle:

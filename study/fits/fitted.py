@@ -12,7 +12,7 @@ import numpy as np
 from study.arrays import Bools, Floats, Ints
 from study.fits.circle import Circle, fit_circles, lowest_radius
 from study.fits.corrected import corrected
-from study.fits.goodness import Goodness
+from study.fits.goodness import Goodness, form_beside_noise
 from study.fits.intervals import Intervals, intervals
 from study.fits.judge import Assumptions, PointEvidence, gather, influence, judge, widened
 from study.fits.robust import Found, find
@@ -124,7 +124,9 @@ class FittedPoints:
         """The status of each fit (b,) after what its residuals show, and the answers of the tests."""
         ends = self.intervals(0.95)
         status = ruled_status(self.estimates, ends)
-        return judge(self.evidence, self.different, status, ends, self.assumed, self.without_outliers)
+        told = self.samples.given is not None and self.noise_is_known  # no large form can hide beside it
+        known = form_beside_noise(self.spare + self.samples.shape[1] + 1, self.spare) if told else None
+        return judge(self.evidence, self.different, status, ends, self.assumed, self.without_outliers, known)
 
     @cached_property
     def circles(self) -> Circle:
@@ -179,6 +181,13 @@ class FittedPoints:
     def held(self) -> Floats:
         """Noise variance over the squared uncertainty of a radius that is known (b,): of none here."""
         return np.zeros(len(self.samples.x))
+
+    @property
+    def design(self) -> tuple[Floats, Floats, Floats]:
+        """Directions (b, d, n) and weights (b, n) of the points, 0 where they are not used, and `held` (b,)."""
+        distance, directions = self.from_center
+        weights = np.ones(self.used.shape) if self.observed.weights is None else self.observed.weights
+        return directions, np.where(self.used & (distance > 0.0), weights, 0.0), self.held
 
     @cached_property
     def radius_test(self) -> RadiusTest:

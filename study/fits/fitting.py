@@ -16,9 +16,11 @@ import numpy as np
 
 from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
+from study.fits.answer import visible_moves
 from study.fits.display import meanings, statuses
 from study.fits.form import FORM_DEGREES
-from study.fits.judge import INFLUENCE, NOTHING, Assumptions
+from study.fits.goodness import fewest_points
+from study.fits.judge import INFLUENCE, LARGEST_UNSEEN, NOTHING, Assumptions
 from study.fits.point_files import PointTable
 from study.fits.point_formats import PointFileError
 from study.fits.registry import load, takes
@@ -29,8 +31,6 @@ LEVEL = 0.95
 """Coverage of the intervals."""
 _NAMED = 5
 """Rows of outliers that are named."""
-_SPARE = 6
-"""Points more than d + 1 from which on intervals were measured to cover in ok fits (docs/coverage.md)."""
 _REASONS = {
     "shape": "another shape, or an error that follows the direction",
     "unequal noise": "noise that is larger in some directions, or outliers",
@@ -66,10 +66,6 @@ def doubts(fit: Fit) -> Iterator[str]:
         repeat, they = ("repeats an earlier one", "it is") if copies == 1 else ("repeat earlier ones", "they are")
         yield f"{copies} of {samples} rows {repeat}; if {they} no new measurement, every ± is too small"
         yield "for the intervals, rows that repeat an earlier one count once"
-    spare = samples - copies - fit.center.shape[0] - 1
-    if fit.ok and spare < _SPARE:
-        more = "1 point" if spare == 1 else f"{spare} points"
-        yield f"only {more} more than a sphere needs, so that the noise can look small by chance: ok may be luck"
     if fit.status == Status.HINGE:
         yield from _circle_in_words(fit)
     elif (fit.status == Status.MISFIT or robust or not rows) and (block := str(fit.goodness.first())):
@@ -136,6 +132,22 @@ def answers_in_words(fit: Fit) -> str:
     reasons = [answer.partition(": ")[2] for answer in by_answer]
     parts = [f"{part} ({reason})" if reason else part for part, reason in zip(parts, reasons, strict=True)]
     return f"tests: {'; '.join(parts)}"
+
+
+def visible_in_words(fit: Fit) -> Iterator[str]:
+    """A line with the form that the test of shape just sees, what it moves, and what would show a smaller one."""
+    size, (*center, radius) = float(fit.goodness.visible_form), visible_moves(fit)
+    if not math.isfinite(size):
+        return
+    moves = f"the radius by {number(float(radius), '.2g')} ±, the centre" if radius > 0.0 else "the centre"
+    moves = f"it moves {moves} by up to {number(float(max(center)), '.2g')} ±"
+    form = f"a form of {number(size, '.2g')} σ"
+    if size <= LARGEST_UNSEEN:
+        yield f"the test of shape sees {form} in half of such sets; unseen, {moves}"
+        return
+    fewest = fewest_points(len(center), LARGEST_UNSEEN)
+    yield f"{fit.count} points would often hide {form}; {moves}"
+    yield f"to settle it: {fewest} points or more, or the noise (--noise), or --assume sphere if you know it is one"
 
 
 def sensitivity_in_words(fit: Fit, names: list[str]) -> Iterator[str]:
@@ -356,6 +368,7 @@ def as_text(files: list[FileFits], noise: float | None = None, sensitivity: bool
         yield from expanded_in_words(first, only.table.names)
         yield from doubts(first)
         yield answers_in_words(first)
+        yield from visible_in_words(first)
         given = None if first.samples is None else first.samples.given
         known = given is not None and not given.sigma_alone
         if first.ok and next(iter(only.fits)) == "corrected" and not known:

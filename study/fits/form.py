@@ -236,17 +236,9 @@ def forms_that_move(directions: Floats, weights: Floats, errors: Floats, held: F
         held: H, the noise variance over the squared uncertainty of a radius that is known (b,); infinite where it is
             exact, 0 where nothing is known of it.
     """
-    b, d, _ = directions.shape
-    basis = harmonics(d, max(FORM_DEGREES))
-    e = np.where(weights[:, None] > 0.0, directions, 0.0)
-    X, exact = np.concatenate([e, np.ones_like(e[:, :1])], axis=1), np.isinf(held)
-    X[exact, d] = 0.0
-    normal = (X * weights[:, None]) @ X.swapaxes(1, 2)
-    normal[:, d, d] += np.where(exact, 1.0, held)
-    fine = np.isfinite(normal).all(axis=(1, 2)) & (weights.sum(axis=1) > d)
-    normal[~fine] = np.eye(d + 1)
-    pull = np.linalg.pinv(normal, hermitian=True) @ (X * weights[:, None])
-    Y, result = columns(e, basis), np.full((b, len(FORM_DEGREES), d + 1), np.nan)
+    d = directions.shape[1]
+    basis, (pull, e, fine, exact, _) = harmonics(d, max(FORM_DEGREES)), _pull(directions, weights, held)
+    Y, result = columns(e, basis), np.full((len(e), len(FORM_DEGREES), d + 1), np.nan)
     with np.errstate(all="ignore"):
         for row, degree in enumerate(FORM_DEGREES):
             mean_square = factorial(degree) / prod(d + 2 * k for k in range(degree))  # of the basis, over the sphere
@@ -255,3 +247,36 @@ def forms_that_move(directions: Floats, weights: Floats, errors: Floats, held: F
             result[fine, row] = size[fine]
     result[exact, :, d] = np.inf
     return result
+
+
+def moves_of_forms(directions: Floats, weights: Floats, held: Floats) -> Floats:
+    """Moves of the centre's coordinates and the radius (b, d + 1) by forms of degree 2 whose residuals are of size 1.
+
+    The size is the root mean square at the points of what the sphere beside the form leaves of it. Moves are root mean
+    squares over all forms of degree 2; 0 for a radius that is exact. For the arguments see `forms_that_move`.
+    """
+    basis, (pull, e, fine, _, X) = harmonics(directions.shape[1], 2), _pull(directions, weights, held)
+    Y = columns(e, basis)[:, basis.degree == 2]
+    moved, left = pull @ Y.swapaxes(1, 2), Y * weights[:, None]
+    with np.errstate(all="ignore"):
+        square = np.einsum("bkn,bkn->b", Y, left) - np.einsum("bik,bkn,bin->b", moved, left, X)
+        result = np.linalg.norm(moved, axis=2) / np.sqrt(square / weights.sum(axis=1))[:, None]
+    result[~fine] = np.nan
+    return np.asarray(result)
+
+
+def _pull(directions: Floats, weights: Floats, held: Floats) -> tuple[Floats, Floats, Bools, Bools, Floats]:
+    """The matrix that takes a form at the points to the moves of (c, r) (b, d + 1, n), and what it is made of.
+
+    These are the directions, 0 where a weight is 0; True where a sphere is determined; True where the radius is exact;
+    and the rows X = (e, 1), without the last where it is.
+    """
+    d = directions.shape[1]
+    e = np.where(weights[:, None] > 0.0, directions, 0.0)
+    X, exact = np.concatenate([e, np.ones_like(e[:, :1])], axis=1), np.isinf(held)
+    X[exact, d] = 0.0
+    normal = (X * weights[:, None]) @ X.swapaxes(1, 2)
+    normal[:, d, d] += np.where(exact, 1.0, held)
+    fine = np.isfinite(normal).all(axis=(1, 2)) & (weights.sum(axis=1) > d)
+    normal[~fine] = np.eye(d + 1)
+    return np.linalg.pinv(normal, hermitian=True) @ (X * weights[:, None]), e, fine, exact, X

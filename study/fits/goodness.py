@@ -15,6 +15,7 @@ Points may have weights: residuals are divided by each point's own noise, and th
 Source: theory §13.
 """
 
+import math
 from functools import cache
 from itertools import combinations_with_replacement
 from math import comb, factorial, prod
@@ -22,9 +23,23 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.special import betainc, chdtrc, chndtr, hyp0f1, ive, jv, ndtri
+from scipy.special import (
+    betainc,
+    chdtrc,
+    chdtri,
+    chndtr,
+    chndtrinc,
+    fdtri,
+    gammaincc,
+    hyp0f1,
+    ive,
+    jv,
+    ncfdtrinc,
+    ndtri,
+)
 
 from study.arrays import Bools, Floats, Ints
+from study.fits.jit import compiled_as_written
 from study.fits.samples import Estimates, Samples, Worded
 
 BLOCKS = ("shape", "unequal noise", "tails", "memory")
@@ -69,6 +84,10 @@ _FAR, _SHRUNK = 1e-3, 1e-5
 _LARGEST_SCORE = 8.0
 _LEAST_SPARE = 16
 """Least degrees of freedom of a test of unequal noise and tails."""
+_NEAREST, _MOST_NEAR = 2, 20_000
+"""Nearest directions to each point, times d - 1, that are its neighbours; and the number of points tested for it."""
+_LEAST_SKEW = 0.01
+"""Skewness below which a law is normal."""
 _ODD = 0.5 * (1.0 - np.exp(-2.0)) - np.exp(-1.0)
 _EVEN = 0.5 * (1.0 + np.exp(-4.5)) - (1.0 + 0.5 * 1.5**4) * np.exp(-2.25)
 """Variances of sin z and cos(3z/2) for normal z, freed from 1, z and z²."""
@@ -100,6 +119,8 @@ class Goodness(NamedTuple):
         memory: residuals of neighbouring rows depend on each other (…).
         answers: number of the `Answer` of each of `TESTS` (6, …). A p value is NaN where a test was not made; the
             answer says why.
+        visible_form: size of a form of degree 2 that the test of shape finds in half of such sets (…): the rms of its
+            departures at the points from the sphere beside it, in σ. NaN where the shape was not tested.
     """
 
     shape: Floats
@@ -107,12 +128,13 @@ class Goodness(NamedTuple):
     tails: Floats
     memory: Floats
     answers: Ints
+    visible_form: Floats
 
     @classmethod
     def untested(cls, shape: tuple[int, ...], answer: Answer) -> "Goodness":
         """No test was made, for one reason."""
         p = np.full((4, *shape), np.nan)
-        return cls(p[0], p[1], p[2], p[3], np.full((len(TESTS), *shape), int(answer)))
+        return cls(p[0], p[1], p[2], p[3], np.full((len(TESTS), *shape), int(answer)), np.full(shape, np.nan))
 
     @property
     def values(self) -> Floats:
@@ -152,11 +174,13 @@ class Goodness(NamedTuple):
     def reshape(self, *lead: int) -> "Goodness":
         """The same answers with other leading axes."""
         p = self.values.reshape(4, *lead)
-        return Goodness(p[0], p[1], p[2], p[3], self.answers.reshape(len(TESTS), *lead))
+        answers, form = self.answers.reshape(len(TESTS), *lead), self.visible_form.reshape(lead)
+        return Goodness(p[0], p[1], p[2], p[3], answers, form)
 
     def take(self, place: int) -> "Goodness":
         """The tests of one fit of a flat batch."""
-        return Goodness(*self.values[:, place], self.answers[:, place])  # type: ignore[call-arg]
+        p = self.values[:, place]
+        return Goodness(p[0], p[1], p[2], p[3], self.answers[:, place], np.asarray(self.visible_form[place]))
 
     def by_block(self) -> dict[str, Floats]:
         """The p values by the names of their fields."""
@@ -235,16 +259,17 @@ def columns(e: Floats, basis: Harmonics) -> Floats:
 
 def lengths(s: Floats, d: int, most: int) -> Floats:
     """λ_l of R (b, most + 1, …) for spheres of radius 1 and noise variances s (b, …) that are small."""
+    degree, s = np.arange(most + 1.0).reshape(-1, *[1] * (s.ndim - 1)), s[:, None]
 
-    def moment(q: int, degree: int) -> Floats:
-        """E[R^q P_l(e·u)] (b, …)."""
-        term = total = np.ones_like(s)
+    def moment(q: int) -> Floats:
+        """E[R^q P_l(e·u)] (b, most + 1, …)."""
+        term = total = np.ones(np.broadcast_shapes(degree.shape, s.shape))
         for k in range(8):
             term = term * ((0.5 * (degree - q) + k) * (k + 1.0 - 0.5 * (degree + q + d)) / (k + 1.0)) * 2.0 * s
             total = total + term
         return total
 
-    return np.stack([moment(1, degree) / moment(0, degree) for degree in range(most + 1)], axis=1)
+    return moment(1) / moment(0)
 
 
 def normal_scores(R: Floats, s: Floats, d: int) -> Floats:
@@ -382,8 +407,9 @@ def see(residuals: Residuals) -> Seen:
         if not len(sets):
             return Seen(goodness, largest, harmless)
         part = residuals if len(sets) == b else residuals.take(sets)
-        goodness.shape[sets] = _shape(part)
-        sizes, t, memory = _residual_blocks(part)
+        scores = scores_of_residuals(part)
+        goodness.shape[sets], goodness.visible_form[sets] = _shape(part, _neighbours(part, scores))
+        sizes, t, memory = _residual_blocks(part, scores)
         goodness.memory[sets], largest[sets] = memory, np.abs(t).max(axis=1)
         odd, even = np.sin(t).mean(axis=1), np.cos(1.5 * t).mean(axis=1)
         harmless[sets] = (part.s < _HARMLESS_NOISE**2) & (even > _TWO_SHELLS) & (np.abs(odd) < _SKEW)
@@ -421,10 +447,14 @@ def number_of(d: int, degree: int) -> int:
     return comb(d + degree - 1, degree) - (comb(d + degree - 3, degree - 2) if degree > 1 else 0)
 
 
-def _shape(residuals: Residuals) -> Floats:
-    """The p values (b,) of shape; NaN where the noise hides it.
+def _shape(residuals: Residuals, neighbours: Floats) -> tuple[Floats, Floats]:
+    """The p values (b,) of shape, NaN where the noise hides it, and forms (b,) that it finds in half of such sets.
 
     The noise is estimated after degree 2 is removed, because a misfit inflates the noise of the sphere.
+
+    Args:
+        residuals: of complete sets.
+        neighbours: p values of `_neighbours` (b,), where the noise is small.
     """
     R, Y, s, *_ = residuals
     n, d = R.shape[1], residuals.dimension
@@ -433,18 +463,18 @@ def _shape(residuals: Residuals) -> Floats:
     limit = np.maximum(SMALL**2, _LITTLE**2 * spread)
     forms = _forms_of_degrees(residuals._replace(s=np.where(s <= limit, s, 0.0)))
     smooth = n * (forms.left - forms.squares[0]) / (n - d - 1 - forms.counts[0])
-    little = smooth <= limit
-    result = np.where(little, _by_degrees(forms, n, n - d - 1), np.nan)
+    little, visible = smooth <= limit, _visible_form(forms, n, n - d - 1)
+    result = np.where(little, _by_degrees(forms, n, n - d - 1, neighbours), np.nan)
     if n < _LEAST_TERMS * (Y.shape[1] - d):  # too few for waves
         some, low = (
             ~little & (smooth <= _MODERATE**2 * spread),
             forms._replace(squares=forms.squares[:1], counts=forms.counts[:1]),
         )
-        return np.where(some, _by_degrees(low, n, n - d - 1), result)
+        return np.where(some, _by_degrees(low, n, n - d - 1, neighbours), result), visible
     much = np.flatnonzero(~little & (s < _LARGEST_NOISE**2))
     if len(much):
         result[much] = _shape_of_much_noise(residuals.take(much))
-    return result
+    return result, visible
 
 
 class _Forms(NamedTuple):
@@ -456,6 +486,7 @@ class _Forms(NamedTuple):
         left: the sum of squares over N that 1 and e leave (b,).
         smooth: weighted mean square of the terms of degree 2, with their variances as weights (b,).
         freedom: its degrees of freedom (b,).
+        share: of the squares of a form of degree 2 that its terms hold, on average over such forms (b,).
     """
 
     squares: list[Floats]
@@ -463,6 +494,7 @@ class _Forms(NamedTuple):
     left: Floats
     smooth: Floats
     freedom: Floats
+    share: Floats
 
 
 def _forms_of_degrees(residuals: Residuals) -> _Forms:
@@ -485,33 +517,75 @@ def _forms_of_degrees(residuals: Residuals) -> _Forms:
     omega = gram[:, d1:, d1:] - gram[:, d1:, :d1] @ explained[:, :, :-1]
     left = (over**2).mean(axis=1) - np.einsum("bi,bi->b", g[:, :d1], explained[:, :, -1])
     g = g[:, d1:] - (gram[:, d1:, :d1] @ explained[:, :, -1:])[:, :, 0]
-    degree, forms, counts, most = degree[d1:], [], [], (n - d1) // 2
+    degree, most = degree[d1:], (n - d1) // 2
+    forms, counts = list[Floats](), list[Ints]()
     two = degree == 2
     low, trace = omega[:, two][:, :, two], np.einsum("bii->b", omega[:, two][:, :, two])
     smooth, freedom = np.square(g[:, two]).sum(axis=1) / trace, trace**2 / np.square(low).sum(axis=(1, 2))
+    share = np.ones_like(trace)
     while len(degree):
         now, later = degree == degree[0], degree > degree[0]
         form, count, inverse = form_of(g[:, now], omega[:, now][:, :, now], most)
+        if not forms and (count < now.sum()).any():
+            share = np.einsum("bij,bjk,bki->b", low, inverse, low) / trace
         turn = omega[:, later][:, :, now] @ inverse
         g = g[:, later] - (turn @ g[:, now, None])[:, :, 0]
         omega = omega[:, later][:, :, later] - turn @ omega[:, now][:, :, later]
         degree, most = degree[later], most - int(now.sum())
         forms.append(form)
         counts.append(count)
-    return _Forms(forms, counts, left, smooth, freedom)
+    return _Forms(forms, counts, left, smooth, freedom, share)
 
 
-def _by_degrees(forms: _Forms, n: int, spare: int) -> Floats:
-    """The smallest p value (b,) of two or three tests, corrected by Šidák's formula.
+def _visible_form(forms: _Forms, n: int, spare: int) -> Floats:
+    """Size (b,) of a form of degree 2 that the F test of its terms finds in half of such sets, in σ."""
+    tests = (n < _MANY) + min(len(forms.counts), 2) + (spare >= _LEAST_SPARE)
+    kinds, place = np.unique(np.stack([forms.counts[0], spare - sum(forms.counts)]), axis=1, return_inverse=True)
+    found = np.array([_found_in_half(int(terms), int(free), spare, tests) for terms, free in kinds.T])
+    return np.sqrt(found[place.reshape(-1)] / (n * forms.share))
 
-    They are: all degrees, by `weights_of_degrees`; degrees 3 and above; and, below 300 points, degree 2 with equal
-    weight on each coefficient. The last favours smooth shapes: coefficients that the directions determine poorly do not
-    dominate it (13.2).
+
+@cache
+def _found_in_half(terms: int, free: int, spare: int, tests: int) -> float:
+    """Noncentrality at which one of so many F tests of the shape speaks in half of the sets."""
+    if terms < 1 or free < 1:
+        return math.inf
+    shares = SHARES if spare >= _LEAST_SPARE else SHARES[[0, 3]]  # of the blocks that are tested
+    level = -math.expm1(math.log1p(-LEVEL) * SHARES[0] / shares.sum() / tests)
+    return float(ncfdtrinc(terms, free, 0.5, fdtri(terms, free, 1.0 - level)))
+
+
+@cache
+def fewest_points(d: int, size: float) -> int:
+    """Number of points all around a sphere from which the test finds forms of a size, in σ, in half of the sets."""
+    for n in range(d + 4, 100 + d**3):
+        terms = min(number_of(d, 2), (n - d - 1) // 2)
+        more = sum(number_of(d, degree) for degree in range(3, highest_degree(n, d) + 1))
+        found = _found_in_half(terms, n - d - 1 - terms - more, n - d - 1, 2 + (more > 0) + (n - d - 1 >= _LEAST_SPARE))
+        if found <= size**2 * n * terms / number_of(d, 2):
+            return n
+    return 100 + d**3
+
+
+def form_beside_noise(n: Ints, spare: Ints) -> Floats:
+    """Rms of a form at n points (…), in σ, that the χ² test of a known noise finds in half of such sets, at `LEVEL`.
+
+    It may be of any degree. ``spare`` are the degrees of freedom of the residuals.
+    """
+    return np.asarray(np.sqrt(chndtrinc(chdtri(spare, LEVEL), spare, 0.5) / n))
+
+
+def _by_degrees(forms: _Forms, n: int, spare: int, neighbours: Floats) -> Floats:
+    """The smallest p value (b,) of two to four tests, corrected by Šidák's formula.
+
+    They are: all degrees, by `weights_of_degrees`; degrees 3 and above; below 300 points, degree 2 with equal weight on
+    each coefficient; and neighbours, for forms of any degree. The third favours smooth shapes: coefficients that the
+    directions determine poorly do not dominate it (13.2).
     """
     squares, counts, left = forms.squares, forms.counts, forms.left
     free = spare - sum(counts)
     noise = np.maximum(left - sum(squares), 1e-12 * left) / free
-    tests = [f_tail(forms.smooth / noise, forms.freedom, free)] if n < _MANY else []
+    tests = [neighbours] + ([f_tail(forms.smooth / noise, forms.freedom, free)] if n < _MANY else [])
     for first, weight in weights_of_degrees(n)[: len(squares)]:
         square, freedom = mean_square(np.array(squares[first:]), np.array(counts[first:]), weight)
         tests.append(f_tail(square / noise, freedom, free))
@@ -629,22 +703,116 @@ def scores_of_residuals(residuals: Residuals) -> tuple[Floats, Floats, Floats, F
     return z, rho, rho / np.sqrt((1.0 - leverage) * (total / (n - d - 1))[:, None]), Q
 
 
-def _residual_blocks(residuals: Residuals) -> tuple[Floats, Floats, Floats]:
+_Scores = tuple[Floats, Floats, Floats, Floats]
+
+
+def _neighbours(residuals: Residuals, scores: _Scores) -> Floats:
+    """P values (b,) of residuals that are like those of points in near directions, whatever the degree of the form.
+
+    Moran's statistic (1950): q = ρᵀSρ/ρᵀρ, S = (A + Aᵀ)/2, where A joins each point to its nearest ones by direction.
+    With M = 1 - QQᵀ and m degrees of freedom its moments follow from t_k = tr (MS)ᵏ, as q does not depend on ρᵀρ; its
+    law is taken for a gamma law with these three moments. NaN where points are few, or the noise is large.
+    """
+    d, p = residuals.dimension, np.full(len(residuals.R), np.nan)
+    sets, every = np.flatnonzero(residuals.s <= SMALL**2), slice(None, None, -(-residuals.R.shape[1] // _MOST_NEAR))
+    e, rho, Q = (array[sets][..., every] for array in (residuals.Y[:, 1 : d + 1], scores[1], scores[3]))
+    n, m = rho.shape[1], rho.shape[1] - d - 1
+    if m < _LEAST_SPARE or not len(sets):
+        return p
+    widest = np.take_along_axis(e, e.var(axis=2).argmax(axis=1)[:, None, None], axis=1)
+    order = np.argsort(widest, axis=2, kind="stable")
+    e, rows, along = (
+        np.take_along_axis(array, order, axis=2) for array in (e, np.concatenate([Q, rho[:, None]], axis=1), widest)
+    )
+    near, traces = np.empty((len(sets), n, _NEAREST * (d - 1)), np.int64), np.zeros((2, len(sets)))
+    _nearest(np.ascontiguousarray(e.swapaxes(1, 2)), along[:, 0], near, traces)
+    once, twice = np.zeros((2, len(sets), d + 2, n))
+    _join(near, rows, once)
+    _join(near, once, twice)
+    Q, rho, S, SS = rows[:, :-1], rows[:, -1], once[:, :-1], twice[:, :-1]
+    one, two, three = S @ Q.swapaxes(1, 2), S @ S.swapaxes(1, 2), SS @ S.swapaxes(1, 2)  # Q S Qᵀ, Q S² Qᵀ, Q S³ Qᵀ
+
+    def trace(product: Floats) -> Floats:
+        return np.asarray(np.einsum("bii->b", product))
+
+    t1 = -trace(one)
+    t2 = traces[0] - 2.0 * trace(two) + trace(one @ one)
+    t3 = traces[1] - 3.0 * trace(three) + 3.0 * trace(two @ one) - trace(one @ one @ one)
+    mean = t1 / m
+    variance = (t1**2 + 2.0 * t2) / (m * (m + 2.0)) - mean**2
+    third = (t1**3 + 6.0 * t1 * t2 + 8.0 * t3) / (m * (m + 2.0) * (m + 4.0)) - 3.0 * mean * variance - mean**3
+    shape = 4.0 / np.maximum(third / variance**1.5, _LEAST_SKEW) ** 2
+    q = np.einsum("bn,bn->b", rho, once[:, -1]) / np.einsum("bn,bn->b", rho, rho)
+    p[sets] = gammaincc(shape, np.maximum(shape + np.sqrt(shape) * (q - mean) / np.sqrt(variance), 0.0))
+    return p
+
+
+@compiled_as_written
+def _nearest(e: Floats, along: Floats, near: Ints, traces: Floats) -> None:
+    """Fill in the nearest others of each point (b, n, k) by direction, and tr S² and tr S³ (2, b) of `_neighbours`.
+
+    Args:
+        e: directions (b, n, d), sorted by one coordinate, along which the nearest are sought on both sides.
+        along: that coordinate (b, n).
+        near: to be filled.
+        traces: to be added to.
+    """
+    b, n, d = e.shape
+    k = near.shape[2]
+    best = np.empty(k)
+    for t in range(b):
+        for i in range(n):
+            for place in range(k):
+                best[place], near[t, i, place] = np.inf, i
+            for step in (1, -1):
+                other = i + step
+                while 0 <= other < n and (along[t, other] - along[t, i]) ** 2 < best[k - 1]:
+                    square, place = 0.0, k
+                    for c in range(d):
+                        square += (e[t, other, c] - e[t, i, c]) ** 2
+                    if square < best[k - 1]:
+                        while place > 0 and square < best[place - 1]:
+                            place -= 1
+                        for later in range(k - 1, place, -1):
+                            best[later], near[t, i, later] = best[later - 1], near[t, i, later - 1]
+                        best[place], near[t, i, place] = square, other
+                    other += step
+        for i in range(n):
+            for j in near[t, i]:
+                traces[0, t] += 0.5
+                for other in near[t, j]:
+                    traces[0, t] += 0.5 * (other == i)
+                    for last in range(k):
+                        traces[1, t] += 0.25 * (near[t, other, last] == i) + 0.75 * (near[t, i, last] == other)
+
+
+@compiled_as_written
+def _join(near: Ints, rows: Floats, joined: Floats) -> None:
+    """Add S times rows (b, m, n) to others, where S joins each point to its nearest ones (b, n, k) with weight ½."""
+    for t in range(rows.shape[0]):
+        for row in range(rows.shape[1]):
+            for i in range(rows.shape[2]):
+                for other in near[t, i]:
+                    joined[t, row, i] += 0.5 * rows[t, row, other]
+                    joined[t, row, other] += 0.5 * rows[t, row, i]
+
+
+def _residual_blocks(residuals: Residuals, scores: _Scores) -> tuple[Floats, Floats, Floats]:
     """The p values of unequal noise (b,), studentised residuals (b, n), and the p values of memory (b,).
 
     They are formed from the scores of R freed from 1 and e.
     """
     _, Y, s, *_ = residuals
     d = residuals.dimension
-    z, rho, t, Q = scores_of_residuals(residuals)
+    z, rho, t, Q = scores
     sizes = _unequal(t, Y, np.zeros(len(s)), d)
     noisy = np.flatnonzero(s > SMALL**2)
     if len(noisy):  # scores are normal in every direction; regression on e may remove more than the error
-        scores = z[noisy] - z[noisy].mean(axis=1, keepdims=True)
-        scores /= np.sqrt((scores**2).mean(axis=1, keepdims=True))
-        sizes[noisy] = np.fmax(sizes[noisy], _unequal(scores, Y[noisy], s[noisy], d))
+        about = z[noisy] - z[noisy].mean(axis=1, keepdims=True)
+        about /= np.sqrt((about**2).mean(axis=1, keepdims=True))
+        sizes[noisy] = np.fmax(sizes[noisy], _unequal(about, Y[noisy], s[noisy], d))
         if t.shape[1] >= _MANY:
-            t[noisy] = scores
+            t[noisy] = about
     return sizes, t, _memory(rho, Q, np.einsum("bn,bn->b", rho, rho))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.circle import FEWEST, on_circles
+from study.fits.circle import hinges
 from study.fits.corrected import corrected
 from study.fits.goodness import (
     BLOCKS,
@@ -167,17 +167,16 @@ def gather(
             else:
                 mine = Estimates._make([array[sets] for array in spheres])
             plain = mine if present.weights is None else corrected(present)
-            answers[HINGE, sets] = np.where(on_circles(present, plain), Answer.FAILED, Answer.PASSED)
+            answers[HINGE, sets] = hinges(present, plain)
             square = np.einsum("bii->b", present.moments.second)
             result.kurtosis[sets] = n * present.moments.fourth / square**2 - _BY_CHANCE / n
-        if n < FEWEST:
-            answers[HINGE, sets] = int(Answer.TOO_FEW)
         tested = evenly_thinned(present)
         size = max(_MOST_NUMBERS // (25 * tested.shape[2]), 1)
         for some in (np.arange(i, min(i + size, len(sets))) for i in range(0, len(sets), size)):
             own = Estimates._make([array[some] for array in mine])
             _look(present.take(some), tested.take(some), own, assumed, level, _Part(result, sets[some]))
-    answers[HINGE] = answers[HINGE] if d == 3 else int(Answer.NOT_IN_SPACE)
+    if d != 3:
+        answers[HINGE] = int(Answer.NOT_IN_SPACE)
     return result
 
 
@@ -200,7 +199,9 @@ def _look(
         if assumed.sphere:
             answer.shape[:] = np.nan
             answer.answers[SHAPE, answer.answers[SHAPE] != Answer.NO_SPHERE] = int(Answer.ASSUMED)
-        for whole, values in zip(result.goodness[:4], answer[:4], strict=True):
+        for whole, values in zip(
+            (*result.goodness[:4], result.goodness.visible_form), (*answer[:4], answer.visible_form), strict=True
+        ):
             whole[sets] = values
         result.goodness.answers[: len(BLOCKS), sets] = answer.answers[: len(BLOCKS)]
         fitted = np.isfinite(seen.largest)
@@ -328,6 +329,11 @@ def widened(white: Intervals, stretch: Floats, again: Callable[[Ints, Floats], I
     return Intervals(radius, center, share)
 
 
+LARGEST_UNSEEN = 2.0
+"""Size of a form, in σ, up to which the shape has *passed* if the test finds such a form in half of the sets. A form of
+that size moves a fit by several times its errors; points that could hide a larger one are *not tested*."""
+
+
 def judge(
     evidence: PointEvidence,
     samples: Samples,
@@ -335,6 +341,7 @@ def judge(
     ends: Intervals | None,
     assumed: Assumptions,
     without_outliers: bool,
+    visible: Floats | None = None,
 ) -> tuple[Ints, Goodness]:
     """The status of each fit (b,) after what its points show, and the answers of all tests.
 
@@ -345,8 +352,13 @@ def judge(
         ends: the intervals at 95 %; None where the points need not bound a sphere alone.
         assumed: of the points.
         without_outliers: the estimator has left outliers out.
+        visible: size of a form, in σ, that a known noise shows in half of such sets (b,); None if none is known.
     """
     result, answers = status.copy(), evidence.goodness.answers.copy()
+    form = evidence.goodness.visible_form
+    form = form if visible is None else np.fmin(form, visible)
+    blind = (answers[SHAPE] == Answer.PASSED) & ~(form <= LARGEST_UNSEEN)
+    answers[SHAPE, blind] = int(Answer.TOO_FEW)
     placed = (status != Status.TOO_FEW_POINTS) & (status != Status.NOT_FINITE) & (status != Status.FAILED)
     result[evidence.hinge & placed] = Status.HINGE
     result[(result == Status.OK) & evidence.doubted] = Status.MISFIT
@@ -358,8 +370,9 @@ def judge(
     result[weak & evidence.doubted] = Status.MISFIT
     shape = answers[SHAPE]
     untested = (shape == Answer.TOO_FEW) | (shape == Answer.TOO_NOISY) | (shape == Answer.NO_SPHERE)
+    untested |= (answers[HINGE] == Answer.TOO_FEW) & (shape != Answer.ASSUMED)
     result[(result == Status.OK) & untested] = Status.UNTESTED
-    return result, evidence.goodness._replace(answers=answers)
+    return result, evidence.goodness._replace(answers=answers, visible_form=form)
 
 
 def _search(evidence: PointEvidence, samples: Samples, assumed: Assumptions, result: Ints, answers: Ints) -> None:

@@ -349,8 +349,8 @@ def _left(markers: list[Floats], center: Floats) -> tuple[float, int]:
 class Incremental:
     """A sphere fit that grows with its points, in constant memory.
 
-    The points are not stored. In three dimensions 14 numbers stand for all of them, and from these every closed form
-    gives the answer that it gives from the points.
+    The points are not stored. In three dimensions 14 numbers stand for all of them, about the first, and from these
+    every closed form gives the answer that it gives from the points.
 
     Args:
         dimension: d ≥ 2.
@@ -377,8 +377,14 @@ class Incremental:
     def __init__(self, dimension: int) -> None:
         if dimension < 2:
             raise ValueError(f"dimension = {dimension}: a sphere needs at least 2")
-        self.moments: Moments | None = None
         self.dimension = dimension
+        self._origin = np.zeros(dimension)
+        self._about_origin: Moments | None = None
+
+    @property
+    def moments(self) -> Moments | None:
+        """The moments."""
+        return None if self._about_origin is None else self._about_origin.moved(self._origin)
 
     def update(self, points: ArrayLike) -> None:
         """Add points.
@@ -395,9 +401,13 @@ class Incremental:
             d = self.dimension
             raise ValueError(f"points have shape {np.shape(points)}: expected ({d},) or (n, {d})")
         array = array[~np.isnan(array).any(axis=1)]
-        if len(array):
-            x = array.T[None]
-            self.moments = Moments.of(x) if self.moments is None else self.moments.update(x)
+        if not len(array):
+            return
+        if self._about_origin is None:  # means of points far away would lose the digits of the sphere
+            self._origin = np.where(np.isfinite(array[0]), array[0], 0.0)
+        with np.errstate(all="ignore"):
+            added = Moments.of((array - self._origin).T[None])
+        self._about_origin = added if self._about_origin is None else self._about_origin.merge(added)
 
     def merge(self, other: Incremental) -> None:
         """Add the points of another fit that grew; that one stays as it is.
@@ -407,8 +417,12 @@ class Incremental:
         """
         if other.dimension != self.dimension:
             raise ValueError(f"points of dimension {other.dimension} cannot be added to points of {self.dimension}")
-        if other.moments is not None:
-            self.moments = other.moments if self.moments is None else self.moments.merge(other.moments)
+        if other._about_origin is None:
+            return
+        if self._about_origin is None:
+            self._origin, self._about_origin = other._origin, other._about_origin
+        else:
+            self._about_origin = self._about_origin.merge(other._about_origin.moved(other._origin - self._origin))
 
     def fit(self, estimator: Estimator, noise: float | Floats | None = None, assume: str | None = None) -> Fit:
         """Fit the points so far by a closed form.
@@ -436,12 +450,13 @@ class Incremental:
             noise_covariance(noise, self.dimension)
             if estimator.needs != "noise" and not estimator.takes_noise:
                 raise ValueError(f"noise = {noise}: this estimator finds it in the points; leave it out, or take ugdk")
-        if self.moments is None or self.moments.n[0] < self.dimension + 1:
+        moments = self.moments
+        if moments is None or moments.n[0] < self.dimension + 1:
             status = Status.TOO_FEW_POINTS
-        elif np.trace(self.moments.second[0]) > 0.0 and not is_ordinary(self.moments.fourth):
+        elif np.trace(moments.second[0]) > 0.0 and not is_ordinary(moments.fourth):
             status = Status.NOT_FINITE
         else:
-            regression = Regression.about_centroids(self.moments)
+            regression = Regression.about_centroids(moments)
             estimates = estimator(Samples.of_regression(regression, noise)).reshape()
             return Fit(estimates, assumed=Assumptions.of(False, assume))
         fit = blank(1, self.dimension)

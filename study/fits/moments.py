@@ -95,9 +95,9 @@ class Moments(NamedTuple):
         inner = 4.0 * (delta * (product - self.third)).sum(axis=1, keepdims=True)
         return second, third, self.fourth + (inner + square * (2.0 * trace + n * square))[:, 0]
 
-    def update(self, x: Floats) -> "Moments":
-        """Moments after more samples (b, d, n)."""
-        return self.merge(Moments.of(x))
+    def moved(self, by: Floats) -> "Moments":
+        """Moments of the points moved by a vector (d,) or one for each set (b, d)."""
+        return self._replace(vectors=np.stack([self.mean + by, self.third]))
 
     @property
     def n(self) -> Floats:

@@ -92,6 +92,12 @@ _JUMP, _BENT = 10.0, 0.2
 """Times the usual distance, and share of a segment's size, from which its markers do not have its shape."""
 _LABELS = 300
 """Labels that are remembered: a stream may have any number of them."""
+_KEPT = 400
+"""Frames, evenly spread, whose samples are kept to look for some that are far from the rest."""
+_FAR, _FAR_OFF, _SOME = 6.0, 10.0, 1.0 / 300.0
+"""Times the noise of most frames from which a distance between markers is far from its usual one, as one normal number
+in 10⁹ is; from which one from the centre is, which is less sure in poses from few markers; and the share of such frames
+that is doubted."""
 _MOVED = np.radians(2.0)
 """Least root mean square angle of motion, along every direction, of a joint that is known."""
 
@@ -150,6 +156,16 @@ class GrowingSegment:
             self.jumps += len(bent)
         return rotations, origins
 
+    def axes_covariance(self, place: Floats) -> Floats:
+        """Covariance (3, 3), metres², that its markers' noise in the named frame gives a place in its axes (3,)."""
+        assert self.template is not None
+        m = len(self.template)
+        variance = float(np.median(self._recent)) ** 2 * m / (3 * m - 6)  # the shape has little noise beside a frame's
+        outer = self.template.T @ self.template
+        across = np.cross(np.eye(3), place)  # what a small turn does to the place
+        turned = across.T @ np.linalg.pinv(np.trace(outer) * np.eye(3) - outer) @ across
+        return np.asarray(variance * (turned + np.eye(3) / m))
+
 
 class GrowingJoint:
     """A joint: the moments of its child's markers in the parent's axes, in blocks of successive frames.
@@ -169,7 +185,8 @@ class GrowingJoint:
         self.parent, self.rows = parent, list(rows)
         self.blocks: list[list[Incremental]] = []
         self.batches, self.length, self.jumps = 0, 1, 0
-        self._recent = np.full((len(rows), 3, 0), np.nan)
+        self._recent = self._kept = np.full((len(rows), 3, 0), np.nan)
+        self._frames, self._stride = 0, 1
 
     def add(self, y: Floats) -> None:
         """Add a batch of frames: the child's markers in the parent's axes (m, 3, n), metres; NaN where missing.
@@ -190,9 +207,31 @@ class GrowingJoint:
                 self.blocks = [merged(pair) for pair in zip(self.blocks[::2], self.blocks[1::2], strict=True)]
                 self.length *= 2
             self.blocks.append([Incremental(3) for _ in self.rows])
-        for part, points in zip(self.blocks[-1], np.where((jumps | few[:, None])[:, None], np.nan, y), strict=True):
+        used = np.where((jumps | few[:, None])[:, None], np.nan, y)
+        for part, points in zip(self.blocks[-1], used, strict=True):
             part.update(points.T)
+        self._kept = np.concatenate([self._kept, used[:, :, -self._frames % self._stride :: self._stride]], axis=2)
+        if self._kept.shape[2] > _KEPT:
+            self._kept, self._stride = self._kept[:, :, ::2], 2 * self._stride
+        self._frames += y.shape[2]
         self.batches += 1
+
+    def _far(self, center: Floats) -> float:
+        """Share of the kept frames with a distance far from its usual one, by the noise of most frames.
+
+        Distances are those of the markers from the centre, and from each other, which no error of the centre changes.
+        The noise is also that of differences between frames an eighth of the stream apart: a marker that is knocked
+        halfway has two usual distances.
+        """
+        places = np.concatenate([self._kept, np.broadcast_to(center[:, None], (1, 3, self._kept.shape[2]))])
+        one, other = np.triu_indices(len(places), 1)
+        away = np.linalg.norm(places[one] - places[other], axis=1)
+        apart = away.shape[1] // 8
+        steps = np.abs(away[:, apart:] - away[:, : away.shape[1] - apart]) / np.sqrt(2.0)
+        away = np.abs(away - median(away)[:, None])
+        usual = np.fmin(median(away), median(steps)) / 0.6745
+        most = np.where(other == len(self.rows), _FAR_OFF, _FAR) * usual
+        return float(np.mean((away > most[:, None]).any(axis=0)))
 
     def answer(self) -> "LiveAnswer":
         """The joint as far as it is known."""
@@ -202,7 +241,7 @@ class GrowingJoint:
             others = (merged([*self.blocks[:k], *self.blocks[k + 1 :]]) for k in range(len(self.blocks)))
             centers = np.array([mgdk_so_far(other).center for other in others])
             off = centers - centers.mean(axis=0)
-            covariance = (1.0 - 1.0 / len(self.blocks)) * (off.T @ off)
+            covariance = (1.0 - 1.0 / len(self.blocks)) * (off.T @ off) + self.parent.axes_covariance(fit.center)
         if self.parent.template is None:
             count = f"fewer than {_SHAPES} frames have" if self.parent.whole else "no frame has"
             lack = f"{count} all markers of its parent"
@@ -211,7 +250,8 @@ class GrowingJoint:
         elif fit.own_status == Status.TOO_FEW_POINTS:
             lack = "too few frames"
         frame = 0 if self.parent.template is None else self.parent.frame
-        return LiveAnswer(replace(fit, covariance=covariance), rms_angles(whole, fit), lack, frame)
+        far = self._far(fit.center) if np.isfinite(fit.center).all() else 0.0
+        return LiveAnswer(replace(fit, covariance=covariance), rms_angles(whole, fit), lack, frame, far)
 
 
 class LiveAnswer(NamedTuple):
@@ -222,12 +262,14 @@ class LiveAnswer(NamedTuple):
         angles: root mean square angles of motion (3,), ascending.
         lack: reason why there are too few points, or "".
         frame: in which the parent's axes are those of the stream; 0 as long as the parent has no shape.
+        far: share of the frames in which a marker is far from its usual place.
     """
 
     fit: JointFit
     angles: Floats
     lack: str
     frame: int
+    far: float
 
     @property
     def error(self) -> float:
@@ -251,6 +293,10 @@ class LiveAnswer(NamedTuple):
             reasons.append("too few frames to know its error" if few else "its error is above 1 cm")
         if not self.angles[0] > _MOVED:
             reasons.append("it moved by less than 2° about some direction")
+        if self.far > _SOME:
+            reasons.append(
+                f"in {self.far:.1%} of the frames a marker is out of place: labels exchanged, or a marker knocked"
+            )
         return " and ".join(reasons)
 
     def data(self) -> dict[str, object]:

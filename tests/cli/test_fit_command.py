@@ -22,7 +22,15 @@ from PIL import Image
 
 import study
 from study.fits import registry
-from study.fits.fitting import answers_in_words, expanded_in_words, fit_all, fit_rows, intervals_in_words, printed
+from study.fits.fitting import (
+    answers_in_words,
+    expanded_in_words,
+    fit_all,
+    fit_rows,
+    intervals_in_words,
+    printed,
+    visible_in_words,
+)
 from study.fits.plan import ok_share
 
 
@@ -50,6 +58,7 @@ def test_fit(well, rng, on_cap, tmp_path, d):
     table += expanded_in_words(fits["corrected"], names)
     table.append(answers_in_words(fits["corrected"]))
     assert table[-1].startswith("tests: passed shape, unequal noise, tails, memory, ")
+    table += visible_in_words(fits["corrected"])
     assert well(tmp_path, "fit", "p.npy").splitlines() == [*table, "± is one standard uncertainty"]
     assert table[1].split()[-2:] == ["90", "ok"]
 
@@ -249,7 +258,7 @@ def test_output_to_a_pipe(call, command, cap, tmp_path, encoding):
     environment = {**command[1], "PYTHONIOENCODING": encoding}
     code, said, complained = call(tmp_path, "fit", "cap.csv", env=environment, encoding=encoding)
     assert (code, complained, "\x1b" in said) == (0, "", False)  # no colours
-    assert len(said.splitlines()) == 10
+    assert len(said.splitlines()) == 11
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "own.md").read_text(encoding="utf-8")
@@ -392,7 +401,7 @@ def test_prints_do_not_mix_with_json(call_here, folder):
     (folder / "my.py").write_text(OWN.format(body="print('a fit')"), encoding="utf-8")
     (folder / "points.csv").write_text("x,y\n1,0\n0,1\n-1,0\n0,-1.1\n0.7,0.7\n-0.7,0.72\n", encoding="utf-8")
     code, said, complained = call_here(folder, "fit", "points.csv", "-e", "my.py:mine", "--json")
-    assert (code, len(json.loads(said)), "a fit" in complained) == (0, 1, True)
+    assert (code, len(json.loads(said)), "a fit" in complained) == (3, 1, True)  # six points are untested
 
 
 def test_certify(well, call_here, tmp_path):

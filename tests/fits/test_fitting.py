@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 import study
 from study.fits import Status, fitting
+from study.fits.answer import visible_moves
 from study.fits.fitting import (
     choose,
     doubts,
@@ -24,6 +25,7 @@ from study.fits.fitting import (
     intervals_in_words,
     noise_law_in_words,
     printed,
+    visible_in_words,
 )
 from study.fits.point_files import PointTable
 from study.simulation import commands
@@ -270,13 +272,34 @@ def test_points_too_few_to_tell_are_not_ok(on_cap, n):
     assert fit.goodness.in_words()["shape"] == "not tested: the points are too few to tell"
 
 
-def test_few_points(on_cap):
-    """An ok fit of fewer than ten points says that its noise may be small by chance; one of ten does not."""
-    fit = study.fit(on_cap(np.random.default_rng(3), 9, 180.0, noise=1e-4)[0])
-    assert fit.ok
-    (line,) = doubts(fit)
-    assert line.startswith("only 5 points more")
-    assert list(doubts(study.fit(on_cap(np.random.default_rng(3), 10, 180.0, noise=1e-4)[0]))) == []
+def test_the_form_that_is_just_seen_is_told(on_cap):
+    """Few points say what they could hide, and what would settle it; enough points what they would have seen."""
+    few, enough = (study.fit(on_cap(np.random.default_rng(3), n, 180.0, noise=1e-4)[0]) for n in (9, 40))
+    assert few.status == Status.UNTESTED
+    hidden, remedy = visible_in_words(few)
+    assert hidden.startswith("9 points would often hide a form of 3.4 σ; it")
+    assert "moves the radius by" in hidden
+    assert remedy.startswith("to settle it: 15 points or more, or the noise (--noise), or --assume sphere")
+    (line,) = visible_in_words(enough)
+    assert line.startswith("the test of shape sees a form of 0.8")
+    assert study.fit(few.samples.points[0], noise=1e-4).ok
+
+
+def test_moves_of_a_form_that_is_just_seen(on_cap):
+    """They are those of 2000 random forms of that size, by least squares of NumPy, to a tenth."""
+    rng = np.random.default_rng(5)
+    points = on_cap(rng, 30, 60.0, noise=1e-3)[0]
+    fit = study.fit(points)
+    away = points - fit.center
+    e = away / np.linalg.norm(away, axis=1, keepdims=True)
+    matrices = rng.normal(size=(2000, 3, 3))
+    matrices = matrices + matrices.swapaxes(1, 2) - np.einsum("bii->b", matrices)[:, None, None] * np.eye(3) / 1.5
+    form, X = np.einsum("ni,bij,nj->bn", e, matrices, e), np.column_stack([e, np.ones(30)])
+    moved = np.linalg.pinv(X) @ form.T
+    size = np.mean((form.T - X @ moved) ** 2) ** 0.5
+    expected = np.sqrt((moved**2).mean(axis=1)) / size * fit.goodness.visible_form * fit.sigma / fit.standard_errors
+    np.testing.assert_allclose(visible_moves(fit), expected, rtol=0.1)
+    assert fit.to_dict()["visible_moves"] == visible_moves(fit).tolist()
 
 
 def test_infinite_rows(cap):

@@ -304,6 +304,26 @@ def test_missing_samples(rng, on_cap):
     np.testing.assert_allclose(empty.fit(ESTIMATORS["als"]).center, study.fit(holes, "als").center, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("chunk", [1, 7])
+def test_far_points_keep_their_digits(rng, chunk):
+    """A sphere a million radii away, fed in chunks, is where the same points at the origin have it: within 1e-9 radii.
+
+    A step of float64 is 1.2e-10 there. Means formed about the origin were off by 1e-6 and more.
+    """
+    directions = rng.standard_normal((200, 3))
+    points = directions / np.linalg.norm(directions, axis=1, keepdims=True) + 1e-3 * rng.standard_normal((200, 3))
+    far = np.array([2.0**20, -(2.0**19), 2.0**18])
+    points = (points + far) - far  # what float64 holds there
+    growing, other = Incremental(3), Incremental(3)
+    for part in np.split(points[:100] + far, range(chunk, 100, chunk)):
+        growing.update(part)
+    other.update(points[100:] + far)
+    growing.merge(other)
+    near, fit = study.fit(points, "als"), growing.fit(ESTIMATORS["als"])
+    np.testing.assert_allclose(fit.center - far, near.center, rtol=0, atol=1e-9)
+    assert float(fit.radius) == pytest.approx(float(near.radius), abs=1e-9)
+
+
 def test_infinite_samples_are_not_missing(rng):
     """After an infinite coordinate every answer is NOT_FINITE, without a warning."""
     growing = fed(rng.standard_normal((9, 3)))
