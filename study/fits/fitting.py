@@ -137,7 +137,7 @@ def answers_in_words(fit: Fit) -> str:
 def visible_in_words(fit: Fit) -> Iterator[str]:
     """A line with the form that the test of shape just sees, what it moves, and what would show a smaller one."""
     size, (*center, radius) = float(fit.goodness.visible_form), visible_moves(fit)
-    if not math.isfinite(size):
+    if not math.isfinite(size) or fit.status not in (Status.OK, Status.UNTESTED):
         return
     moves = f"the radius by {number(float(radius), '.2g')} ±, the centre" if radius > 0.0 else "the centre"
     moves = f"it moves {moves} by up to {number(float(max(center)), '.2g')} ±"

@@ -67,6 +67,8 @@ _LITTLE, _MODERATE = 0.35, 2.0
 """Largest noise of the tests for small noise, as multiples of the least standard deviation of the directions: by all
 degrees, and by degree 2 alone. Simulated clean caps (30° to 180°, d = 2 to 4, N = 10 to 85, 800 sets a cell): at a
 level of 1 %, at most 2 % are rejected."""
+_APPARENT = 0.5
+"""The same multiple up to which neighbours are compared: beyond, noise hides which points are neighbours."""
 _LARGEST_NOISE = 0.45
 """Noise in radii beyond which no shape is tested: waves see a point."""
 _NO_NOISE = 1e-22
@@ -464,6 +466,7 @@ def _shape(residuals: Residuals, neighbours: Floats) -> tuple[Floats, Floats]:
     forms = _forms_of_degrees(residuals._replace(s=np.where(s <= limit, s, 0.0)))
     smooth = n * (forms.left - forms.squares[0]) / (n - d - 1 - forms.counts[0])
     little, visible = smooth <= limit, _visible_form(forms, n, n - d - 1)
+    neighbours = np.where(smooth <= _APPARENT**2 * spread, neighbours, np.nan)
     result = np.where(little, _by_degrees(forms, n, n - d - 1, neighbours), np.nan)
     if n < _LEAST_TERMS * (Y.shape[1] - d):  # too few for waves
         some, low = (

@@ -197,7 +197,7 @@ def _look(
         seen = see(about.shrunk() if assumed.radial else about)
         answer, spare, ordered = seen.goodness, n - d - 1, assumed.ordered
         if assumed.sphere:
-            answer.shape[:] = np.nan
+            answer.shape[:], answer.visible_form[:] = np.nan, np.nan
             answer.answers[SHAPE, answer.answers[SHAPE] != Answer.NO_SPHERE] = int(Answer.ASSUMED)
         for whole, values in zip(
             (*result.goodness[:4], result.goodness.visible_form), (*answer[:4], answer.visible_form), strict=True
