@@ -14,6 +14,8 @@ import scipy
 
 from study.fits.bounds import NOISY, attainable_bound, bound_dimension, one_number
 from study.fits.cap import sample_cap
+from study.fits.goodness import fewest_points
+from study.fits.judge import LARGEST_UNSEEN
 from study.fits.random import stream
 from study.fits.registry import fit
 from study.fits.space_circle import fit_circle
@@ -55,8 +57,8 @@ def plan_fit(
     """Plan a measurement: points needed on a cap, the cap needed for so many points, or the error of both.
 
     Of the error, the angle and the number of points two are given. The errors are those of `study.attainable_bound`
-    divided by the number of points: with few points, those of a fit are a little larger. At least d + 7 points are
-    planned, from which on intervals were measured to cover.
+    divided by the number of points: with few points, those of a fit are a little larger. So many points are planned at
+    least that their shape is tested: 12 of a circle, 15 of a sphere, 19 in four dimensions.
 
     Args:
         noise: standard deviation of each coordinate.
@@ -85,9 +87,9 @@ def plan_fit(
     sigma, r, wanted = (_positive(name, value) for name, value in given.items())
     if of not in ("center", "radius"):
         raise ValueError(f"of = {of!r}: plan the error of the 'center' or of the 'radius'")
-    fewest, place = bound_dimension(dimension) + 7, 0 if of == "center" else -1
+    fewest, place = fewest_points(bound_dimension(dimension), LARGEST_UNSEEN), 0 if of == "center" else -1
     if points is not None and not fewest <= operator.index(points) < _LARGEST_PLAN:
-        words = f"plan with at least {fewest}, from which on intervals cover, and below {_LARGEST_PLAN:g}"
+        words = f"plan with at least {fewest}, from which on their shape is tested, and below {_LARGEST_PLAN:g}"
         raise ValueError(f"points = {points!s:.40}: {words}")
 
     def variance(half_angle: float) -> float:
