@@ -343,13 +343,15 @@ class GivenPoints(FittedPoints):
             words = "p < 1e-9" if p < 1e-9 else f"p = {number(float(p), '.2g')}"
             agrees = ": the points do not agree with it" if p < _NOTICED else ""
             yield f"{given}; with a free one the points have {with_error(float(free), float(error))} ({words}){agrees}"
-        times = number(float(self.noise_scale[0]), ".3g")
+        scale, spare = float(self.noise_scale[0]), float(self.spare[0] + np.isfinite(known.radius).all())
+        ends = [scale * np.sqrt(spare / scipy.special.chdtri(spare, tail)) for tail in (0.025, 0.975)]
+        times = f"{number(scale, '.3g')} times as large ({' to '.join(number(end, '.2g') for end in ends)})"
         if known.noise is not None:
             scaled = "its scale is found in them" if known.relative else "± stands on the noise as it is given"
-            yield f"each point has a noise of its own, and the residuals are {times} times as large; {scaled}"
+            yield f"each point has a noise of its own, and the residuals are {times}; {scaled}"
         elif known.sigma is not None:
             given = f"noise {known.sigma:g} is given"
-            yield f"{given}, and the residuals are {times} times as large; ± stands on the noise as it is given"
+            yield f"{given}, and the residuals are {times}; ± stands on the noise as it is given"
         if known.radial:
             yield "the noise is taken to be along the radius alone"
 

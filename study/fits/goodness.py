@@ -387,8 +387,10 @@ _HARMLESS_NOISE, _TWO_SHELLS, _SKEW = 0.1, 0.15, 0.03
 and 0, two concentric spheres .07 and 0."""
 
 
-def see(residuals: Residuals) -> Seen:
+def see(residuals: Residuals, ordered: bool = False) -> Seen:
     """Test complete sets by their residuals; sets that no sphere fits are not tested.
+
+    Where the rows are in order of time, neighbours by direction are often neighbours in time, and are not compared.
 
     Source: theory §13.
     """
@@ -410,7 +412,8 @@ def see(residuals: Residuals) -> Seen:
             return Seen(goodness, largest, harmless)
         part = residuals if len(sets) == b else residuals.take(sets)
         scores = scores_of_residuals(part)
-        goodness.shape[sets], goodness.visible_form[sets] = _shape(part, _neighbours(part, scores))
+        neighbours = np.full(len(sets), np.nan) if ordered else _neighbours(part, scores)
+        goodness.shape[sets], goodness.visible_form[sets] = _shape(part, neighbours)
         sizes, t, memory = _residual_blocks(part, scores)
         goodness.memory[sets], largest[sets] = memory, np.abs(t).max(axis=1)
         odd, even = np.sin(t).mean(axis=1), np.cos(1.5 * t).mean(axis=1)
@@ -769,10 +772,11 @@ def _nearest(e: Floats, along: Floats, near: Ints, traces: Floats) -> None:
                 best[place], near[t, i, place] = np.inf, i
             for step in (1, -1):
                 other = i + step
-                while 0 <= other < n and (along[t, other] - along[t, i]) ** 2 < best[k - 1]:
+                while 0 <= other < n and abs(along[t, other] - along[t, i]) < math.sqrt(best[k - 1]):
                     square, place = 0.0, k
                     for c in range(d):
-                        square += (e[t, other, c] - e[t, i, c]) ** 2
+                        apart = e[t, other, c] - e[t, i, c]
+                        square += apart * apart
                     if square < best[k - 1]:
                         while place > 0 and square < best[place - 1]:
                             place -= 1

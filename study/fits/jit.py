@@ -19,6 +19,9 @@ such a loop, with vector instructions and without, and chooses by the distance o
 arrays happen to lie would decide the last bit of the sum. Store in one loop and add in another; ``tests/near.py`` finds
 such loops.
 
+A function that is compiled as written must not raise to a power: numba compiles x ** 2 once in a process, with the
+options of the first function that has it, and all others would lose theirs.
+
 A loop over samples keeps its sums in the value that :func:`zeros` returns: tuples in few dimensions, whose length the
 compiler knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many.
 :func:`put` and :func:`fresh` work on both, so that each sum is written once for every dimension.

@@ -194,8 +194,9 @@ def _look(
     (_, d, n), (result, sets) = samples.shape, part
     with np.errstate(all="ignore"):
         about = Residuals.about(tested.x, spheres, tested.weights, highest_degree(tested.shape[2], d))
-        seen = see(about.shrunk() if assumed.radial else about)
-        answer, spare, ordered = seen.goodness, n - d - 1, assumed.ordered
+        spare, ordered = n - d - 1, assumed.ordered
+        seen = see(about.shrunk() if assumed.radial else about, ordered)
+        answer = seen.goodness
         if assumed.sphere:
             answer.shape[:], answer.visible_form[:] = np.nan, np.nan
             answer.answers[SHAPE, answer.answers[SHAPE] != Answer.NO_SPHERE] = int(Answer.ASSUMED)
