@@ -1,5 +1,6 @@
 """The wheel: it holds what the commands need, and they find it from any folder. What is loaded for a first answer."""
 
+import math
 import os
 import subprocess
 import sys
@@ -97,7 +98,11 @@ def test_a_first_answer_loads_nothing_heavy_that_it_does_not_need(tmp_path, code
 
     To judge claims, or to open a run, neither scipy's distributions nor a figure's library is loaded.
     """
-    (tmp_path / "points.csv").write_text("x,y\n0,1\n1,0\n-1,0\n0,-1.01\n0.7,0.72\n-0.72,0.7\n")
+    turns = [math.radians(22.5 * k) for k in range(16)]
+    noise = (0.4, -0.1, -1.2, 0.7, 0.3, -0.5, 1.1, -0.9, 0.2, 0.9, -0.3, -0.7, 1.3, 0.1, -1.0, 0.6)  # for an ok fit
+    sizes = [1.0 + 0.01 * part for part in noise]
+    rows = [f"{r * math.cos(turn):.4f},{r * math.sin(turn):.4f}\n" for turn, r in zip(turns, sizes, strict=True)]
+    (tmp_path / "points.csv").write_text("x,y\n" + "".join(rows))
     code = f"import logging\nlogging.disable()\n{code}\n"  # whether loops are compiled or come from the cache
     code += f"import sys\nprint(*({HEAVY!r} & set(sys.modules)), file=sys.stderr)"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

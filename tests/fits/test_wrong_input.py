@@ -455,7 +455,7 @@ def test_plans_beyond_all_numbers():
         study.plan_fit(0.1, 25, 1e-300, angle=60)
     with pytest.raises(ValueError, match=r"noise = 1000.*: must be below 1\.8e308"):
         study.plan_fit(10**400, 25, 0.1, angle=60)
-    with pytest.raises(ValueError, match=r"points = 10{39}: plan with at least 10"):
+    with pytest.raises(ValueError, match=r"points = 10{39}: plan with at least 15"):
         study.plan_fit(0.1, 25, 0.1, points=10**400)
     for call in (partial(study.plan_fit, 0.1, 25, 0.1, points=20), study.attainable_bound):
         with pytest.raises(ValueError, match=r"^dimension = 10{39}: a bound is known for 1,000 at most$"):

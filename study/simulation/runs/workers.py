@@ -82,7 +82,7 @@ def introduction() -> Parent:
     return Parent(provenance.fingerprint(), registry.loaded())
 
 
-def follow(parent: int) -> None:
+def follow(parent: int, plugins: tuple[tuple[str, str], ...] = ()) -> None:
     """Bind this process to its parent's life; the first thing that a process of this machine does.
 
     A terminal sends Ctrl-C to the workers, too; they ignore it, and the parent ends them. If it is killed, they end
@@ -90,6 +90,8 @@ def follow(parent: int) -> None:
 
     Args:
         parent: number of the parent process.
+        plugins: that the parent has. Loky starts new processes where an argument is another, and so none has names
+            that its parent has given up.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
@@ -210,8 +212,9 @@ class Processes(Threads):
 
     def restart(self) -> None:
         self.noticed, self._dead_since = "", -1.0
+        mine = (os.getpid(), self._parent.plugins)
         with _quiet("ExecutorManagerThread"):
-            self.executor = get_reusable_executor(self.jobs, timeout=_IDLE, initializer=follow, initargs=(os.getpid(),))
+            self.executor = get_reusable_executor(self.jobs, timeout=_IDLE, initializer=follow, initargs=mine)
 
     def submit(self, function: Callable[..., object], *arguments: object) -> "Future[object]":
         with interrupts_later():

@@ -22,6 +22,7 @@ import pytest
 
 import study
 from study.files import RunError
+from study.fits import registry
 from study.fits.samples import Estimator
 from study.simulation.experiment.config import parse
 from study.simulation.runs import provenance, workers
@@ -350,3 +351,16 @@ def test_another_source_is_another_fingerprint(tmp_path, monkeypatch, changed):
     assert provenance.fingerprint()["sources"] == before
     (home / changed).write_text((home / changed).read_text(encoding="utf-8") + "\n", encoding="utf-8")
     assert provenance.fingerprint()["sources"] != before
+
+
+def test_processes_have_no_names_that_their_parent_gave_up(tmp_path):
+    """A second file registers the name that the first had: it was refused in processes that had served the first."""
+    for name, radius in (("one.py", 1.0), ("two.py", 2.0)):
+        path = tmp_path / name
+        path.write_text(f"import study\nstudy.register('mine', lambda points: (points.mean(axis=0), {radius}))\n")
+        registry.load(path)
+        try:
+            processes = workers.Processes(2)
+            assert processes.submit(registry.loaded).result(timeout=120)[-1][0] == str(path)
+        finally:
+            registry.unload(str(path))
