@@ -79,9 +79,7 @@ def hinges(samples: Samples, fit: Estimates) -> Ints:
         samples: complete sets (b, 3, n).
         fit: spheres.
     """
-    b, d, n = samples.shape
-    if d != 3:
-        return np.full(b, int(Answer.NOT_IN_SPACE))
+    b, _, n = samples.shape
     values, along = samples.regression.along[:2]
     with np.errstate(all="ignore"):
         # the algebraic fit in the plane of the two larger extents, and then without the noise that draws it inwards

@@ -166,8 +166,8 @@ def gather(
                 mine = free_sphere(present)
             else:
                 mine = Estimates._make([array[sets] for array in spheres])
-            plain = mine if present.weights is None else corrected(present)
-            answers[HINGE, sets] = hinges(present, plain)
+            if d == 3:
+                answers[HINGE, sets] = hinges(present, mine if present.weights is None else corrected(present))
             square = np.einsum("bii->b", present.moments.second)
             result.kurtosis[sets] = n * present.moments.fourth / square**2 - _BY_CHANCE / n
         tested = evenly_thinned(present)
