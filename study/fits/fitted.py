@@ -15,7 +15,7 @@ from study.fits.corrected import corrected
 from study.fits.goodness import Goodness, form_beside_noise
 from study.fits.intervals import Intervals, intervals
 from study.fits.judge import Assumptions, PointEvidence, gather, influence, judge, widened
-from study.fits.robust import Found, find
+from study.fits.robust import Found, found_in
 from study.fits.samples import Estimates, Estimator, Samples, Status, plug_in_bound, repeated, unless_missing
 
 
@@ -63,7 +63,7 @@ class FittedPoints:
     @cached_property
     def found(self) -> Found:
         """The outliers, and what leaving them out adds to the errors."""
-        return find(self.samples)
+        return found_in(self.samples)
 
     @property
     def selection(self) -> Floats:

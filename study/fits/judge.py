@@ -385,13 +385,7 @@ def _search(evidence: PointEvidence, samples: Samples, assumed: Assumptions, res
     if not len(searched):
         return
     part = evenly_thinned(samples.take(searched))
-    if samples.weights is not None:
-        named = weighted_outliers(part)
-    else:
-        named = outliers(part, from_all=True)
-        hidden = np.flatnonzero(~named.any(axis=1) & (evidence.spread[searched] | (result[searched] == Status.MISFIT)))
-        if len(hidden):
-            named[hidden] = outliers(part.take(hidden))
+    named = outliers(part) if samples.weights is None else weighted_outliers(part)
     guilty = np.flatnonzero(named.any(axis=1))
     if not len(guilty):
         return

@@ -13,7 +13,7 @@ clutter the weights are those of least squares, with much they fall beyond 2.5 t
 Distances alone do not tell clutter from a cap where it comes near to the rest of the sphere, and there one point moves
 the fit most. So points whose direction is far from all others are clutter, too; see `isolated`.
 
-Source: Torr & Zisserman 2000 (MLESAC); theory 11.5.
+Source: Torr & Zisserman 2000 (MLESAC); theory 11.4.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,6 @@ import numpy as np
 import scipy
 
 from study.arrays import Bools, Floats
-from study.fits.samples import Estimates
 
 _REACH = 10.0
 """W: scales from the sphere up to which the share of clutter is estimated."""
@@ -68,8 +67,9 @@ class Mixture(NamedTuple):
 def in_own_units(x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Points (b, d, n) about their medians and in units of their size, these, and the size of rounding errors (b,)."""
     with np.errstate(all="ignore"):
-        middle = np.median(x, axis=2)[:, :, None]
-        away = np.abs(x - middle).max(axis=1)
+        part = x[:, :, :: x.shape[2] // _THIN + 1]
+        middle = np.median(part, axis=2)[:, :, None]
+        away = np.abs(part - middle).max(axis=1)
         size = np.median(away, axis=1)
         size = np.where(size > 0.0, size, away.max(axis=1))[:, None, None]
         size = np.where(size > 0.0, size, 1.0)
@@ -202,31 +202,15 @@ def isolated(y: Floats, found: Mixture) -> Bools:
             continue
         tree = scipy.spatial.cKDTree(some)
         own = tree.query(some, k=_NEIGHBOUR + 1)[0][:, -1]
+        most = (2.0 * scipy.special.gammainccinv(_NEIGHBOUR, _LEVEL / len(some)) / _MEDIAN) ** (1.0 / (d - 1))
         near = np.flatnonzero(found.weights[t] > 0.0)
-        far, who = tree.query(directions[near], k=_AROUND + 1)
-        itself = far[:, 0] == 0.0
-        distance = np.where(itself, far[:, _NEIGHBOUR], far[:, _NEIGHBOUR - 1])
-        usual = np.median(own[np.where(itself[:, None], who[:, 1:], who[:, :-1])], axis=1)
-        most = 2.0 * scipy.special.gammainccinv(_NEIGHBOUR, _LEVEL / len(some)) / _MEDIAN
-        result[t, near] = distance > most ** (1.0 / (d - 1)) * np.maximum(usual, np.median(own))
+        far = tree.query(directions[near], k=_NEIGHBOUR + 1)[0]
+        distance = np.where(far[:, 0] == 0.0, far[:, _NEIGHBOUR], far[:, _NEIGHBOUR - 1])
+        alone = np.flatnonzero(distance > most * np.median(own))  # of these alone the neighbours' distances are needed
+        far, who = tree.query(directions[near[alone]], k=_AROUND + 1)
+        usual = np.median(own[np.where(far[:, :1] == 0.0, who[:, 1:], who[:, :-1])], axis=1)
+        result[t, near[alone]] = distance[alone] > most * usual
     return result
-
-
-def gain(y: Floats, found: Mixture, whole: Estimates) -> Floats:
-    """Log-likelihood of mixtures (b,) less that of Gaussian noise about geometric fits of all points (b, d, n).
-
-    Here clutter is uniform in distance up to the furthest point. -∞ where there is no mixture.
-    """
-    n, d = y.shape[2], y.shape[1]
-    with np.errstate(all="ignore"):
-        plain = -0.5 * n * np.log(whole.noise_variance * (n - d - 1) / n) - 0.5 * n
-        rho = _about(y, found.center, found.radius)[1]
-        variance = found.scale**2
-        share = np.clip(1.0 - found.weights.mean(axis=1), 1.0 / n, 1.0)[:, None]
-        density = (1.0 - share) * np.exp(-0.5 * rho * rho / variance[:, None]) / found.scale[:, None]
-        density += share * np.sqrt(2.0 * np.pi) / (2.0 * np.abs(rho).max(axis=1, keepdims=True))
-        result = np.log(density).sum(axis=1) - plain
-    return np.asarray(np.where(np.isfinite(result), result, -np.inf))
 
 
 def standard_errors(y: Floats, found: Mixture, fixed: bool = False) -> Floats:

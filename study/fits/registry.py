@@ -164,9 +164,9 @@ ESTIMATORS = Estimators(
         "corrected_12": Estimator(corrected_12, "theory §9, with ν = 1", covariance=partial(sandwich, pair=1.0)),
         "robust": Estimator(
             robust,
-            "Torr & Zisserman 2000; Hadi & Simonoff 1993: mle, each point by its probability to be no clutter",
+            "Torr & Zisserman 2000; Moisan & Stival 2004: mle, each point by its probability to be no clutter",
             without_outliers=True,
-            version=4,
+            version=5,
             given=ROBUST,
         ),
         "lls": Estimator(lls, "paper §4.4", flops=lambda d: 2 * d * d + 10 * d + 5, caution=_BIASED, version=3),
