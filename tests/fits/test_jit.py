@@ -57,27 +57,39 @@ with always_compiled():
 print(hashlib.sha256(b"".join(f.center.tobytes() + f.noise_variance.tobytes() for f in answers)).hexdigest())
 """
 
-SET_UP_AND_RUN = """
+VERSIONS = """
 import gc, sys
 from contextlib import suppress
 from pathlib import Path
 from study import instruction_set
 instruction_set.fix()
+import numpy as np
+import study
 from study.cli import main
-from study.fits.jit import Loop
-from study.simulation.compile_loops import _begin
+from study.fits.jit import Loop, always_compiled
+from study.simulation.compile_loops import _begin, _fit
 
 def versions():
     loops = [thing for thing in gc.get_objects() if isinstance(thing, Loop)]
     return {f"{loop.__module__} {loop.__qualname__} {types}" for loop in loops for types in loop.dispatcher.signatures}
+"""
 
-_begin(Path("chains.toml"))
-begun = versions()
-print(sorted(begun))
+RUN = """
 sys.argv[1:] = ["run", "chains.toml", "--jobs", "1"]
 with suppress(SystemExit):
     main()
-print(sorted(versions() - begun))
+"""
+
+ANSWERS = """
+rng = np.random.default_rng(1)
+with always_compiled():
+    for moved in (1.0, 1.5):
+        points = rng.standard_normal((50, 3))
+        points *= (1.0 + 0.02 * rng.standard_normal((50, 1))) / np.linalg.norm(points, axis=1, keepdims=True)
+        points[0] *= moved
+        for known in ({}, {"noise": 0.02}):
+            fit = study.fit(points, **known)
+            print(fit, fit.outliers.sum(), fit.goodness.in_words())
 """
 
 CHAINS = """
@@ -204,13 +216,29 @@ def test_a_program_can_silence_the_compiler(package):
     assert run.warnings == [""]
 
 
-def test_a_run_compiles_nothing_that_set_up_could(tmp_path):
-    """A run calls no version of a loop that set-up did not call before; chains were first compiled by the run."""
+@pytest.mark.parametrize(
+    ("set_up", "program", "called"),
+    [("_begin(Path('chains.toml'))", RUN, "study.simulation.posterior"), ("_fit(3)", ANSWERS, "study.fits.robust")],
+    ids=["a run", "fits"],
+)
+def test_nothing_is_compiled_that_set_up_could(tmp_path, set_up, program, called):
+    """A program calls no version of a loop that set-up did not call before.
+
+    A run first compiled its chains, and a fit the search for outliers and the test of neighbours.
+    """
     (tmp_path / "chains.toml").write_text(CHAINS)
-    command = [sys.executable, "-W", "error", "-c", SET_UP_AND_RUN]
+    steps = [
+        VERSIONS,
+        set_up,
+        "begun = versions()",
+        program,
+        "print(sorted(begun))",
+        "print(sorted(versions() - begun))",
+    ]
+    command = [sys.executable, "-W", "error", "-c", "\n".join(steps)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    begun, further = done.stdout.splitlines()[0], done.stdout.splitlines()[-1]
-    assert "study.simulation.posterior" in begun
+    begun, further = done.stdout.splitlines()[-2:]
+    assert called in begun
     assert further == "[]"
 
 
@@ -281,7 +309,7 @@ def test_a_version_that_cannot_be_stored_is_used(monkeypatch, refusal):
     assert fourfold(1.5) == 6.0
 
 
-@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("n", [6, 31, 33, 700, BLOCK, 2 * BLOCK + 300])
 def test_sums_do_not_depend_on_where_points_are(rng, on_cap, d, n):
     """Moments and fits are the same, bit for bit, in any layout."""
