@@ -62,6 +62,18 @@ def run(request, tmp_path_factory):
     return Run.open(folder / "run")
 
 
+@pytest.fixture(scope="module")
+def shorter(run, tmp_path_factory):
+    """A run of the same config with fewer trials."""
+    folder = tmp_path_factory.mktemp("shorter")
+    text = (run.folder / "config.toml").read_text()
+    (folder / "parts.toml").write_text(text.replace("trials = 60", "trials = 40").replace("= 90", "= 70"))
+    with pytest.MonkeyPatch.context() as patch:
+        cut_small(patch)
+        study.run(folder / "parts.toml", folder=folder / "run")
+    return Run.open(folder / "run")
+
+
 @pytest.fixture(params=[1, 6000, 1 << 28])
 def memory(request, monkeypatch):
     """Bytes for a part: one key each, some, all."""
@@ -167,15 +179,10 @@ def test_comparisons_do_not_depend_on_the_parts(run, memory):
     pd.testing.assert_frame_equal(found, whole)
 
 
-def test_differences_do_not_depend_on_the_parts(run, memory, tmp_path, monkeypatch):
+def test_differences_do_not_depend_on_the_parts(run, shorter, memory):
     """A run is identical with itself, and in the trials that both have with a shorter one, in any parts."""
-    text = (run.folder / "config.toml").read_text()
     assert Difference(run, run).verdict == "identical"
-    (tmp_path / "short.toml").write_text(text.replace("trials = 60", "trials = 40").replace("= 90", "= 70"))
-    cut_small(monkeypatch)
-    study.run(tmp_path / "short.toml", folder=tmp_path / "short")
-    short = Run.open(tmp_path / "short")
-    for pair in ((run, short), (short, run)):
+    for pair in ((run, shorter), (shorter, run)):
         found = Difference(*pair)
         assert found.verdict == "identical in the trials that both have"
         assert not found.comparisons["same_trials"].all()
