@@ -42,9 +42,9 @@ angle = {{ law = "uniform", low = 30, high = 180 }}
 COLUMNS = ("cell", "samples", "trial", "estimator", "error", "status")
 
 
-def cut_small(patch):
+def cut_small(patch, design):
     """Let row groups and units be small; blocks of trials, which share a stream, too."""
-    patch.setattr("study.files._ROWS_PER_GROUP", 50)
+    patch.setattr("study.files._ROWS_PER_GROUP", 50 if design == "random" else 200)
     patch.setattr("study.simulation.experiment.designs.BLOCK_TRIALS", 4)
     patch.setattr("study.simulation.experiment.designs._SAMPLES_PER_UNIT", 500)
 
@@ -56,7 +56,7 @@ def run(request, tmp_path_factory):
     config = folder / "parts.toml"
     config.write_text((RANDOM if request.param == "random" else GRID).format(draws=request.param))
     with pytest.MonkeyPatch.context() as patch:
-        cut_small(patch)
+        cut_small(patch, request.param)
         study.run(config, folder=folder / "run")
     assert pq.ParquetFile(folder / "run" / "errors.parquet").num_row_groups > 3
     return Run.open(folder / "run")
@@ -69,7 +69,7 @@ def shorter(run, tmp_path_factory):
     text = (run.folder / "config.toml").read_text()
     (folder / "parts.toml").write_text(text.replace("trials = 60", "trials = 40").replace("= 90", "= 70"))
     with pytest.MonkeyPatch.context() as patch:
-        cut_small(patch)
+        cut_small(patch, run.study.design.kind)
         study.run(folder / "parts.toml", folder=folder / "run")
     return Run.open(folder / "run")
 
