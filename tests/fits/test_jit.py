@@ -134,6 +134,7 @@ def test_change_in_a_called_function_reaches_its_caller(package):
     assert run() == ["12.0", "0"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
 def test_change_reaches_callers_wherever_compiled_code_lies(package, kept, tmp_path):
     """In a folder that the user names, and in the user's own where the installation cannot be written to."""
