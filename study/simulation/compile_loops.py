@@ -105,6 +105,5 @@ def _fit(dimension: int) -> None:
     points *= (1.0 + 0.01 * np.sin(np.arange(60.0).reshape(2, 30, 1))) / np.linalg.norm(points, axis=2, keepdims=True)
     points[:, 0] *= 1.5
     with always_compiled():
-        fit(points, "ugdk", noise=0.01)
-        for answer in (fit(points[0], "robust"), fit(points[0]), fit(points[0], noise=0.01)):
+        for answer in (fit(points, "ugdk", 0.01), fit(points[0], "robust"), fit(points[0]), fit(points[0], noise=0.01)):
             str(answer)  # computes the intervals

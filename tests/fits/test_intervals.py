@@ -302,7 +302,7 @@ def test_flat_points_have_no_upper_end():
         (3, (600, 100), 45.0, 0.15),
         (3, (600, 200), 180.0, 0.3),
         (2, (600, 60), 60.0, 0.1),
-        (4, (600, 60), 90.0, 0.1),
+        pytest.param(4, (600, 60), 90.0, 0.1, marks=pytest.mark.slow),
     ],
 )
 def test_coverage(dimension, shape, degrees, sigma):

@@ -117,7 +117,7 @@ def test_extra_parameters_without_curvature(rng, on_cap):
     np.testing.assert_allclose(extra, 3 * 2 * 0.01**2, rtol=0.05)
 
 
-@pytest.mark.parametrize(("n", "d"), [(40, 3), (40, 2), (60, 5), (1200, 3)])
+@pytest.mark.parametrize(("n", "d"), [(40, 3), (40, 2), (1200, 3), pytest.param(60, 5, marks=pytest.mark.slow)])
 def test_five_percent_at_ten_sigma(rng, on_cap, n, d):
     """Five percent of the points ten standard deviations off are all noticed in 99 % of the data sets."""
     sets = 150 if n < 1000 else 30
@@ -143,7 +143,7 @@ def test_thirty_percent(rng, on_cap, kind, n, angle, noise, d):
     assert np.median(error) <= 1.3 * np.median(best)
 
 
-@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.slow)])
 def test_exact_points_and_many_outliers(rng, on_cap, d):
     """Points exactly on a sphere determine it, whatever 40 % of the points are."""
     points = on_cap(rng, 60, 90, d, center=rng.standard_normal(d), sets=3)[0]
