@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
-.PHONY: paper article calibration skeleton test smoke lint numbers tables bench benchmark mutants docs clean
+.PHONY: paper article calibration skeleton test test-slow smoke lint numbers tables bench benchmark mutants docs clean
 .DELETE_ON_ERROR:
 
 # Tables that the documents quote.
@@ -68,8 +68,14 @@ skeleton: $(VENV)/.mocap
 
 # On two workers; the tests of a file stay together, because they share fixtures. The end says why tests are skipped.
 JOBS ?= 2
-test: $(VENV)/.dev $(VENV)/.run
-	$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist loadfile
+PYTEST = $(BIN)/python -m pytest -q -rs -n $(JOBS) --dist loadfile
+test: $(VENV)/.tested
+	$(PYTEST) -m "not slow"
+
+# The tests that take long: levels and coverages of all trials, of which `make test` has a quarter, and fits in four
+# dimensions and more, whose loops the compiler takes long for.
+test-slow: $(VENV)/.tested
+	$(PYTEST) -m slow
 
 # A small study of everything, for continuous integration.
 smoke: $(VENV)/.run
@@ -151,6 +157,12 @@ $(VENV)/.compiled: $(VENV)/.installed
 	@echo "Loops are compiled, once after an installation or an update; half a minute:"
 	@$(BIN)/study compile --costs configs/smoke.toml $(CONFIGS)
 	touch $(VENV)/.run $@
+
+# ... and those of fits with their intervals, which most tests call: two workers would wait for each other's compiler.
+$(VENV)/.tested: $(VENV)/.dev $(VENV)/.run
+	@echo "Loops of fits and intervals are compiled for the tests, once after an installation or an update; a minute:"
+	@$(BIN)/study compile --circles
+	touch $@
 
 $(VENV)/.mocap: $(VENV)/.run
 	$(INSTALL) -e '.[mocap]'

@@ -20,7 +20,7 @@ import pytest  # noqa: E402
 
 import study  # noqa: E402
 from study.fits.cap import sample_cap  # noqa: E402
-from study.fits.jit import always_compiled  # noqa: E402
+from study.fits.jit import _WAY, always_compiled  # noqa: E402
 from study.simulation.runs.run_folder import Run  # noqa: E402
 from tests.configs import config, log_uniform, uniform  # noqa: E402
 
@@ -36,6 +36,16 @@ FLAGS += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # three dim
 def compiled_loops():
     """Compile every loop, so that all tests see the same bits; `test_plain.py` compares the two ways."""
     with always_compiled():
+        yield
+
+
+@pytest.fixture(autouse=True)
+def plain_loops(request, monkeypatch):
+    """Run the loops of a test that is marked `plain` as they are: what few points need takes less than compiling."""
+    with contextlib.ExitStack() as stack:
+        if request.node.get_closest_marker("plain"):
+            monkeypatch.setattr(_WAY, "plain", True)
+            stack.enter_context(np.errstate(all="ignore"))
         yield
 
 
@@ -157,6 +167,15 @@ def wait_for():
 def rng():
     """A generator with a fixed seed, fresh for each test."""
     return np.random.default_rng(20090901)
+
+
+@pytest.fixture(params=[0.25, pytest.param(1.0, marks=pytest.mark.slow)], ids=["quarter", "all"])
+def part_of(request):
+    """Number of trials of a level or a coverage: a quarter of so many, and all of them in `make test-slow`.
+
+    The limits of such a test follow from the number, so that its rate of false alarms is the same.
+    """
+    return lambda trials: round(request.param * trials)
 
 
 @pytest.fixture(scope="session")

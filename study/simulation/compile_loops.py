@@ -100,9 +100,10 @@ def _fit(dimension: int) -> None:
     from study.fits import fit
     from study.fits.jit import always_compiled
 
-    # few points, so that outliers are searched for
+    # few points with noise, one of them far away: their shape is tested, and outliers are searched for
     points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(2, 30, dimension)
-    points /= np.linalg.norm(points, axis=2, keepdims=True)
+    points *= (1.0 + 0.01 * np.sin(np.arange(60.0).reshape(2, 30, 1))) / np.linalg.norm(points, axis=2, keepdims=True)
+    points[:, 0] *= 1.5
     with always_compiled():
-        for answer in (fit(points, "ugdk", noise=0.01), fit(points[0]), fit(points[0], noise=0.01)):
+        for answer in (fit(points, "ugdk", 0.01), fit(points[0], "robust"), fit(points[0]), fit(points[0], noise=0.01)):
             str(answer)  # computes the intervals

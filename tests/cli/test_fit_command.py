@@ -281,9 +281,9 @@ def folder(tmp_path):
     forget()
 
 
-def test_the_page(call, folder):
+def test_the_page(call, well, folder):
     """Its example is checked, run, summarised, drawn and fitted as it says, without a line changed in the package."""
-    assert call(folder, "check", "my.py") == (0, "coope: all 9 properties hold on 12 data sets\n", "")
+    assert well(folder, "check", "my.py") == "coope: all 9 properties hold on 12 data sets\n"
     code, said, complained = call(folder, "run", "own.toml", "--plugin", "my.py", "--backend", "loky")
     assert (code, complained) == (0, "")
     run = folder / said.strip()
@@ -293,8 +293,7 @@ def test_the_page(call, folder):
     assert abs(mine - theirs).max() < 1e-9  # Coope's fit is Kåsa's
     origin = {"from": "my.py", "sha256": hashlib.sha256(PLUGIN.encode()).hexdigest(), "estimators": ["coope"]}
     assert json.loads((run / "manifest.json").read_text())["own_estimators"] == [origin]
-    code, said, complained = call(folder, "figures", "own.toml", "fig_efficiency", "--plugin", "my.py")
-    assert (code, complained, len(said.splitlines())) == (0, "", 3)
+    assert len(well(folder, "figures", "own.toml", "fig_efficiency", "--plugin", "my.py").splitlines()) == 3
 
 
 def test_in_this_process(well, call_here, folder):
@@ -381,7 +380,7 @@ def test_check_tells_an_exit_a_loop_and_prints_from_results(call_here, folder, b
     assert complained.startswith("loaded\n")
 
 
-@pytest.mark.parametrize("backend", ["threads", "loky"])
+@pytest.mark.parametrize("backend", ["threads", pytest.param("loky", marks=pytest.mark.slow)])
 def test_a_run_survives_an_exit_and_prints(call, folder, backend):
     """Fits that exit are failed fits with a message, in threads and in processes; prints do not mix with the folder."""
     body = "print('a fit')\n    if len(points) != 20 and points[0, 0] > points[1, 0]: sys.exit(3)"

@@ -345,7 +345,11 @@ def long(config, tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to another process")
 @pytest.mark.parametrize(
     ("backend", "jobs", "number"),
-    [("threads", 1, signal.SIGINT), ("threads", 2, signal.SIGTERM), ("loky", 2, signal.SIGINT)],
+    [
+        ("threads", 1, signal.SIGINT),
+        pytest.param("threads", 2, signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("loky", 2, signal.SIGINT, marks=pytest.mark.slow),
+    ],
 )
 def test_interrupt(hold, long, backend, jobs, number):
     """Ctrl-C and SIGTERM end a run with code 130 and one line; its parts are whole, temporary files are gone."""
@@ -400,6 +404,7 @@ def workers_of(process):
     return [child for child in children if "popen_loky" in " ".join(child.cmdline())]
 
 
+@pytest.mark.slow
 def test_workers_end_with_a_killed_parent(hold, wait_for, long):
     """Worker processes at work notice that their parent is gone, and end."""
     words = ["run", "long.toml", "--out", "out", "--jobs", 2, "--backend", "loky"]
@@ -470,7 +475,7 @@ def test_output_that_is_lost(command, tmp_path, line, code, words):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no shell that closes an output")
-@pytest.mark.parametrize("backend", ["threads", "loky"])
+@pytest.mark.parametrize("backend", ["threads", pytest.param("loky", marks=pytest.mark.slow)])
 def test_a_run_that_nobody_hears(command, config, tmp_path, backend):
     """With standard error closed a run is computed as with it."""
     (tmp_path / "tiny.toml").write_text(config)

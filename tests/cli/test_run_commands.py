@@ -323,7 +323,7 @@ def test_run(done, asked, tmp_path):
     assert stored(folder / "out") == stored(computed(tmp_path, asked).folder)
 
 
-def test_posterior(call, well, asked, done):
+def test_posterior(call_here, well, asked, done):
     """`study posterior` prints the lines of the library; finished chains are not computed again, nor by `run`.
 
     A hundred steps are no 50 autocorrelation times: no chain has an answer, and the exit code is 3.
@@ -334,7 +334,7 @@ def test_posterior(call, well, asked, done):
         return {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in (folder / "out").iterdir()}
 
     before = state()
-    code, said, complained = call(folder, "posterior", "out")
+    code, said, complained = call_here(folder, "posterior", "out")
     assert (code, complained) == (3, "")
     assert said.splitlines() == list(printed(Run.open(folder / "out")))
     assert said.startswith(parse(asked).run_name())
@@ -346,12 +346,12 @@ def test_posterior(call, well, asked, done):
     assert state() == before
 
 
-def test_posteriors_of_an_old_run(call, finished, asked, done, tmp_path):
+def test_posteriors_of_an_old_run(call_here, finished, asked, done, tmp_path):
     """A run from before can be given a [posterior]: its config is edited, and the errors stay as they are."""
     out = shutil.copytree(finished[0] / "out", tmp_path / "out")
     errors = (out / "errors.parquet").read_bytes()
     (out / "config.toml").write_text(asked)
-    code, said, _ = call(tmp_path, "posterior", "out", "--jobs", "1")
+    code, said, _ = call_here(tmp_path, "posterior", "out", "--jobs", "1")
     assert (code, "geometric" in said) == (3, True)
     assert (out / "errors.parquet").read_bytes() == errors
     assert stored(out) == stored(done[0] / "out")
@@ -359,14 +359,14 @@ def test_posteriors_of_an_old_run(call, finished, asked, done, tmp_path):
     assert not (out / "parts").exists()
 
 
-def test_a_run_that_did_not_finish(call, asked, done, tmp_path):
+def test_a_run_that_did_not_finish(call_here, asked, done, tmp_path):
     """Posteriors need the config alone: those of a run that was interrupted, or never begun, are the same."""
     out = tmp_path / "half"
     (out / "parts").mkdir(parents=True)
     (out / "config.toml").write_text(asked)
     part = out / "parts" / "0123456789abcdef0123.parquet"
     part.write_bytes(b"rows of a unit")
-    assert call(tmp_path, "posterior", "half", "--jobs", "1")[0] == 3
+    assert call_here(tmp_path, "posterior", "half", "--jobs", "1")[0] == 3
     assert stored(out) == stored(done[0] / "out")
     assert list((out / "parts").iterdir()) == [part]
     assert set(Run.open(out).manifest()["tables"]) == {"posterior", "answers", "draws"}
@@ -383,7 +383,12 @@ def long(asked, tmp_path_factory):
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT to send to another process")
 @pytest.mark.parametrize(
-    ("jobs", "everyone", "name"), [(1, False, "SIGINT"), (2, True, "SIGINT"), (1, False, "SIGKILL")]
+    ("jobs", "everyone", "name"),
+    [
+        (1, False, "SIGINT"),
+        pytest.param(2, True, "SIGINT", marks=pytest.mark.slow),
+        pytest.param(1, False, "SIGKILL", marks=pytest.mark.slow),
+    ],
 )
 def test_interrupt(hold, long, tmp_path, jobs, everyone, name):
     """Ctrl-C: code 130, one line, whole parts, no half tables; then the rest is computed, to the same bytes.

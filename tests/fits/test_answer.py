@@ -220,6 +220,11 @@ def test_intervals_by_name(points):
                 np.testing.assert_array_equal(fit.interval(name), fit.interval("center")[..., i, :])
     with pytest.raises(ValueError, match=r"of = 'w': .*'radius', 'diameter', 'center', 'x', 'y', 'z'"):
         fit.interval("w")
+
+
+@pytest.mark.plain
+def test_intervals_by_number():
+    """The fourth coordinate has a number and no letter, and then no coordinate has one."""
     four = study.fit(np.random.default_rng(1).standard_normal((30, 4)))
     assert four.interval("center_4").shape == (2,)
     with pytest.raises(ValueError, match="'center_4'"):
@@ -312,7 +317,7 @@ def test_joint_answer(rng, on_cap):
     assert "singular" in repr(study.mgdk([np.ones((9, 3))]))
 
 
-@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("lead", [(), (1,), (4,), (2, 3), (0,), (2, 0)])
 def test_shapes(rng, on_cap, estimator, lead, d):
     """The answer has the leading axes of the points; an empty batch has an empty answer."""
@@ -326,7 +331,7 @@ def test_shapes(rng, on_cap, estimator, lead, d):
     np.testing.assert_array_equal(fit.count, 20)
 
 
-@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("n", [6, 17, 512, 1300])
 def test_batched_equals_looped(rng, on_cap, estimator, n, d):
     """A set's answer is the same to the last bit alone and in a batch."""

@@ -88,7 +88,7 @@ def test_noise_from_residuals(rng, on_cap, estimator):
         assert fit.estimates.noise_variance == pytest.approx(least * n / (n - d - 1), rel=1e-9)
 
 
-@pytest.mark.parametrize("d", [2, 3, 4])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(4, marks=pytest.mark.plain)])
 def test_no_residual_no_noise(rng, on_cap, estimator, d):
     """A sphere interpolates d + 1 points: an estimator that does not use the given noise has no estimate of it."""
     points = on_cap(rng, d + 1, 90.0, d, sets=5)[0]
@@ -223,7 +223,10 @@ def tilt(angle, noise, n):
 
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("noise", [0.01, 0.05])
-@pytest.mark.parametrize(("d", "angle", "least"), [(3, 60.0, 0.9), (3, 180.0, 0.9), (4, 60.0, 0.85)])
+@pytest.mark.parametrize(
+    ("d", "angle", "least"),
+    [(3, 60.0, 0.9), (3, 180.0, 0.9), pytest.param(4, 60.0, 0.85, marks=pytest.mark.slow)],
+)
 def test_axis_of_an_arc(rng, d, angle, least, noise, known):
     """On arcs of ±60° and whole circles, N = 500, the axis error is theory's to 20 %, and 98 % have the status HINGE.
 

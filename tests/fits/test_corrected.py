@@ -227,15 +227,18 @@ def test_bound_as_noise_vanishes(population, cap_moments, noise):
         np.testing.assert_allclose(covariance, noise**2 * np.linalg.inv(information), rtol=100 * noise**2 + 1e-9)
 
 
-@pytest.mark.parametrize(("d", "angle", "noise"), [(2, 90.0, 0.3), (3, 60.0, 0.1), (4, 180.0, 0.5)])
+@pytest.mark.parametrize(
+    ("d", "angle", "noise"), [(2, 90.0, 0.3), (3, 60.0, 0.1), pytest.param(4, 180.0, 0.5, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("name", ["corrected", "corrected_01", "corrected_12"])
-def test_scatter_of_fits(rng, on_cap, name, d, angle, noise):
+def test_scatter_of_fits(rng, on_cap, part_of, name, d, angle, noise):
     """Centres and radii scatter as the standard errors say.
 
-    A standard deviation of 400 has an error of 3.5 %; 4.5 of these and 4 % for 500 samples, which are not infinitely
-    many, are not exceeded but in 10⁻⁴ of seeds.
+    A standard deviation of 400 has an error of 3.5 %, one of a quarter of them 7 %; 4.5 of these and 4 % for 500
+    samples, which are not infinitely many, are not exceeded but in 10⁻⁴ of seeds.
     """
-    points = on_cap(rng, 500, angle, d, noise=2.0 * noise, radius=2.0, sets=400)[0]
+    sets = part_of(400)
+    points = on_cap(rng, 500, angle, d, noise=2.0 * noise, radius=2.0, sets=sets)[0]
     fit = study.fit(points, name)
     scatter = np.append(fit.center.std(axis=0), fit.radius.std())
-    np.testing.assert_allclose(np.median(fit.standard_errors, axis=0), scatter, rtol=0.2)
+    np.testing.assert_allclose(np.median(fit.standard_errors, axis=0), scatter, rtol=0.04 + 4.5 / np.sqrt(2 * sets))

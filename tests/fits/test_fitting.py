@@ -50,7 +50,7 @@ def shown(points, estimators=FREE, noise=None, names="xyz"):
     return rows, lines[2 * len(fits) + 2 :]
 
 
-@pytest.mark.parametrize("d", [2, 3, 4])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("noise", [None, 0.05])
 def test_answers_are_the_librarys(rng, on_cap, d, noise):
     """Each number of the table is that of study.fit on the same array."""

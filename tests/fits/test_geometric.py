@@ -34,7 +34,7 @@ def newton_step(points, center):
     return np.linalg.norm(np.linalg.solve(hessian, gradient)) / r
 
 
-@pytest.mark.parametrize("d", [2, 3, 4])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("noise", [1e-4, 0.01, 0.05])
 def test_converges_to_a_minimum(rng, on_cap, noise, d):
     """At the answer the Hessian is positive definite and Newton's step shorter than 2e-10 of the radius."""

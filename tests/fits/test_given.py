@@ -125,7 +125,7 @@ def test_corrected_equations_with_noise_for_each_point(rng, angle, noise, known)
 
 
 @pytest.mark.parametrize("name", ["mle", *CLOSED])
-@pytest.mark.parametrize("d", [2, 3, 4])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(4, marks=pytest.mark.plain)])
 def test_equal_noise_is_the_plain_fit(rng, on_cap, name, d):
     """Where all points have the same noise the answer is the plain estimator's to 1e-9, and its errors to 1 %."""
     points = on_cap(rng, 50, 70.0, d, noise=0.02, radius=2.0, center=3.0, sets=20)[0]
@@ -344,18 +344,19 @@ def test_a_cap_that_noise_hides_has_two_sides(rng, on_cap):
     assert ((axial[:, 0] <= 0.0) & (axial[:, 1] >= 0.0)).mean() > 0.85
 
 
-def test_covariances_leave_no_bias(rng):
+def test_covariances_leave_no_bias(rng, part_of):
     """Noise three times as large along the axis: `corrected` has no bias, `mle` one of more than 4 of its errors.
 
-    40 sets of 20,000 points on half spheres: the mean of 40 has an error of .16, of which 4.5 are allowed.
+    40 sets of 20,000 points on half spheres, or a part: the mean of 40 has an error of .16, of which 4.5 are allowed.
     """
-    u = sample_cap(rng, 40 * 20_000, np.pi / 2, 3).reshape(40, 20_000, 3)
+    sets = part_of(40)
+    u = sample_cap(rng, sets * 20_000, np.pi / 2, 3).reshape(sets, 20_000, 3)
     deviation = np.array([0.06, 0.02, 0.02])
     points = u + deviation * rng.standard_normal(u.shape)
     noise = np.broadcast_to(deviation, points.shape[1:])
     fit, plain = study.fit(points, noise=noise), study.fit(points, "mle", noise)
-    assert np.all(np.abs(fit.center.mean(axis=0) / fit.standard_errors[:, :3].mean(axis=0)) < 0.72)
-    assert abs(fit.radius.mean() - 1) / fit.standard_errors[:, 3].mean() < 0.72
+    assert np.all(np.abs(fit.center.mean(axis=0) / fit.standard_errors[:, :3].mean(axis=0)) < 4.5 / np.sqrt(sets))
+    assert abs(fit.radius.mean() - 1) / fit.standard_errors[:, 3].mean() < 4.5 / np.sqrt(sets)
     assert plain.center.mean(axis=0)[0] / plain.standard_errors[:, 0].mean() > 4
 
 
@@ -568,14 +569,18 @@ def test_an_uncertain_radius_by_quadrature(rng, on_cap, n, known, stated, uncert
 @pytest.mark.parametrize(
     ("angle", "noise", "uncertainty"), [(57, 0.02, 0.02), (57, 0.02, 0.2), (35, 0.02, 0.05), (90, 0.05, 0.02)]
 )
-def test_intervals_with_an_uncertain_radius_cover(rng, on_cap, angle, noise, uncertainty):
-    """True radii scatter about the stated one: radius and centre are in .92-.98 of 600 sets, as for a known radius."""
-    true = rng.normal(1.0, uncertainty, 600)
-    points = true[:, None, None] * on_cap(rng, 60, angle, noise=0.0, sets=600)[0]
+def test_intervals_with_an_uncertain_radius_cover(rng, on_cap, part_of, angle, noise, uncertainty):
+    """True radii scatter about the stated one: of 600 sets, or a part, radius and centre are in .95.
+
+    As many and as few as here are in all but 4e-4 of seeds: .915-.978 of 600, .88-1 of 150.
+    """
+    sets = part_of(600)
+    true = rng.normal(1.0, uncertainty, sets)
+    points = true[:, None, None] * on_cap(rng, 60, angle, noise=0.0, sets=sets)[0]
     points += rng.normal(0.0, noise, points.shape)
     fit = study.fit(points, radius=(1.0, uncertainty))
-    share = shares(fit, true[:, None, None])
-    assert np.all((share > 0.92) & (share < 0.98))
+    held = sets * shares(fit, true[:, None, None])
+    assert np.all((held >= binom.ppf(2e-4, sets, 0.95)) & (held <= binom.isf(2e-4, sets, 0.95)))
     assert fit.ok.mean() > 0.9
 
 

@@ -173,7 +173,7 @@ def test_a_known_radius_has_the_same_score(known):
 
 
 @pytest.mark.parametrize("estimator", ["corrected", "mle", "als", "gdke"])
-@pytest.mark.parametrize("dimension", [2, 3, 5])
+@pytest.mark.parametrize("dimension", [2, 3, pytest.param(5, marks=[pytest.mark.plain, pytest.mark.slow])])
 def test_equal_noise_of_unknown_size_says_nothing(estimator, dimension):
     """With it every number has the bits that it has without, missing points and repeated ones included."""
     points = caps(14, (3, 40), 50.0, 0.05, dimension).swapaxes(1, 2).copy()
@@ -194,7 +194,7 @@ def test_equal_noise_of_unknown_size_says_nothing(estimator, dimension):
     assert (fit.interval("radius")[2] != plain.interval("radius")[2]).any()
 
 
-@pytest.mark.parametrize("dimension", [2, 3, 5])
+@pytest.mark.parametrize("dimension", [2, 3, pytest.param(5, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("degrees", "sigma"), [(45.0, 0.05), (180.0, 0.22)])
 def test_ends_are_quantiles_of_the_score(dimension, degrees, sigma):
     """At each end |T| is Student's quantile: T_F where the noise is small, else the smaller of T_F and T_H.
@@ -249,7 +249,7 @@ def test_a_batch_is_its_sets():
     np.testing.assert_array_equal(found.radius[4], [0.0, np.inf])  # three points are left
 
 
-@pytest.mark.parametrize("dimension", [2, 3, 5])
+@pytest.mark.parametrize("dimension", [2, 3, pytest.param(5, marks=pytest.mark.plain)])
 def test_exact_points_leave_no_width(dimension):
     """Without noise an interval is a point, also far from the origin."""
     x = caps(7, (3, 12), 70.0, 0.0, dimension)
@@ -302,7 +302,7 @@ def test_flat_points_have_no_upper_end():
         (3, (600, 100), 45.0, 0.15),
         (3, (600, 200), 180.0, 0.3),
         (2, (600, 60), 60.0, 0.1),
-        (4, (600, 60), 90.0, 0.1),
+        pytest.param(4, (600, 60), 90.0, 0.1, marks=pytest.mark.slow),
     ],
 )
 def test_coverage(dimension, shape, degrees, sigma):

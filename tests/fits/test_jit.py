@@ -53,8 +53,43 @@ with always_compiled():
         x = rng.standard_normal((300, 3, n))
         x /= np.linalg.norm(x, axis=1, keepdims=True)
         samples = Samples(x + 0.1 * rng.standard_normal(x.shape), 0.1)
-        answers += [ESTIMATORS[name](samples) for name in ("lls", "mle", "ugdk")]
+        answers += [ESTIMATORS[name](samples) for name in NAMES]
 print(hashlib.sha256(b"".join(f.center.tobytes() + f.noise_variance.tobytes() for f in answers)).hexdigest())
+"""
+
+VERSIONS = """
+import gc, sys
+from contextlib import suppress
+from pathlib import Path
+from study import instruction_set
+instruction_set.fix()
+import numpy as np
+import study
+from study.cli import main
+from study.fits.jit import Loop, always_compiled
+from study.simulation.compile_loops import _begin, _fit
+
+def versions():
+    loops = [thing for thing in gc.get_objects() if isinstance(thing, Loop)]
+    return {f"{loop.__module__} {loop.__qualname__} {types}" for loop in loops for types in loop.dispatcher.signatures}
+"""
+
+RUN = """
+sys.argv[1:] = ["run", "chains.toml", "--jobs", "1"]
+with suppress(SystemExit):
+    main()
+"""
+
+ANSWERS = """
+rng = np.random.default_rng(1)
+with always_compiled():
+    for moved in (1.0, 1.5):
+        points = rng.standard_normal((50, 3))
+        points *= (1.0 + 0.02 * rng.standard_normal((50, 1))) / np.linalg.norm(points, axis=1, keepdims=True)
+        points[0] *= moved
+        for known in ({}, {"noise": 0.02}):
+            fit = study.fit(points, **known)
+            print(fit, fit.outliers.sum(), fit.goodness.in_words())
 """
 
 CHAINS = """
@@ -99,6 +134,7 @@ def test_change_in_a_called_function_reaches_its_caller(package):
     assert run() == ["12.0", "0"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
 def test_change_reaches_callers_wherever_compiled_code_lies(package, kept, tmp_path):
     """In a folder that the user names, and in the user's own where the installation cannot be written to."""
@@ -119,12 +155,15 @@ def test_a_change_elsewhere_keeps_compiled_code(package):
     """Code is compiled anew after a change in what its file imports, and after no other; going back finds the old."""
     copy, run = package
     assert run() == ["4.0", "0"]
-    for changed, again in [("fits/registry.py", False), ("recordings/rigid.py", False), ("fits/linalg.py", True)]:
-        before = (copy / changed).read_bytes()
-        (copy / changed).write_bytes(before + b"# changed\n")
-        assert run() == ["4.0", "0" if again else "1"]
-        (copy / changed).write_bytes(before)
-        assert run() == ["4.0", "1"]
+    for path in (copy / "fits" / "registry.py", copy / "recordings" / "rigid.py"):
+        path.write_bytes(path.read_bytes() + b"# changed\n")
+    assert run() == ["4.0", "1"]
+    imported = copy / "fits" / "linalg.py"
+    before = imported.read_bytes()
+    imported.write_bytes(before + b"# changed\n")
+    assert run() == ["4.0", "0"]
+    imported.write_bytes(before)
+    assert run() == ["4.0", "1"]
 
 
 def test_code_of_older_sources_goes(package):
@@ -145,10 +184,12 @@ def test_code_of_older_sources_goes(package):
     assert len(left) == 4
 
 
-def test_code_just_compiled_and_code_from_the_cache_have_the_same_bits(package):
+@pytest.mark.parametrize("names", [["lls"], pytest.param(["lls", "mle", "ugdk"], marks=pytest.mark.slow)])
+def test_code_just_compiled_and_code_from_the_cache_have_the_same_bits(package, names):
     """LLS in the process that compiled it once differed in the last bit from LLS in all others."""
     _, run = package
-    assert run(FITS) == run(FITS)
+    program = f"NAMES = {names}{FITS}"
+    assert run(program) == run(program)
 
 
 def test_the_library_and_the_commands_share_the_cache_and_compilation_is_announced_once(package):
@@ -178,13 +219,30 @@ def test_a_program_can_silence_the_compiler(package):
     assert run.warnings == [""]
 
 
-def test_a_run_compiles_nothing_that_set_up_could(package):
-    """Chains were first compiled by the run, four seconds in which only one process worked."""
-    copy, run = package
-    (copy.parent / "chains.toml").write_text(CHAINS)
-    run("from pathlib import Path; from study.simulation import compile_loops as c; c._begin(Path('chains.toml'))")
-    run("import sys; from study.cli import main; sys.argv[1:] = ['run', 'chains.toml', '--jobs', '1']; main()")
-    assert [COMPILING in warnings for warnings in run.warnings] == [True, False]
+@pytest.mark.parametrize(
+    ("set_up", "program", "called"),
+    [("_begin(Path('chains.toml'))", RUN, "study.simulation.posterior"), ("_fit(3)", ANSWERS, "study.fits.robust")],
+    ids=["a run", "fits"],
+)
+def test_nothing_is_compiled_that_set_up_could(tmp_path, set_up, program, called):
+    """A program calls no version of a loop that set-up did not call before.
+
+    A run first compiled its chains, and a fit the search for outliers and the test of neighbours.
+    """
+    (tmp_path / "chains.toml").write_text(CHAINS)
+    steps = [
+        VERSIONS,
+        set_up,
+        "begun = versions()",
+        program,
+        "print(sorted(begun))",
+        "print(sorted(versions() - begun))",
+    ]
+    command = [sys.executable, "-W", "error", "-c", "\n".join(steps)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    begun, further = done.stdout.splitlines()[-2:]
+    assert called in begun
+    assert further == "[]"
 
 
 def test_two_threads_that_call_first_get_one_answer():
@@ -254,7 +312,7 @@ def test_a_version_that_cannot_be_stored_is_used(monkeypatch, refusal):
     assert fourfold(1.5) == 6.0
 
 
-@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("n", [6, 31, 33, 700, BLOCK, 2 * BLOCK + 300])
 def test_sums_do_not_depend_on_where_points_are(rng, on_cap, d, n):
     """Moments and fits are the same, bit for bit, in any layout."""

@@ -29,18 +29,21 @@ CELLS = [
 
 
 @pytest.mark.parametrize(("n", "angle", "noise", "d"), CELLS)
-def test_intervals_cover(n, angle, noise, d):
+def test_intervals_cover(part_of, n, angle, noise, d):
     """Of the ok fits' 95 % intervals .93 to .97 cover, of radius and centre, and fits are as often ok as others.
 
-    Of 2000 sets, or 800 where points are many, a share is beyond that by chance in 4e-5, or .01 of the seeds.
+    Of 2000 sets, or 800 where points are many, a share is beyond that by chance in 4e-5, or .01 of the seeds. Of a part
+    of them it is within 4.1 standard errors in all but 2e-4 of the seeds.
     """
-    points = radial(470 + n, 2000 if n < 100 else 800, n, angle, noise, d)
+    sets = part_of(2000 if n < 100 else 800)
+    points = radial(470 + n, sets, n, angle, noise, d)
     fit = study.fit(points, law="radial")
     ends, center = fit.interval("radius"), fit.interval("center")
     assert fit.ok.mean() > 0.9
     inside = np.column_stack([(ends[:, 0] <= 1.0) & (ends[:, 1] >= 1.0), (center[..., 0] <= 0) & (center[..., 1] >= 0)])
     shares = inside[fit.ok].mean(axis=0)
-    assert ((shares > 0.93) & (shares < 0.97)).all(), shares
+    reach = 0.02 if sets >= 800 else 4.1 * np.sqrt(0.0475 / sets)
+    assert ((shares > 0.95 - reach) & (shares < 0.95 + reach)).all(), shares
 
 
 def test_the_usual_law_has_a_bias_there():

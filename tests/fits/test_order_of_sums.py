@@ -4,6 +4,8 @@ import pytest
 
 from tests.near import compare
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def compared():

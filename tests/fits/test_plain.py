@@ -49,10 +49,11 @@ def numbers(points, options):
     return int(fit.status), fit.goodness.in_words(), fit.outliers.tolist(), sizes
 
 
+@pytest.mark.parametrize("choices", [CHOICES[:1], pytest.param(CHOICES[1:], marks=pytest.mark.slow)], ids=["", "more"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_plain_loops_answer_as_compiled_ones_do(monkeypatch, rng, on_cap, kind):
+def test_plain_loops_answer_as_compiled_ones_do(monkeypatch, rng, on_cap, kind, choices):
     """The same status, tests and outliers of every set; of those that are ok the same numbers to 1e-9 of the radius."""
-    for options in CHOICES:
+    for options in choices:
         if kind in ("huge", "tiny") and "noise" in options | ({"noise": 1} if "radius" in options else {}):
             continue  # they are given in the unit of the points
         points = point_set(rng, kind, on_cap)

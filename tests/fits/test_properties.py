@@ -32,7 +32,7 @@ MORE = {"ugdk_cov": 60}
 EVEN = {"mle_mirror": 0.3}
 """Largest distance of the centroid from the centre, over the radius, with which the start is inside the sphere."""
 
-CASES = st.tuples(st.integers(2, 4), st.integers(0, 56), st.floats(60.0, 180.0), st.integers(0, 2**32 - 1))
+CASES = st.tuples(st.integers(2, 3), st.integers(0, 56), st.floats(60.0, 180.0), st.integers(0, 2**32 - 1))
 
 
 def properties(test):
@@ -40,12 +40,13 @@ def properties(test):
     return settings(derandomize=True, max_examples=15, deadline=None, database=None)(given(case=CASES)(test))
 
 
-@pytest.fixture(scope="session")
-def sound(on_cap, estimator):
+@pytest.fixture(scope="session", params=[None, pytest.param(4, marks=pytest.mark.slow)], ids=["", "4"])
+def sound(on_cap, estimator, request):
     """Make of a case a sound data set on a sphere of radius 1, and a generator for further numbers."""
 
     def make(case, noise=0.01):
         d, more, angle, seed = case
+        d = request.param or d
         rng = np.random.default_rng(seed)
         n = d + 2 + more + MORE.get(estimator, 0)
         points, directions = on_cap(rng, n, angle, d, noise, center=rng.standard_normal(d))

@@ -149,11 +149,11 @@ def test_nearly_half_of_the_points_are_clutter(rng, on_cap, n, angle, noise, bad
         *[(30, 60, 0.1, 2, 1000), (30, 20, 0.2, 3, 1500), (100, 60, 0.01, 3, 400)],
     ],
 )
-def test_false_alarms(rng, on_cap, n, angle, noise, d, sets):
-    """Clean Gaussian data have an outlier in at most 1 % (+ .3 %) of the data sets, and in some."""
+def test_false_alarms(rng, on_cap, part_of, n, angle, noise, d, sets):
+    """Clean Gaussian data have an outlier in at most 1 % (+ .3 %) of the data sets."""
+    sets = part_of(sets)
     count = int(named(on_cap(rng, n, angle, d, noise, sets=sets)[0]).any(axis=1).sum())
     assert count <= stats.binom.isf(CHANCE, sets, 0.013)
-    assert count > 0 or sets < 1000  # of 1000 sets with a rate of .3 % none has one once in 20 seeds
 
 
 def test_false_alarms_of_many_points_without_a_sphere(rng):
@@ -181,7 +181,7 @@ def test_law_of_distances(d, radius):
         assert (made - moments[0]) / spread == pytest.approx(z, rel=0.04)
 
 
-@pytest.mark.parametrize(("n", "d"), [(40, 3), (40, 2), (60, 5), (1200, 3)])
+@pytest.mark.parametrize(("n", "d"), [(40, 3), (40, 2), (1200, 3), pytest.param(60, 5, marks=pytest.mark.slow)])
 def test_five_percent_at_ten_sigma(rng, on_cap, n, d):
     """Five percent of the points ten standard deviations off are all noticed in 99 % of the data sets."""
     sets = 150 if n < 1000 else 30
@@ -207,7 +207,7 @@ def test_thirty_percent(rng, on_cap, kind, n, angle, noise, d):
     assert np.median(error) <= 1.3 * np.median(best)
 
 
-@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.slow)])
 def test_exact_points_and_many_outliers(rng, on_cap, d):
     """Points exactly on a sphere determine it, whatever 40 % of the points are."""
     points = on_cap(rng, 60, 90, d, center=rng.standard_normal(d), sets=3)[0]

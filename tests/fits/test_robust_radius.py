@@ -5,29 +5,32 @@ import pytest
 
 import study
 
-SETS = 300
 
-
-def scene(rng, angle, share, n=60, noise=0.02):
+def scene(rng, angle, share, sets=100, n=60, noise=0.02):
     """Sets of points on a cap of the unit sphere about the origin, a share of them uniform in a box of ± 2."""
-    z, turn = rng.uniform(np.cos(np.radians(angle)), 1.0, (SETS, n)), rng.uniform(0.0, 2.0 * np.pi, (SETS, n))
+    z, turn = rng.uniform(np.cos(np.radians(angle)), 1.0, (sets, n)), rng.uniform(0.0, 2.0 * np.pi, (sets, n))
     across = np.sqrt(1.0 - z * z)
     points = np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=2)
     points += noise * rng.standard_normal(points.shape)
     count = round(share * n)
-    points[:, :count] = rng.uniform(-2.0, 2.0, (SETS, count, 3))
+    points[:, :count] = rng.uniform(-2.0, 2.0, (sets, count, 3))
     return points
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.45])
-def test_intervals_cover_among_clutter(share):
-    """Of the ok fits' 95 % intervals .91 cover, which by chance they do not in .003 of seeds for each coordinate."""
-    fit = study.fit(scene(np.random.default_rng(47), 57.0, share), "robust", radius=1.0)
+def test_intervals_cover_among_clutter(part_of, share):
+    """Of the ok fits' 95 % intervals .91 of 300 cover, which by chance they do not in .003 of seeds each.
+
+    As many have errors below twice the stated ones. Of 75 sets .87 do, which by chance they do not in .004 of seeds.
+    """
+    sets = part_of(300)
+    least = 0.91 if sets == 300 else 0.87
+    fit = study.fit(scene(np.random.default_rng(47), 57.0, share, sets), "robust", radius=1.0)
     ends = fit.interval("center")
     covered = ((ends[..., 0] <= 0.0) & (ends[..., 1] >= 0.0))[fit.ok]
-    assert len(covered) > 0.9 * SETS
-    assert (covered.mean(axis=0) >= 0.91).all()
-    assert (np.abs(fit.center) < 2.0 * fit.standard_errors[:, :3])[fit.ok].mean() > 0.91
+    assert len(covered) > 0.9 * sets
+    assert (covered.mean(axis=0) >= least).all()
+    assert (np.abs(fit.center) < 2.0 * fit.standard_errors[:, :3])[fit.ok].mean() > least
     assert (fit.radius == 1.0).all()
     assert (fit.standard_errors[:, 3] == 0.0).all()
 

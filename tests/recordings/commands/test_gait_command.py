@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import study
 from study.recordings.formats.write import write_recording
@@ -12,7 +13,7 @@ from tests.recordings.walks import walk
 
 def test_the_command(works, read, refused, tmp_path):
     """Two walks give one report with its files; --json has the tables; a body without legs is refused."""
-    recording, _ = synthesize(Recipe(900, 100.0, gait=True, markers="rizzoli"))
+    recording, _ = synthesize(Recipe(450, 100.0, gait=True, markers="rizzoli"))
     paths = [write_recording(replace(recording, name=name), tmp_path / f"{name}.csv") for name in ("one", "two")]
     said = works("gait", *paths, "--out", "report")
     assert "cycles" in said
@@ -29,9 +30,10 @@ def test_the_command(works, read, refused, tmp_path):
     refused("gait", write_recording(body, tmp_path / "body.csv"), says="no pelvis with both spines")
 
 
+@pytest.mark.slow
 def test_events_are_written_back(works, refused, tmp_path):
     """--write c3d stores the events; a second report takes them from the file, and writing again adds none."""
-    recording, truth = walk(4)
+    recording, truth = walk(4, seconds=4.0)
     source = write_recording(recording, tmp_path / "walk.c3d")
     works("gait", source, "--write", "c3d", "--out", "one")
     written = tmp_path / "one" / "walk.c3d"

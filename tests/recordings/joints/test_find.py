@@ -75,23 +75,22 @@ def test_without_noise_every_joint_is_exact(exact):
     assert all(axis_off(found, truth, name) < 0.01 for name in HINGES)
 
 
-def test_noise_is_covered():
+def test_noise_is_covered(part_of):
     """With 1 and 3 mm of noise errors are within three standard errors, and 95 % sets cover as often as they should.
 
-    8 recordings of 14 joints: 3 standard errors along any of three axes are exceeded by chance by 0.8 % of joints, so
-    by .9 of 112; 5 and more in 2 of 1000. (Fixed seeds; a single recording passes in 9 of 10.) Sets of 95 %:
-    binomial(112, .95) is below 99 in 1 of 1000.
+    8 recordings of 14 joints, or two: 3 standard errors along any of three axes are exceeded by chance by 0.8 % of
+    joints, so by .9 of 112; 5 and more in 2.5 of 1000. Sets of 95 %: binomial(112, .95) is below 98 in 1 of 1000.
     """
-    far, covered, count = 0, 0, 0
-    for seed in range(8):
+    far, covered, count, recordings = 0, 0, 0, part_of(8)
+    for seed in range(0, 8, 8 // recordings):
         recording, truth = synthesize(Recipe(frames=1500, noise=0.001 if seed < 4 else 0.003, seed=200 + seed))
         found = find_joints(CMU41, recording)
         for _, pull, level in compared(found, truth).values():
             far, covered, count = far + (pull > 3.0), covered + (level < 0.95), count + 1
         assert all(axis_off(found, truth, name) < 2.0 for name in HINGES)
-    assert count == 8 * 14
-    assert far < 5
-    assert covered >= 99
+    assert count == recordings * 14
+    assert far <= stats.binom.isf(2.5e-3, count, 0.008)
+    assert covered >= stats.binom.ppf(1e-3, count, 0.95)
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.003, 0.005])
@@ -336,30 +335,32 @@ def test_ways_about_two_axes(estimate):
     assert across.directions == 2
 
 
-def test_false_alarms():
+def test_false_alarms(part_of):
     """With noise of 1-5 mm, and a fifth of the samples missing or none, at most three of 60 joints are flagged.
 
-    Of 697 such joints of 120 other recordings 7 were flagged, 1 %: binomial(60, .01) is above 3 in 3 of 1000.
+    Of 697 such joints of 120 other recordings 7 were flagged, 1 %: binomial(60, .01) is above 3 in 3.5 of 1000. A part
+    of the joints is of one noise.
     """
-    flagged = []
-    for k, noise in enumerate([0.001, 0.002, 0.003, 0.004, 0.005]):
+    flagged, noises = [], part_of(5)
+    for millimetres in [3, 1, 2, 4, 5][:noises]:
         for gaps in (0.0, 0.2):
-            found = find_joints(CMU41, synthesize(Recipe(2500, noise=noise, gaps=gaps, seed=900 + k))[0])
+            recipe = Recipe(2500, noise=0.001 * millimetres, gaps=gaps, seed=899 + millimetres)
+            found = find_joints(CMU41, synthesize(recipe)[0])
             usable = (joint for joint in found.joints if joint.status in (*USABLE, JointStatus.DISAGREE))
             comparable = (joint for joint in usable if side_differences(joint.estimate, joint.estimates[1:]))
             flagged += [joint.status == JointStatus.DISAGREE for joint in comparable]
-    assert 40 < len(flagged) <= 60
-    assert sum(flagged) <= 3
+    assert 8 * noises < len(flagged) <= 12 * noises
+    assert sum(flagged) <= stats.binom.isf(3.5e-3, len(flagged), 0.01)
 
 
-def test_soft_tissue_artefact():
+def test_soft_tissue_artefact(part_of):
     """With skin sliding by 2-3 cm, most joints that are more than 2 cm off are in doubt, and fewer of the good ones.
 
     Of 197 such joints of 44 other recordings 13 were not, 7 %: of the 49 here a fifth or more are in 2 of 1000 sets
-    of seeds, if joints are independent. Of 196 joints within 1 cm there, 31 % were not in doubt.
+    of seeds, if joints are independent. Of 196 joints within 1 cm there, 31 % were not in doubt; a part has too few.
     """
-    rows = []
-    for seed in range(800, 810):
+    rows, recordings = [], part_of(10)
+    for seed in range(800, 800 + recordings):
         recording, truth = synthesize(Recipe(2500, noise=0.001, soft_tissue=0.03, seed=seed))
         for found in (joint for joint in find_joints(CMU41, recording).joints if joint.estimate is not None):
             true = truth.centers[truth.joints.index(found.joint.name)]
@@ -368,9 +369,9 @@ def test_soft_tissue_artefact():
             rows.append((found.status in USABLE, np.linalg.norm(off - (off @ axis) * axis)))
     undoubted, error = (np.array(column) for column in zip(*rows, strict=True))
     far = error > 0.02
-    assert far.sum() >= 40
-    assert undoubted[far].mean() < 0.2
-    assert undoubted[error < 0.01].mean() > 2.0 * undoubted[far].mean()
+    assert far.sum() >= 4 * recordings
+    assert undoubted[far].sum() <= stats.binom.isf(2e-3, far.sum(), 0.07)
+    assert recordings < 10 or undoubted[error < 0.01].mean() > 2.0 * undoubted[far].mean()
 
 
 def test_axis_of_contradictory_sides(kata_joints):

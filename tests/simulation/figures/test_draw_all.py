@@ -66,7 +66,7 @@ def elsewhere(runs, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def drawn(runs, elsewhere, tmp_path_factory):
+def drawn(runs, tmp_path_factory):
     """What each of them said that it drew, and did not, into one folder below another that is not there."""
     folder = tmp_path_factory.mktemp("figures")
     return {kind: figures.draw_all([store], folder / "a" / "b", FIGURES) for kind, store in runs.items()}
@@ -143,6 +143,7 @@ def test_pictures_go_to_the_run_that_fed_them(runs, copied):
     assert [path.parent for path in paths[::3]] == [one.folder / "figures", two.folder / "figures"]
 
 
+@pytest.mark.slow
 def test_files_are_equal_to_the_byte(elsewhere, drawn):
     """Another process, with another hash seed, font cache in use and user settings, writes the same bytes."""
     paths = [path for paths, _ in drawn.values() for path in paths]

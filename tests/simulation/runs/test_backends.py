@@ -141,6 +141,7 @@ study.register("mean", mean)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
 def test_dask_with_an_estimator_of_ones_own(start, one_unit_in_a_task, cluster, tmp_path, monkeypatch):
     """The text of the file goes to the workers with the tasks: they need not have it."""
@@ -171,6 +172,7 @@ def no_second_worker(monkeypatch):
     monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
 def test_dask_with_a_task_that_kills_its_workers(start, no_second_worker, cluster, tmp_path, monkeypatch):
     """The scheduler fails the task; it is tried once more, and given up; the run ends, without a worker left."""

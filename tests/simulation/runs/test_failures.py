@@ -14,7 +14,10 @@ pytestmark = pytest.mark.usefixtures("same_software", "small_units")
 LLS = {"estimators": ["mle", "lls"]}
 
 
-@pytest.fixture(params=["killed", "killed, one process", "killed while it sends", "out of memory"])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("killed, one process", "killed while it sends")]
+
+
+@pytest.fixture(params=["killed", *SLOW, "out of memory"])
 def deadly(request, monkeypatch, start, tmp_path):
     """Let workers end at one cell of a study; the cell's name, its workers, and a folder with a file for each end."""
     import deadly as module

@@ -16,7 +16,7 @@ from tests.configs import log_uniform, uniform
 pytestmark = pytest.mark.usefixtures("same_software", "small_units", "raises")
 
 SEQUENCES = 20
-"""Number of sequences; 250 of them, drawn anew, take some two minutes."""
+"""Number of sequences, of which `make test` tries a quarter; 250 of them, drawn anew, take some two minutes."""
 SHAPE = [[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]]
 TOP = {
     "name": ["test", "other"],
@@ -118,7 +118,7 @@ def test_every_key_is_edited():
 
 
 @pytest.mark.parametrize("design", [GRID, RANDOM], ids=["grid", "random"])
-def test_any_sequence_of_edits(make_text, tmp_path_factory, design):
+def test_any_sequence_of_edits(make_text, tmp_path_factory, part_of, design):
     """After any edits, interrupted or not, a run has the bytes of the same config in an empty folder.
 
     Each config runs beside the runs of the earlier ones; edits whose entries do not go together are left out.
@@ -128,7 +128,13 @@ def test_any_sequence_of_edits(make_text, tmp_path_factory, design):
     def tables_of(made, text, folder, **options):
         return tables(runner.run(made, text, folder / made.run_name(), 1, warn=str, **options))
 
-    @settings(max_examples=SEQUENCES, derandomize=True, deadline=None, database=None, suppress_health_check=HealthCheck)
+    @settings(
+        max_examples=part_of(SEQUENCES),
+        derandomize=True,
+        deadline=None,
+        database=None,
+        suppress_health_check=HealthCheck,
+    )
     @given(st.lists(edits(design), min_size=2, max_size=6))
     def try_sequence(steps):
         config = {key: values[0] for key, values in (TOP | design).items()} | {"_either": design["noise"][0]}
