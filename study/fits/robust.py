@@ -184,7 +184,7 @@ def _weigh(x: Floats, points: Ints, spheres: Floats, sets: Ints, result: Found, 
     kept = found.weights > 0.5
     ratio = standard_errors(y, found, fixed) / white_errors(y, found, kept, fixed)
     good = np.isfinite(ratio).all(axis=1) & (kept.sum(axis=1) > d + 2)
-    result.ratio[sets[~good]] = np.inf  # the points near no sphere stand out from the clutter
+    result.ratio[sets[~good]] = np.inf  # no sphere stands out from the clutter
     result.named[sets[good, None], points[good]] = ~kept[good]
     good &= ~kept.all(axis=1)  # where no point is clutter after all, the fit is that of all points
     some = sets[good]
@@ -261,8 +261,9 @@ def _search(x: Floats) -> tuple[Bools, Floats]:
         share = totals[t] / max(n - d - 1, 1) / whole[t, d] ** 2
         if share > _LITTLE:  # distances are skew, by as much as in the fit of all points
             every = normal(np.linalg.norm(y[t] - whole[t, :d, None], axis=0), whole[t, d], share, d)
-            squares = np.sort(np.square(normal(away, spheres[t, d], share, d)))
-            if smallest_chance(squares, log_choices(n, d), float((every * every).sum()), floor[t], d)[0] < _ALARM:
+            squares, total = np.sort(np.square(normal(away, spheres[t, d], share, d))), float(every @ every)
+            rounding = float(floor[t] * (1.0 + spheres[t, d])) ** 2
+            if smallest_chance(squares, log_choices(n, d), total, rounding, d)[0] < _ALARM:
                 continue
         named[t] = np.square(away - spheres[t, d]) > limits[t, 0]
     spheres *= size[:, :, 0]
@@ -312,7 +313,7 @@ def _best(y: Floats, law: Law, spheres: Floats, turns: int, count: int) -> tuple
     return chosen, chances, limits
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=8)
 def log_choices(n: int, d: int) -> Floats:
     """-log[C/(w_k a B(a, b))] for m = 0 … n (n + 1,): C sets of m points, and the share w_k of the level.
 
