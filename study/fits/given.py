@@ -33,8 +33,6 @@ from study.fits.weighted import (
 )
 from study.text import number, with_error
 
-_ONE = 0.84134
-"""Probability up to one standard error."""
 _FAR = 1e7
 """Radius in units of the points' spread beyond which a sphere is a plane."""
 _FLAT = 1e-14
@@ -264,7 +262,7 @@ class GivenPoints(FittedPoints):
             if prior is None:
                 score = _at_radii(known, start, known.radius[:, None]).score[:, 0]
                 away = (known.radius - sphere.radius) / error
-                p = 2.0 * scipy.special.stdtr(_spare(known), -np.abs(np.where(np.isnan(score), away, score)))
+                p = 2.0 * scipy.special.stdtr(_spare(known) - 1.0, -np.abs(np.where(np.isnan(score), away, score)))
             else:
                 away = (prior.radius / known.unit - sphere.radius) / np.hypot(error, prior.uncertainty / known.unit)
                 deviance = self._believed.deviance
@@ -298,9 +296,9 @@ class GivenPoints(FittedPoints):
             level: nominal coverage.
             stretch: factors of `PointEvidence.stretch` (b, d + 1).
         """
-        sets, spare = self._different, _spare(self._different)
-        radius, center = self._believed.ends(level, spare)
-        given = given_intervals(sets, level, np.ones(len(spare)))
+        sets = self._different
+        radius, center = self._believed.ends(level, _spare(sets))
+        given = given_intervals(sets, level, np.ones(len(radius)))
         middle = center.mean(axis=2, keepdims=True)
         center = middle + (center - middle) * stretch[:, :-1, None]
         radius = radius.mean(axis=1, keepdims=True) + (radius - radius.mean(axis=1, keepdims=True)) * stretch[:, -1:]
@@ -353,8 +351,8 @@ class GivenPoints(FittedPoints):
 
 
 def _spare(sets: Weighted) -> Floats:
-    """Degrees of freedom of the noise beside a free radius (b,), infinite where its scale is known."""
-    spare = np.maximum(sets.size - sets.points.shape[2] - 1.0, 1.0)
+    """Degrees of freedom of the noise (b,), infinite where its scale is known."""
+    spare = np.maximum(sets.size - sets.points.shape[2] - np.isnan(sets.radius), 1.0)
     return np.where(np.isfinite(sets.scale), np.inf, spare)
 
 
@@ -364,13 +362,14 @@ def believed(sets: Weighted, prior: StatedRadius) -> Believed:
     part = sets.take(places)
     stated = StatedRadius(prior.radius[places] / part.unit, prior.uncertainty[places] / part.unit)
     open_ = part._replace(radius=np.full(len(places), np.nan))
+    spare = _spare(open_)
 
     def fits_at(first: Floats, radii: Floats) -> AtRadius:
         return _at_radii(part, least_squares(part._replace(radius=first)), radii)
 
     with np.errstate(all="ignore"):
-        ends = _without_radius(open_, _quantile(open_, _spare(open_), _ONE)).radius
-        found = Believed.of(stated, ends, fits_at, _spare(part))
+        ends = _without_radius(open_, scipy.special.stdtrit(spare, scipy.special.ndtr(1.0))).radius
+        found = Believed.of(stated, ends, fits_at, spare)
     result = Believed(*(np.full((len(sets.unit), *values.shape[1:]), np.nan) for values in found))
     for whole, values in zip(result, found, strict=True):
         whole[places] = values
@@ -396,17 +395,12 @@ def given_intervals(sets: Weighted, level: float, factors: Floats) -> Intervals:
     result, enough = Intervals.unbounded(b, d, level), np.flatnonzero(sets.usable & (sets.size > d + 1))
     part, known = sets.take(enough), bool(np.isfinite(sets.radius).all())
     with np.errstate(all="ignore"):
-        quantile = _quantile(part, part.size - d - (not known), 0.5 * (1.0 + level)) * factors[enough]
+        quantile = scipy.special.stdtrit(_spare(part), 0.5 * (1.0 + level)) * factors[enough]
         ends = (_with_radius if known else _without_radius)(part, quantile)
         result.radius[enough] = ends.radius * part.unit[:, None]
         result.center[enough] = part.origin[..., None] + ends.center * part.unit[:, None, None]
         result.noise_share[enough] = ends.noise_share
     return result
-
-
-def _quantile(sets: Weighted, spare: Floats, level: Floats | float) -> Floats:
-    """Quantile of the normal law where the scale of the noise is known, else of Student's t (b,)."""
-    return np.asarray(scipy.special.stdtrit(np.where(np.isfinite(sets.scale), np.inf, spare), level))
 
 
 def _at_radii(sets: Weighted, start: Spheres, radii: Floats) -> AtRadius:

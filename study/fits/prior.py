@@ -190,17 +190,17 @@ class Believed(NamedTuple):
 
         Args:
             level: nominal coverage.
-            spare: degrees of freedom of T (b,); a given radius leaves one more to the centre.
+            spare: degrees of freedom of the noise where the radius is given (b,), of which T has one less.
         """
         angle, nu = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ANGLES), spare[:, None]
-        q, of_center = (scipy.special.stdtrit(nu + more, 0.5 * (1.0 + level)) for more in (0.0, 1.0))
-        radius, center = self.at(scipy.special.stdtr(nu, q * np.sin(angle)))
+        q, of_center = (scipy.special.stdtrit(free, 0.5 * (1.0 + level)) for free in (nu - 1.0, nu))
+        radius, center = self.at(scipy.special.stdtr(nu - 1.0, q * np.sin(angle)))
         reach = self.errors[:, None] * (of_center * np.cos(angle))[..., None]
         return radius[:, [0, -1]], np.stack([(center - reach).min(axis=1), (center + reach).max(axis=1)], axis=2)
 
     def spread(self) -> tuple[Floats, Floats]:
         """Standard deviation of the radius (b,), and the slope of the centre in it (b, d), by ± one deviation."""
-        radius, center = self.at(np.tile([0.15866, 0.84134], (len(self.fits), 1)))
+        radius, center = self.at(np.tile(scipy.special.ndtr([-1.0, 1.0]), (len(self.fits), 1)))
         length = np.diff(radius, axis=1)
         return 0.5 * length[:, 0], np.diff(center, axis=1)[:, 0] / length
 
