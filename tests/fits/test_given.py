@@ -640,15 +640,16 @@ def test_the_test_of_an_uncertain_radius_is_a_least_sum_of_squares(rng, on_cap, 
     assert chi2.isf(p, 1) == pytest.approx(deviance, rel=0.03, abs=0.01)
 
 
-def test_points_that_know_better_than_a_statement(rng):
-    """Of a sphere whose radius is 2.7 uncertainties from the stated one, seven points with a small error decide.
+@pytest.mark.parametrize(("true", "n"), [(1.27, 7), (0.73, 12)])
+def test_points_that_know_better_than_a_statement(rng, true, n):
+    """Of a sphere whose radius is 2.7 uncertainties from the stated one, a few points with a small error decide.
 
-    With that radius their noise explains all, so its own score is small: it had moved the radius to 1.05.
+    With that radius their noise explains all, so its own score is small: it had moved a radius of 1.27 to 1.05.
     """
-    u = sample_cap(rng, 200 * 7, np.pi, 3).reshape(200, 7, 3)
-    fit = study.fit(1.27 * u + 0.02 * rng.standard_normal(u.shape), radius=(1.0, 0.1))
-    assert abs(np.median(fit.radius) - 1.27) < 0.01
-    assert np.mean(np.abs(fit.radius - 1.27) < 0.05) > 0.9
+    u = sample_cap(rng, 200 * n, np.pi, 3).reshape(200, n, 3)
+    fit = study.fit(true * u + 0.02 * rng.standard_normal(u.shape), radius=(1.0, 0.1))
+    assert abs(np.median(fit.radius) - true) < 0.01
+    assert np.mean(np.abs(fit.radius - true) < 0.05) > 0.9
 
 
 def test_copies_with_an_uncertain_radius_count_once(rng, on_cap):
