@@ -451,8 +451,9 @@ class Fit(Hinting):
         """The fit with a free radius, as a test of a known one: its r̂ and error, and the p value of the given r (…).
 
         The p value is that of the radius's score (theory 10.6), or of r̂ over its error if the points have no centre for
-        the given radius. It is small where the radius is wrong, and where the points are no sphere. NaN where no radius
-        was given.
+        the given radius. For a radius with an uncertainty it is that of the radius at which points and statement agree
+        best (theory 10.8). It is small where the radius is wrong, and where the points are no sphere. NaN where no
+        radius was given.
         """
         return RadiusTest(*(as_number(part.reshape(self.shape)) for part in self._points.radius_test))
 

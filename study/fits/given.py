@@ -33,8 +33,6 @@ from study.fits.weighted import (
 )
 from study.text import number, with_error
 
-_NOWHERE = 1e-5
-"""Level up to which the free radius is taken to lie in its interval, where a stated one is uncertain."""
 _FAR = 1e7
 """Radius in units of the points' spread beyond which a sphere is a plane."""
 _FLAT = 1e-14
@@ -167,12 +165,11 @@ class GivenPoints(FittedPoints):
         """Covariance of (ĉ, r̂) for white noise (b, d+1, d+1), unit squared; a known radius has none (theory 9.6)."""
         result = covariance(self._sets, self._answers, self.entry is not None and self.entry.covariance is not None)
         result[~self._answers.found] = np.nan
+        result *= (self._sets.unit**2)[:, None, None]
         if self.given.prior is not None:
             deviation, slope = self._believed.spread()
-            line = np.column_stack([slope, np.ones(len(slope))])
-            added = np.nan_to_num(deviation[:, None, None] ** 2 * line[:, :, None] * line[:, None], nan=0.0)
-            result += added
-        result *= (self._sets.unit**2)[:, None, None]
+            line = (deviation * self._different.unit)[:, None] * np.column_stack([slope, np.ones(len(slope))])
+            result += np.nan_to_num(line[:, :, None] * line[:, None], nan=0.0)
         plain = self._nothing_known | self.given.sigma_alone
         if plain.any():
             result[plain] = super().white_covariance[plain]
@@ -194,9 +191,9 @@ class GivenPoints(FittedPoints):
 
     @cached_property
     def _believed(self) -> Believed:
-        """Radii by points and statement together, in the units of the sets."""
+        """Radii by points and statement together, in the units of the different points."""
         assert self.given.prior is not None
-        return believed(self._sets, self.given.prior)
+        return believed(self._different, self.given.prior)
 
     def _along(self, sphere: Spheres) -> Floats:
         """Weights of the points (b, n) by their noise along the directions from the centres of spheres."""
@@ -261,17 +258,16 @@ class GivenPoints(FittedPoints):
         """The fit with a free radius, as a test of a known one (b,); see `Fit.radius_test`."""
         known, start, sphere, prior = self._sets, self._answers, self._free, self.given.prior
         with np.errstate(all="ignore"):
-            if prior is not None:
-                known = known._replace(radius=prior.radius / known.unit)
-            score = _at_radii(known, start, known.radius[:, None]).score[:, 0]
             error = np.sqrt(covariance(known._replace(radius=np.full_like(known.radius, np.nan)), sphere)[:, -1, -1])
-            score = np.where(np.isnan(score), (known.radius - sphere.radius) / error, score)
-            if prior is not None:  # the statement errs, too
-                score *= error / np.hypot(error, prior.uncertainty / known.unit)
-            spare = np.maximum(known.size - start.center.shape[1] - 1, 1.0)
-            exact = np.isfinite(known.scale)
-            tail = np.where(exact, scipy.special.ndtr(-np.abs(score)), scipy.special.stdtr(spare, -np.abs(score)))
-        numbers = [sphere.radius * known.unit, error * known.unit, 2.0 * tail]
+            if prior is None:
+                score = _at_radii(known, start, known.radius[:, None]).score[:, 0]
+                away = (known.radius - sphere.radius) / error
+                p = 2.0 * scipy.special.stdtr(_spare(known) - 1.0, -np.abs(np.where(np.isnan(score), away, score)))
+            else:
+                away = (prior.radius / known.unit - sphere.radius) / np.hypot(error, prior.uncertainty / known.unit)
+                deviance = self._believed.deviance
+                p = scipy.special.chdtrc(1.0, np.where(np.isnan(deviance), away**2, deviance))
+        numbers = [sphere.radius * known.unit, error * known.unit, p]
         lost = ~np.isfinite(known.radius)
         return RadiusTest(*(np.where(lost, np.nan, array) for array in numbers))
 
@@ -300,11 +296,9 @@ class GivenPoints(FittedPoints):
             level: nominal coverage.
             stretch: factors of `PointEvidence.stretch` (b, d + 1).
         """
-        sets, some = self._sets, self._believed
-        spare, sides = _spare(sets), (0.5 * (1.0 - level), 0.5 * (1.0 + level))
-        radius = np.stack([some.quantile(side) for side in sides], axis=1)
-        center = np.stack([some.center_quantile(side, spare) for side in sides], axis=2)
-        given = given_intervals(sets, level, np.ones(len(spare)))
+        sets = self._different
+        radius, center = self._believed.ends(level, _spare(sets))
+        given = given_intervals(sets, level, np.ones(len(radius)))
         middle = center.mean(axis=2, keepdims=True)
         center = middle + (center - middle) * stretch[:, :-1, None]
         radius = radius.mean(axis=1, keepdims=True) + (radius - radius.mean(axis=1, keepdims=True)) * stretch[:, -1:]
@@ -357,30 +351,28 @@ class GivenPoints(FittedPoints):
 
 
 def _spare(sets: Weighted) -> Floats:
-    """Degrees of freedom of the noise beside a free radius (b,), infinite where its scale is known."""
-    spare = np.maximum(sets.size - sets.points.shape[2] - 1.0, 1.0)
+    """Degrees of freedom of the noise (b,), infinite where its scale is known."""
+    spare = np.maximum(sets.size - sets.points.shape[2] - np.isnan(sets.radius), 1.0)
     return np.where(np.isfinite(sets.scale), np.inf, spare)
 
 
 def believed(sets: Weighted, prior: StatedRadius) -> Believed:
     """Join points and statement about radii stated with an uncertainty, in the units of the sets."""
-    d = sets.points.shape[2]
-    places = np.flatnonzero(sets.usable & (sets.size > d + 1))
-    result = Believed.unknown(len(sets.unit), d)
-    if len(places):
-        part = sets.take(places)
-        stated = StatedRadius(prior.radius[places] / part.unit, prior.uncertainty[places] / part.unit)
-        open_ = part._replace(radius=np.full(len(places), np.nan))
+    places = np.flatnonzero(sets.usable & (sets.size > sets.points.shape[2] + 1))
+    part = sets.take(places)
+    stated = StatedRadius(prior.radius[places] / part.unit, prior.uncertainty[places] / part.unit)
+    open_ = part._replace(radius=np.full(len(places), np.nan))
+    spare = _spare(open_)
 
-        def fits_at(radii: Floats) -> AtRadius:
-            middle = part._replace(radius=radii[:, radii.shape[1] // 2])
-            return _at_radii(middle, least_squares(middle), radii)
+    def fits_at(first: Floats, radii: Floats) -> AtRadius:
+        return _at_radii(part, least_squares(part._replace(radius=first)), radii)
 
-        with np.errstate(all="ignore"):
-            ends = _without_radius(open_, _quantile(open_, _spare(open_), 1.0 - _NOWHERE)).radius
-            found = Believed.of(stated, ends, fits_at, _spare(part))
-        for whole, values in zip(result, found, strict=True):
-            whole[places] = values
+    with np.errstate(all="ignore"):
+        ends = _without_radius(open_, scipy.special.stdtrit(spare, scipy.special.ndtr(1.0))).radius
+        found = Believed.of(stated, ends, fits_at, spare)
+    result = Believed(*(np.full((len(sets.unit), *values.shape[1:]), np.nan) for values in found))
+    for whole, values in zip(result, found, strict=True):
+        whole[places] = values
     return result
 
 
@@ -400,30 +392,21 @@ def given_intervals(sets: Weighted, level: float, factors: Floats) -> Intervals:
         ValueError: if the level is not between 0 and 1.
     """
     b, _, d = sets.points.shape
-    result = Intervals.unbounded(b, d, level)
-    known = np.isfinite(sets.radius)
+    result, enough = Intervals.unbounded(b, d, level), np.flatnonzero(sets.usable & (sets.size > d + 1))
+    part, known = sets.take(enough), bool(np.isfinite(sets.radius).all())
     with np.errstate(all="ignore"):
-        for alike, ends_of, fitted in ((known, _with_radius, d), (~known, _without_radius, d + 1)):
-            enough = np.flatnonzero(alike & sets.usable & (sets.size > d + 1))
-            if len(enough):
-                part = sets.take(enough)
-                ends = ends_of(part, _quantile(part, part.size - fitted, 0.5 * (1.0 + level)) * factors[enough])
-                result.radius[enough] = ends.radius * part.unit[:, None]
-                result.center[enough] = part.origin[..., None] + ends.center * part.unit[:, None, None]
-                result.noise_share[enough] = ends.noise_share
+        quantile = scipy.special.stdtrit(_spare(part), 0.5 * (1.0 + level)) * factors[enough]
+        ends = (_with_radius if known else _without_radius)(part, quantile)
+        result.radius[enough] = ends.radius * part.unit[:, None]
+        result.center[enough] = part.origin[..., None] + ends.center * part.unit[:, None, None]
+        result.noise_share[enough] = ends.noise_share
     return result
 
 
-def _quantile(sets: Weighted, spare: Floats, level: Floats | float) -> Floats:
-    """Quantile of the normal law where the scale of the noise is known, else of Student's t (b,)."""
-    quantile = np.where(np.isfinite(sets.scale), scipy.special.ndtri(level), scipy.special.stdtrit(spare, level))
-    return np.asarray(quantile)
-
-
 def _at_radii(sets: Weighted, start: Spheres, radii: Floats) -> AtRadius:
-    """The centres at radii (b, g), and their scores, from spheres of the middle one, in the units of the sets."""
+    """The centres at radii (b, g), and their scores, from spheres near some of them, in the units of the sets."""
     result = AtRadius.unknown(radii, sets.points.shape[2])
-    for places, part, _ in for_kernels(sets, start._replace(radius=radii[:, radii.shape[1] // 2]), plain=True):
+    for places, part, _ in for_kernels(sets, start, plain=True):
         for whole, values in zip(result, at_radii(part, radii[places]), strict=True):
             whole[places] = values
     return result
@@ -482,7 +465,7 @@ def fit_given(points: Floats, entry: Estimator, given: Given) -> tuple[Estimates
     left = infinite[:, None] if found is None else infinite[:, None] | found.named
     sets = weighted(np.where(left[:, None], np.nan, x), given)
     if given.prior is not None:
-        radius = believed(sets, given.prior).quantile(0.5)
+        radius = believed(sets, given.prior).at(np.full((len(x), 1), 0.5))[0][:, 0]
         sets = sets._replace(radius=np.where(np.isfinite(radius), radius, sets.radius))
         given = given._replace(radius=np.where(np.isfinite(radius), radius * sets.unit, given.radius))
     answer, plain = estimate(sets, entry), np.flatnonzero(sets.alike & np.isnan(given.radius) & ~infinite)

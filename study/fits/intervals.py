@@ -248,7 +248,7 @@ class AtRadius(NamedTuple):
 
 
 def at_radii(sets: PointSets, radii: Floats) -> AtRadius:
-    """Centres and scores at radii (b, g), from the first centre at the middle one, and from there to both ends."""
+    """Centres and scores at radii (b, g), from the first sphere at the nearest one, and from there to both ends."""
     d = sets.x.shape[1]
     result = AtRadius.unknown(radii, d)
     _compute_at(sets, radii, result, zeros(d), zeros(d, d))
@@ -637,9 +637,9 @@ def _covary_all(
 @compiled
 def _compute_at(sets: PointSets, radii: Floats, result: AtRadius, zero: Sums, square: Sums) -> None:
     """Fill in the centres at radii (b, g); each begins at the one next to it, moved along its derivative."""
-    x, centers, _, every = sets
+    x, centers, first_radius, every = sets
     b, d, n = x.shape
-    g, middle = radii.shape[1], radii.shape[1] // 2
+    g = radii.shape[1]
     rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
     first, bends, variances = np.empty(d), np.empty((g, d)), np.empty(g)
     for t in range(b):
@@ -649,6 +649,10 @@ def _compute_at(sets: PointSets, radii: Floats, result: AtRadius, zero: Sums, sq
         for i in range(d):
             start[i] = (centers[t, i] - origin[i]) / unit
             distance += start[i] * start[i]
+        middle = 0
+        for m in range(1, g):
+            if abs(radii[t, m] - first_radius[t]) < abs(radii[t, middle] - first_radius[t]):
+                middle = m
         for step in range(g):
             m = middle + step if step < g - middle else g - 1 - step
             near = m - 1 if m > middle else m + 1

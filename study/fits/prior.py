@@ -1,10 +1,15 @@
 """Knowledge beforehand: a radius, the noise of each point, or its law; and a radius with an uncertainty.
 
-A radius that is stated as r₀ with its standard uncertainty τ has a normal law about r₀. On a grid of radii r the fit
-with r given has the centre ĉ(r), its errors e(r) and the score T(r), which is Student's t where r is right, or normal
-where the noise is known (theory 10.6). The score's law is the points' own distribution of the radius, of density
-f(T) |dT/dr|. Its product with the prior is that of both, and the centre's law is the mixture of the laws of ĉ(r) over
-it. For τ → 0 this is the fit with the radius r₀, for τ → ∞ the radius and its interval are those of the free fit.
+A radius that is stated as r₀ with its standard uncertainty τ has a normal law about r₀. The fit with a radius r given
+has the centre ĉ(r), its errors e(r) and the score T(r), which is Student's t where r is right, or normal where the
+noise is known (theory 10.6). These are smooth in r: a few fits give them on a fine grid. The density f(T) is the
+likelihood of r by the points, and its product with the prior is the law of both. A coordinate of the centre takes the
+values ĉ(r) ± q' e √(1 - t²/q²), as in (10.3): t is the deviate of r in this law, e the root mean square of e(r) over
+it, q the quantile for the radius and q' that for the centre. For τ → 0 this is the fit with the radius r₀, for τ → ∞
+that with a free radius, to the second order of its error over r.
+
+Points and statement agree if some radius is likely by both: the least sum of the squares of their normal deviates is
+χ² with one degree of freedom.
 """
 
 import math
@@ -16,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from study.arrays import Floats, real_array
+from study.arrays import Bools, Floats, real_array
 from study.fits.bounds import is_per_point, noise_covariance, point_noise
 from study.fits.intervals import AtRadius
 from study.fits.samples import Estimator, Given, GivenWay, StatedRadius
@@ -35,12 +40,13 @@ ALS = GivenWay(partial(closed, find=True), _CLOSED)
 """What shipped estimators take, and their ways to fit it."""
 _EXACT = 1e-9
 """Uncertainty of a radius, in radii, below which rounding leaves no less of it."""
-_GRID = 101
-_WIDE = 5.0
-"""Standard uncertainties about the stated radius, beyond which the prior is nil."""
-_FURTHER = 0.5
-"""Share of the free interval's extent by which the radius may lie beyond it, as where points and statement disagree."""
-_HALVINGS = 60
+_NODES, _GRID = 25, 151
+"""Radii at which the points are fitted, and those between which nothing is curved any more."""
+_ANGLES = 33
+"""Radii over which the interval of a coordinate is the union."""
+_WIDE = 6.0
+"""Standard uncertainties about the stated radius, and standard errors about that of the points, to the end of the grid.
+"""
 
 
 def given_of(
@@ -117,86 +123,105 @@ def check_way(estimator: str, given: Given, entries: Mapping[str, Estimator]) ->
 
 
 class Believed(NamedTuple):
-    """Radii on a grid (b, g), their probabilities, and the fits given each.
+    """The law of a radius by points and statement together, on a grid of radii, and the fits given each of them.
 
     Attributes:
-        radius: r, in ascending order (b, g).
-        probability: of each (b, g), of sum 1.
-        center: ĉ(r) (b, g, d).
-        errors: e(r) (b, g, d).
+        cumulative: its distribution function (b, g); NaN where nothing is known.
+        fits: r and ĉ(r) (b, g, 1 + d).
+        errors: root mean square of e(r) over this law (b, d).
+        deviance: least sum of squares of T and (r - r₀)/τ as normal deviates (b,).
     """
 
-    radius: Floats
-    probability: Floats
-    center: Floats
+    cumulative: Floats
+    fits: Floats
     errors: Floats
+    deviance: Floats
 
     @classmethod
-    def unknown(cls, batch: int, dimension: int) -> "Believed":
-        """Of sets about which nothing is known, to be filled in."""
-        shape = (batch, _GRID)
-        return cls(*(np.full((*shape, *more), np.nan) for more in ((), (), (dimension,), (dimension,))))
-
-    @classmethod
-    def of(cls, prior: StatedRadius, free: Floats, fits_at: Callable[[Floats], AtRadius], spare: Floats) -> "Believed":
+    def of(
+        cls, prior: StatedRadius, free: Floats, fits_at: Callable[[Floats, Floats], AtRadius], spare: Floats
+    ) -> "Believed":
         """The product of the points' own distribution and the prior.
 
         Args:
             prior: r₀ and τ.
-            free: ends of a wide interval of the free radius (b, 2).
-            fits_at: the fits at radii (b, g).
-            spare: degrees of freedom of the noise (b,); infinite where it is known.
+            free: the free radius less and plus a standard error (b, 2), 0 or infinite where it is open.
+            fits_at: the fits at radii (b, g), from that at a radius among them (b,).
+            spare: degrees of freedom of T (b,); infinite where the noise is known.
         """
-        ends = free + _FURTHER * (free - free[:, ::-1])
-        low, high = (prior.radius + side * _WIDE * prior.uncertainty for side in (-1.0, 1.0))
-        low, high = np.maximum(low, 1e-3 * prior.radius), np.maximum(high, 2e-3 * prior.radius)
-        near, far = np.maximum(low, ends[:, 0]), np.minimum(high, ends[:, 1])
-        apart = ~(near < far)  # the points refuse the radius; the status says so
-        low, high = np.where(apart, low, near), np.where(apart, high, far)
-        radius = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _GRID)
-        score, center, errors, _ = fits_at(radius)
+        place, fine = np.linspace(0.0, 1.0, _NODES), np.linspace(0.0, 1.0, _GRID)
         with np.errstate(all="ignore"):
-            slope = np.stack([np.abs(np.gradient(*pair)) for pair in zip(score, radius, strict=True)])
-            normal = np.isinf(spare)[:, None]
-            law = np.where(normal, -0.5 * score**2, scipy.stats.t.logpdf(score, np.where(normal, 1.0, spare[:, None])))
-            log = law + np.log(slope) - 0.5 * ((radius - prior.radius[:, None]) / prior.uncertainty[:, None]) ** 2
-            log[~np.isfinite(log) | ~np.isfinite(center).all(axis=2)] = -np.inf
-            probability = np.exp(log - log.max(axis=1, keepdims=True))
-            probability[:, [0, -1]] *= 0.5  # the trapezoidal rule
-            return cls(radius, probability / probability.sum(axis=1, keepdims=True), center, errors)
+            own, low, high = _reach(prior, free)
+            score, center, errors, _ = fits_at(own, low * (high / low) ** place)
+            nodes = np.concatenate([score[..., None], center, errors**2], axis=2)
+            lost = ~np.isfinite(nodes).all(axis=2, keepdims=True)
+            nodes = np.concatenate([lost, np.where(lost, 0.0, nodes)], axis=2)
+            found = scipy.interpolate.pchip_interpolate(place, nodes, fine, axis=1)
+            radius, nu = low * (high / low) ** fine, spare[:, None]
+            score = _falling(np.where(found[..., 0] > 0.0, np.nan, found[..., 1]), radius < own[:, None])
+            away = (radius - prior.radius[:, None]) / prior.uncertainty[:, None]
+            likely = np.where(np.isinf(nu), -0.5 * score**2, -0.5 * (nu + 1.0) * np.log1p(score**2 / nu))
+            log = likely - 0.5 * away**2
+            weight = np.nan_to_num(radius * np.exp(log - np.fmax.reduce(log, axis=1, keepdims=True)))
+            weight /= weight.sum(axis=1, keepdims=True)
+            deviate = scipy.special.ndtri(scipy.special.stdtr(nu, -np.abs(score)))
+            deviance = np.fmin.reduce(deviate**2 + away**2, axis=1)
+        d = center.shape[2]
+        fits, errors = np.concatenate([radius[..., None], found[..., 2 : d + 2]], axis=2), found[..., d + 2 :]
+        errors = np.sqrt(np.einsum("bg,bgd->bd", weight, errors))
+        return cls(np.cumsum(weight, axis=1) - 0.5 * weight, fits, errors, deviance)
 
-    def quantile(self, level: float) -> Floats:
-        """Quantiles of the radius (b,); NaN where nothing is known."""
-        step = self.probability
-        cumulative = np.cumsum(0.5 * (step + np.column_stack([np.zeros(len(step)), step[:, :-1]])), axis=1)
-        cumulative /= cumulative[:, -1:]
-        rows = zip(cumulative, self.radius, strict=True)
-        return np.array([np.interp(level, *row) if np.isfinite(row[0]).all() else np.nan for row in rows])
+    def at(self, levels: Floats) -> tuple[Floats, Floats]:
+        """Quantiles of the radius (b, k), and the centres given them (b, k, d); NaN where nothing is known.
 
-    def center_quantile(self, level: float, spare: Floats) -> Floats:
-        """Quantiles of each coordinate of the centre (b, d), by bisection of the mixture's distribution function."""
-        weight = self.probability[:, :, None]
-        normal, nu = np.isinf(spare)[:, None, None], np.where(np.isinf(spare), 1.0, spare)[:, None, None]
-        with np.errstate(all="ignore"):
-            center, errors = (
-                np.where(weight > 0.0, part, fill) for part, fill in ((self.center, 0.0), (self.errors, 1.0))
-            )
-            reach = 40.0 * np.where(weight > 0.0, errors, 0.0).max(axis=1)
-            low = np.where(weight > 0.0, center, np.inf).min(axis=1) - reach
-            high = np.where(weight > 0.0, center, -np.inf).max(axis=1) + reach
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                z = (middle[:, None] - center) / errors
-                share = (weight * np.where(normal, scipy.special.ndtr(z), scipy.special.stdtr(nu, z))).sum(axis=1)
-                low, high = np.where(share < level, middle, low), np.where(share < level, high, middle)
-        return np.where(np.isfinite(weight).all(axis=1), 0.5 * (low + high), np.nan)
+        Args:
+            levels: probabilities (b, k).
+        """
+        g = self.fits.shape[1]
+        rows = zip(levels, self.cumulative, strict=True)
+        place = np.array([np.interp(*row, np.arange(g)) for row in rows]).reshape(levels.shape)
+        before = np.minimum(np.nan_to_num(place).astype(int), g - 2)
+        one, two = (np.take_along_axis(self.fits, (before + i)[..., None], axis=1) for i in (0, 1))
+        found = one + (two - one) * (place - before)[..., None]
+        return found[..., 0], found[..., 1:]
+
+    def ends(self, level: float, spare: Floats) -> tuple[Floats, Floats]:
+        """Ends of intervals of the radius (b, 2) and of each coordinate of the centre (b, d, 2).
+
+        Args:
+            level: nominal coverage.
+            spare: degrees of freedom of the noise where the radius is given (b,), of which T has one less.
+        """
+        angle, nu = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ANGLES), spare[:, None]
+        q, of_center = (scipy.special.stdtrit(free, 0.5 * (1.0 + level)) for free in (nu - 1.0, nu))
+        radius, center = self.at(scipy.special.stdtr(nu - 1.0, q * np.sin(angle)))
+        reach = self.errors[:, None] * (of_center * np.cos(angle))[..., None]
+        return radius[:, [0, -1]], np.stack([(center - reach).min(axis=1), (center + reach).max(axis=1)], axis=2)
 
     def spread(self) -> tuple[Floats, Floats]:
-        """Standard deviation of the radius (b,), and the derivative of the centre by it (b, d)."""
-        ends = [self.quantile(level) for level in (0.15866, 0.5, 0.84134)]
-        deviation = 0.5 * (ends[2] - ends[0])
-        mean = (self.probability * self.radius).sum(axis=1)[:, None]
-        away = np.where(self.probability > 0.0, self.radius - mean, 0.0)
-        center = np.where(self.probability[..., None] > 0.0, self.center, 0.0)
-        weight = self.probability * away
-        return deviation, np.einsum("bg,bgd->bd", weight, center) / np.einsum("bg,bg->b", weight, away)[:, None]
+        """Standard deviation of the radius (b,), and the slope of the centre in it (b, d), by ± one deviation."""
+        radius, center = self.at(np.tile(scipy.special.ndtr([-1.0, 1.0]), (len(self.fits), 1)))
+        length = np.diff(radius, axis=1)
+        return 0.5 * length[:, 0], np.diff(center, axis=1)[:, 0] / length
+
+
+def _reach(prior: StatedRadius, free: Floats) -> tuple[Floats, Floats, Floats]:
+    """The points' own radius (b,), the stated one where it is open, and ends (b, 1) of radii that both may allow."""
+    stated, wide = prior.radius[:, None], _WIDE * prior.uncertainty[:, None]
+    flat, bent = np.split(1.0 / free[:, ::-1], 2, axis=1)
+    middle, further = 0.5 * (flat + bent), 0.5 * _WIDE * (bent - flat)
+    near = np.maximum(np.maximum(stated - wide, 1e-3 * stated), 1.0 / (middle + further))
+    far = np.minimum(stated + wide, 1.0 / np.fmax(middle - further, 0.0))
+    own = np.where((flat > 0.0) & (bent < np.inf), 1.0 / middle, stated)
+    low, high = np.minimum(np.minimum(near, far), stated), np.maximum(np.maximum(near, far), stated)
+    return np.clip(own, low, high)[:, 0], low, high
+
+
+def _falling(score: Floats, below: Bools) -> Floats:
+    """Scores (b, g) that do not rise with the radius, and are those next to the points' own radius; NaN stay.
+
+    Far from there T may come back towards zero, as noise explains all; but no radius is likelier than those between.
+    """
+    inner = np.fmax.accumulate(np.where(below, score, np.nan)[:, ::-1], axis=1)[:, ::-1]
+    outer = np.fmin.accumulate(np.where(below, np.nan, score), axis=1)
+    return np.where(np.isnan(score), np.nan, np.where(below, inner, outer))

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import eig
 from scipy.optimize import least_squares, root
 from scipy.special import erf
-from scipy.stats import binom, norm
+from scipy.stats import binom, chi2, norm
 from scipy.stats import t as student
 
 import study
@@ -481,7 +481,8 @@ def test_a_wrong_radius_is_as_uncertain_as_it_is_wrong(rng, miss):
 def test_a_radius_with_an_uncertainty_between_its_limits(rng, on_cap):
     """A tiny uncertainty gives the fit of the known radius, a huge one the radius and the interval of the free fit.
 
-    Student's quantile has a degree of freedom less than where the radius is known: 5·10⁻⁴ of the intervals.
+    A law that is flat in the radius is not flat in the curvature, in which T is linear: it moves the interval by about
+    2e²/r, at most 3 % of it.
     """
     points = on_cap(rng, 60, 57.0, noise=0.04, radius=2.0, sets=5)[0]
     exact, free = study.fit(points, radius=2.0), study.fit(points)
@@ -489,9 +490,9 @@ def test_a_radius_with_an_uncertainty_between_its_limits(rng, on_cap):
     width = np.diff(free.interval("radius"))[:, 0]
     np.testing.assert_allclose(near.center, exact.center, rtol=0, atol=1e-8)
     np.testing.assert_allclose(near.standard_errors[:, :3], exact.standard_errors[:, :3], rtol=1e-6)
-    np.testing.assert_allclose(near.interval("center"), exact.interval("center"), rtol=0, atol=5e-5)
-    np.testing.assert_allclose(far.interval("radius"), free.interval("radius"), rtol=0, atol=0.01 * width.min())
-    assert np.all(np.abs(far.radius - free.radius) < 0.02 * width)
+    np.testing.assert_allclose(near.interval("center"), exact.interval("center"), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(far.interval("radius"), free.interval("radius"), rtol=0, atol=0.03 * width.min())
+    assert np.all(np.abs(far.radius - free.radius) < 0.03 * width)
     np.testing.assert_allclose(far.standard_errors, free.standard_errors, rtol=0.1)
     axial = np.diff(free.interval("center")[:, 0])[:, 0]
     np.testing.assert_allclose(
@@ -532,7 +533,7 @@ def test_an_uncertain_radius_by_quadrature(rng, on_cap, n, known, stated, uncert
 
     Radius: median, 50 and 90 % intervals, half the way between the quantiles at ± one deviation. Centre: the mixture of
     the laws of ĉ(r) over it, whose noise at r has n - 3 degrees of freedom; its slope by the radius. Intervals of the
-    radius may differ by σ/r and its interpolation, 4 %; of the centre by 0.5 %.
+    radius may differ by σ/r and its interpolation, 4 %; of the centre by 1 %, the union over r in place of the mixture.
     """
     points = on_cap(rng, n, 70.0, noise=0.002, radius=2.0, center=1.0, sets=1)[0][0]
     fit = study.fit(points, "mle", np.full(n, 0.002) if known else None, radius=(stated, uncertainty))
@@ -563,7 +564,7 @@ def test_an_uncertain_radius_by_quadrature(rng, on_cap, n, known, stated, uncert
         z = (x - center[axis] - slope[axis] * (r[some, None] - free)) / own[some, axis, None]
         mixture = weight[some] @ law.cdf(z) / weight[some].sum()
         wanted = np.interp([0.05, 0.95], mixture, x)
-        np.testing.assert_allclose(fit.interval("center", 0.9)[axis], wanted, rtol=0, atol=0.005 * np.ptp(wanted))
+        np.testing.assert_allclose(fit.interval("center", 0.9)[axis], wanted, rtol=0, atol=0.01 * np.ptp(wanted))
 
 
 @pytest.mark.parametrize(
@@ -582,6 +583,86 @@ def test_intervals_with_an_uncertain_radius_cover(rng, on_cap, part_of, angle, n
     held = sets * shares(fit, true[:, None, None])
     assert np.all((held >= binom.ppf(2e-4, sets, 0.95)) & (held <= binom.isf(2e-4, sets, 0.95)))
     assert fit.ok.mean() > 0.9
+
+
+def stated_sets(cell, sets):
+    """True radii that scatter about 1 by a stated uncertainty, and points of caps on such spheres."""
+    d, n, angle, uncertainty, noise = cell
+    rng = np.random.default_rng([61, d, n, angle])
+    true = np.abs(rng.normal(1.0, uncertainty, sets))
+    u = sample_cap(rng, sets * n, np.radians(angle), d).reshape(sets, n, d)
+    return true, true[:, None, None] * u + noise * rng.standard_normal(u.shape)
+
+
+@pytest.mark.parametrize(
+    "cell",
+    [(2, 7, 180, 0.01, 0.01), (2, 100, 45, 0.3, 0.05), (3, 15, 180, 0.1, 0.01), (3, 30, 17, 0.3, 0.01)],
+    ids=str,
+)
+def test_alarms_of_an_uncertain_radius(cell):
+    """Where the statement is true p is below .01 in .003 to .019 of 2000 sets, and below .5 in .46 to .54.
+
+    Counts of a right test leave these limits in less than 5·10⁻⁴ of the cells. Scaled by the errors of the points and
+    the statement, the score of the stated radius had .0475 in the last cell, and .0000 in the one before.
+    """
+    _, points = stated_sets(cell, 2000)
+    p = study.fit(points, radius=(1.0, cell[3])).radius_test.p
+    assert 0.003 < np.mean(p < 0.01) < 0.019
+    assert 0.46 < np.mean(p < 0.5) < 0.54
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_seven_points_with_an_uncertain_radius(d):
+    """On caps whose curvature the noise hides the radius converges, and its interval holds the true one.
+
+    It does in .92 to .98 of 1000 sets, six deviations of a count of .95 from its mean. A law that is flat in the
+    curvature, of density 1/r² in r, has .76 to .80: it takes radii as small as the noise to be the likeliest.
+    """
+    true, points = stated_sets((d, 7, 17, 0.3, 0.05), 1000)
+    fit = study.fit(points, radius=(1.0, 0.3))
+    ends = fit.interval("radius")
+    assert 0.92 < np.mean((ends[:, 0] <= true) & (true <= ends[:, 1])) < 0.98
+    assert np.mean(fit.estimates.status == Status.NOT_CONVERGED) <= 0.005
+    assert abs(np.mean(fit.radius) - 1.0) < 0.05
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("miss", [0.0, 0.03, 0.06])
+def test_the_test_of_an_uncertain_radius_is_a_least_sum_of_squares(rng, on_cap, known, miss):
+    """With little noise the fit is linear: p is that of χ² for the least z² + ((r - r₀)/τ)² on a fine grid of r.
+
+    z is the normal deviate of (r - r̂)/e, by Student's law if σ is not known. The last statement is six τ off.
+    """
+    points = on_cap(rng, 12, 70.0, noise=0.002, radius=2.0, center=1.0, sets=1)[0][0]
+    stated, uncertainty = 2.0 + miss, 0.01
+    p = study.fit(points, "mle", np.full(12, 0.002) if known else None, radius=(stated, uncertainty)).radius_test.p
+    best = least_squares(lambda q: polar(points, q[:3])[0] - q[3], [1.0, 1.0, 1.0, 2.0], xtol=1e-15, gtol=1e-15)
+    variance, law = (0.002**2, norm) if known else (2.0 * best.cost / 8, student(8))
+    error = np.sqrt(variance * np.linalg.inv(best.jac.T @ best.jac)[3, 3])
+    r = np.linspace(min(best.x[3], stated) - 0.02, max(best.x[3], stated) + 0.02, 40001)
+    z = norm.isf(law.sf(np.abs(r - best.x[3]) / error))
+    deviance = np.min(z**2 + ((r - stated) / uncertainty) ** 2)
+    assert chi2.isf(p, 1) == pytest.approx(deviance, rel=0.03, abs=0.01)
+
+
+@pytest.mark.parametrize(("true", "n"), [(1.27, 7), (0.73, 12)])
+def test_points_that_know_better_than_a_statement(rng, true, n):
+    """Of a sphere whose radius is 2.7 uncertainties from the stated one, a few points with a small error decide.
+
+    With that radius their noise explains all, so its own score is small: it had moved a radius of 1.27 to 1.05.
+    """
+    u = sample_cap(rng, 200 * n, np.pi, 3).reshape(200, n, 3)
+    fit = study.fit(true * u + 0.02 * rng.standard_normal(u.shape), radius=(1.0, 0.1))
+    assert abs(np.median(fit.radius) - true) < 0.01
+    assert np.mean(np.abs(fit.radius - true) < 0.05) > 0.9
+
+
+def test_copies_with_an_uncertain_radius_count_once(rng, on_cap):
+    """Points that are there twice leave the intervals as they are."""
+    points = on_cap(rng, 20, 70.0, noise=0.02, radius=2.0, sets=1)[0][0]
+    once, twice = (study.fit(x, radius=(2.0, 0.05)) for x in (points, np.concatenate([points, points])))
+    np.testing.assert_allclose(twice.interval("radius"), once.interval("radius"), rtol=1e-9)
+    np.testing.assert_allclose(twice.interval("center"), once.interval("center"), rtol=0, atol=1e-9)
 
 
 def test_what_an_uncertain_radius_must_be(on_cap, rng):
