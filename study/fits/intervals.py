@@ -572,7 +572,7 @@ def _load(x: Floats, t: int, rows: Floats, origin: Floats) -> tuple[float, float
             rows[i, k] /= unit
             square += rows[i, k] * rows[i, k]
         rows[d, k] = square
-    return unit, 8.0 * _EPS * (1.0 + largest / unit)
+    return unit, 8.0 * _EPS * (1.0 + largest / unit) if unit > 0.0 else math.inf  # plain Python divides by no zero
 
 
 @compiled

@@ -212,12 +212,11 @@ class Loop:
         kept = dispatcher._cache
         self._load = kept.load_overload
         kept.load_overload = self._stored
-        self._turn: FileLock | None = None
+        self._turn_file: Path | None = None
+        self._turn: FileLock | None = None  # made when it is taken: a process that is a fork must not have its parent's
         if kept.cache_path:
             folder = _keep_by_sources(kept, function)
-            self._turn = FileLock(
-                folder.parent / f"{folder.name.rpartition('-')[0]}.{function.__qualname__}.lock", timeout=_TURN
-            )
+            self._turn_file = folder.parent / f"{folder.name.rpartition('-')[0]}.{function.__qualname__}.lock"
             kept.save_overload = partial(self._store, kept.save_overload, folder)
 
     def __call__(self, *arguments: object) -> object:
@@ -244,9 +243,10 @@ class Loop:
             loop, arguments = _WAY.called
             if loop is self and loop._done + _size(arguments) <= _PLAIN:
                 raise _NotStoredError
-        if code is None and self._turn is not None:  # another process may be compiling it: to wait costs less
+        if code is None and self._turn_file is not None:  # another process may be compiling it: to wait costs less
             with contextlib.suppress(OSError, NotImplementedError):
-                Path(self._turn.lock_file).parent.mkdir(parents=True, exist_ok=True)
+                self._turn_file.parent.mkdir(parents=True, exist_ok=True)
+                self._turn = FileLock(self._turn_file, timeout=_TURN)
                 self._turn.acquire()
                 code = self._load(signature, context)
                 if code is not None:

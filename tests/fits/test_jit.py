@@ -171,6 +171,14 @@ def test_of_two_processes_one_compiles_a_function(package):
     assert [int(one) + int(other) for one, other in zip(*hits, strict=True)] == [1, 1]
 
 
+def test_a_process_that_is_a_fork_compiles(package):
+    """A lock that its parent had made was refused, and with it the fit."""
+    _, run = package
+    run.environment["OPENBLAS_NUM_THREADS"] = "1"  # newer Pythons warn of a fork beside threads
+    fork = "import os, sys\nimport study.fits.jit\nif child := os.fork():\n    sys.exit(os.waitpid(child, 0)[1])\n"
+    assert run(fork + TWO_LOOPS) == ["0", "0"]
+
+
 def test_a_program_can_silence_the_compiler(package):
     """The line is a warning of the log `study`."""
     _, run = package
