@@ -19,8 +19,8 @@ such a loop, with vector instructions and without, and chooses by the distance o
 arrays happen to lie would decide the last bit of the sum. Store in one loop and add in another; ``tests/near.py`` finds
 such loops.
 
-A function that is compiled as written must not raise to a power: numba compiles x ** 2 once in a process, with the
-options of the first function that has it, and all others would lose theirs.
+A compiled function must not raise to a whole power: numba compiles x ** 2 once in a process, with the options of the
+first function that has it, which may be a user's own, and all others would lose theirs. They call :func:`squared`.
 
 A loop over samples keeps its sums in the value that :func:`zeros` returns: tuples in few dimensions, whose length the
 compiler knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many.
@@ -58,7 +58,7 @@ from numba import float64, njit, types, uint64  # noqa: E402  after its settings
 from numba.core import event  # noqa: E402
 from numba.core.caching import IndexDataCacheFile  # noqa: E402
 from numba.cpython.unsafe.tuple import tuple_setitem  # noqa: E402
-from numba.extending import intrinsic, overload  # noqa: E402
+from numba.extending import intrinsic, overload, register_jitable  # noqa: E402
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -346,6 +346,12 @@ def _fresh(sums: Any) -> Callable[..., Any]:
 def fma(factor: float, other: float, term: float) -> float:
     """``factor * other + term``; rounded once in compiled code: the same bits wherever it is inlined."""
     return factor * other + term
+
+
+@register_jitable(inline="always")
+def squared(x: float) -> float:
+    """``x * x``, compiled into its caller."""
+    return x * x
 
 
 def float_of(bits: np.uint64) -> float:

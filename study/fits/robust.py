@@ -33,7 +33,7 @@ import scipy
 from study.arrays import Bools, Floats, Ints
 from study.fits.closed_forms import smallest_root
 from study.fits.geometric import ON, STATE, Room, Search, advance, begin, mle, sphere_sums, sum_about
-from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, fill, zeros
+from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, fill, squared, zeros
 from study.fits.linalg import cholesky_solve, diagonalise, eigenbasis
 from study.fits.mixture import gain, in_own_units, mixture, standard_errors, white_errors, without_isolated
 from study.fits.moments import Moments, accumulate
@@ -715,6 +715,6 @@ def as_rare(z: float, share: float, d: int) -> float:
     most = _WITHOUT_RADIUS / d
     share = min(share, most)
     linear = (d - 1.0) / 3.0
-    power = 1.0 - linear * share - (_POWER - linear * most) * (share / most) ** 4
+    power = 1.0 - linear * share - (_POWER - linear * most) * squared(squared(share / most))
     moved = 1.0 - 0.5 * power * (1.0 - power) * share + power * math.sqrt(share) * z
     return float((max(moved, 0.0) ** (1.0 / power) - 1.0) / math.sqrt(share))
