@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import study
 from study.recordings.events import gait_events
@@ -149,6 +150,27 @@ def test_sets_of_laboratories_have_a_gait_table(name):
             assert abs(means.max() - wanted.max()) < 3.0
 
 
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+def test_angles_of_a_pelvis_that_is_turned(yaw):
+    """The front 12° down, the left side 5° up, then it 8° to the front: those of the walk, whatever its direction.
+
+    For the right side obliquity and rotation are the opposite; feet point ahead. Sequence: Wu et al. 2002.
+    """
+    recording, _ = made_walk(3, seconds=4.0)
+    rows = [recording.row(f"{side}_{spine}") for side in "LR" for spine in ("ASIS", "PSIS")]
+    axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # rows: ahead, up, to the right
+    turn = axes.T @ Rotation.from_euler("ZXY", [-12.0, 5.0, -8.0], degrees=True).as_matrix() @ axes
+    positions, middle = recording.positions.copy(), recording.positions[rows].mean(axis=0)
+    positions[rows] = middle + np.einsum("ij,mjt->mit", turn, positions[rows] - middle)
+    way = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix()
+    gait = study.find_gait(replace(recording, positions=np.einsum("ij,mjt->mit", way, positions)), hips="regression")
+    means = gait.means().groupby(["joint", "angle", "side"])["mean"].mean()
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        for angle, wanted in (("tilt", 12.0), ("obliquity", 5.0 * sign), ("rotation", 8.0 * sign)):
+            assert means["pelvis", angle, side] == pytest.approx(wanted, abs=0.3)
+        assert means["foot", "progression", side] == pytest.approx(0.0, abs=0.5)
+
+
 def test_a_walk_without_heels_names_the_labels_that_lack():
     recording, _ = made_walk(3, seconds=4.0)
     with pytest.raises(RecordingError, match="no label of the file is that of a left heel, left toe, right heel"):
@@ -178,9 +200,15 @@ def test_events_of_the_file_go_first_then_plates():
 
 
 def test_events_without_a_heel():
-    """A walk without markers of heels has the cycles that the file marks; step and width are not known."""
+    """A walk without markers of heels has the cycles that the file marks; step and width are not known.
+
+    A strike after the last frame, as in a file that was cut, ends no cycle.
+    """
     recording, truth = made_walk(3)
     told = tuple(GaitEvent(side, kind, time) for (side, kind), times in truth.items() for time in times)
+    side = min(("left", "right"), key=lambda side: truth[side, "strike"][-1])
+    told += (GaitEvent(side, "strike", truth[side, "strike"][-1] + np.diff(truth[side, "strike"])[0]),)
+    assert told[-1].time > recording.frames / recording.rate
     bare = recording.select([m for m in recording.markers if not m.endswith(("HEEL", "TOE", "MT1", "MT5"))])
     bare = replace(bare, laboratory=Laboratory(told))
     gait = gait_of([motion_of(bare, calibrate_by_name(bare))])
