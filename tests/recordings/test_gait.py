@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import study
-from study.recordings.events import gait_events
+from study.recordings.events import Course, gait_events
 from study.recordings.export.tree import ExportedMotion, joint_angles
-from study.recordings.gait import ANGLES, PANELS, PERCENT, Gait, _spikes, gait_lines, gait_of
+from study.recordings.gait import ANGLES, PANELS, PERCENT, Gait, _parameters, _spikes, gait_lines, gait_of
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.markersets import choose, load_markerset
 from study.recordings.recording import Contact, GaitEvent, Laboratory, Recording, RecordingError
@@ -215,6 +215,28 @@ def test_events_without_a_heel():
     assert len(gait.cycles) == sum(len(truth[side, "strike"]) - 1 for side in ("left", "right"))
     np.testing.assert_allclose(gait.cycles["stance"], 62.0, atol=1e-6)
     assert gait.cycles["step"].isna().all()
+
+
+def test_parameters_of_a_cycle_by_hand():
+    """A second uphill: stride and speed are horizontal, step and width between the heels at their own strikes.
+
+    Both feet stand from 0 to 0.1 s and from 0.5 to 0.6 s. Without an off of the other foot that is not known.
+    """
+    time = np.arange(101) / 100.0
+    still = np.zeros_like(time)
+    ahead = np.stack([1.0 + still, still, still])
+    heels = {
+        "left heel": np.stack([1.25 * (time > 0.9), 0.12 + still, still]),
+        "right heel": np.stack([0.6 * (time > 0.4), -0.08 + still, still]),
+    }
+    course = Course(np.stack([1.2 * time, still, 0.5 * time]), ahead, ahead, 0.0, np.zeros((3, 101)), heels)
+    events = [GaitEvent("right", "off", 0.1), GaitEvent("right", "strike", 0.5), GaitEvent("left", "off", 0.6)]
+    strikes = GaitEvent("left", "strike", 0.0), GaitEvent("left", "strike", 1.0)
+    found = _parameters(course, 100.0, strikes, 0.6, [*events, *strikes])
+    wanted = {"stance": 60.0, "stride": 1.2, "speed": 1.2, "cadence": 120.0, "step": 0.65, "width": 0.2}
+    assert found == pytest.approx(wanted | {"double_support": 20.0})
+    fewer = _parameters(course, 100.0, strikes, 0.6, [*events[1:], *strikes])
+    assert fewer == pytest.approx(wanted | {"double_support": np.nan}, nan_ok=True)
 
 
 def test_without_a_pelvis(one_line):
