@@ -220,22 +220,22 @@ def test_events_without_a_heel():
 def test_parameters_of_a_cycle_by_hand():
     """A second uphill: stride and speed are horizontal, step and width between the heels at their own strikes.
 
-    Both feet stand from 0 to 0.1 s and from 0.5 to 0.6 s. Without an off of the other foot that is not known.
+    Both feet stand in the first and the sixth tenth of it. Without an off of the other foot that is not known.
     """
-    time = np.arange(101) / 100.0
+    time = np.arange(121) / 100.0 - 0.2  # it begins 0.2 s after the first frame
     still = np.zeros_like(time)
     ahead = np.stack([1.0 + still, still, still])
     heels = {
         "left heel": np.stack([1.25 * (time > 0.9), 0.12 + still, still]),
         "right heel": np.stack([0.6 * (time > 0.4), -0.08 + still, still]),
     }
-    course = Course(np.stack([1.2 * time, still, 0.5 * time]), ahead, ahead, 0.0, np.zeros((3, 101)), heels)
-    events = [GaitEvent("right", "off", 0.1), GaitEvent("right", "strike", 0.5), GaitEvent("left", "off", 0.6)]
-    strikes = GaitEvent("left", "strike", 0.0), GaitEvent("left", "strike", 1.0)
-    found = _parameters(course, 100.0, strikes, 0.6, [*events, *strikes])
+    course = Course(np.stack([1.2 * time, still, 0.5 * time]), ahead, ahead, 0.0, np.zeros((3, 121)), heels)
+    events = [GaitEvent("right", "off", 0.3), GaitEvent("right", "strike", 0.7), GaitEvent("left", "off", 0.8)]
+    strikes = GaitEvent("left", "strike", 0.2), GaitEvent("left", "strike", 1.2)
+    found = _parameters(course, 100.0, strikes, 0.8, [*events, *strikes])
     wanted = {"stance": 60.0, "stride": 1.2, "speed": 1.2, "cadence": 120.0, "step": 0.65, "width": 0.2}
     assert found == pytest.approx(wanted | {"double_support": 20.0})
-    fewer = _parameters(course, 100.0, strikes, 0.6, [*events[1:], *strikes])
+    fewer = _parameters(course, 100.0, strikes, 0.8, [*events[1:], *strikes])
     assert fewer == pytest.approx(wanted | {"double_support": np.nan}, nan_ok=True)
 
 
