@@ -259,7 +259,6 @@ def test_no_compiled_function_has_a_whole_power():
 
 def test_a_users_power_takes_nothing_from_squares(monkeypatch):
     """After a user's function that has x ** 2 and no fastmath, squares in ours are still reordered and contracted."""
-
     monkeypatch.setattr(IndexDataCacheFile, "load", lambda file, key: None)  # else an earlier test run has stored it
 
     @njit(error_model="numpy")
