@@ -261,6 +261,8 @@ def one_number(name: str, value: float) -> float:
         return float(value)
     except OverflowError:
         raise ValueError(f"{name} = {value!r:.40}…: must be below 1.8e308") from None
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {value!r:.40}: give one number") from None
 
 
 @lru_cache(maxsize=4096)
@@ -495,6 +497,8 @@ def crlb(directions: ArrayLike, noise: ArrayLike) -> Floats:
     *lead, n, d = u.shape
     present = np.logical_not(np.isnan(u).any(axis=-1))
     _assert_unit(u, present)
+    if n == 0:
+        return np.full((*lead, d + 1, d + 1), np.inf)
     sets = math.prod(lead)
     if is_per_point(np.shape(noise), n, d):
         covariance, unit = _unit_covariances(noise, (*lead, n), d)

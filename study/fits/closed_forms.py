@@ -39,7 +39,7 @@ import numpy as np
 from scipy.special import fdtri
 
 from study.arrays import Bools, Floats
-from study.fits.jit import CHUNK, compiled, dot, fill, total
+from study.fits.jit import CHUNK, compiled, dot, fill, squared, total
 from study.fits.linalg import eigenbasis
 from study.fits.moments import Regression
 from study.fits.samples import Estimates, Samples, Status, blank, remove
@@ -403,7 +403,7 @@ def fuller_constant(samples: Samples) -> Floats:
 def _constants(regression: Regression, alpha: Floats) -> None:
     few, many = _FULLER
     for t in range(alpha.size):
-        alpha[t] = few + (many - few) / (1.0 + (_wald_of_curvature(regression, t) / _SEEN) ** 2)
+        alpha[t] = few + (many - few) / (1.0 + squared(_wald_of_curvature(regression, t) / _SEEN))
 
 
 @compiled
@@ -595,7 +595,7 @@ def _sums(x: Floats, center: Floats, sums: Floats, weighted: Floats, products: F
         for i in range(d):
             row, c, total_square = x[t, i], center[t, i], 0.0
             for k in range(n):
-                total_square += (row[k] - c) ** 2
+                total_square += squared(row[k] - c)
             mean += total_square / n
         for start in range(0, n, CHUNK):
             size = min(CHUNK, n - start)

@@ -57,7 +57,7 @@ from study.fits.geometric import (
     sphere_sums,
     sum_about,
 )
-from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, zeros
+from study.fits.jit import CHUNK, SampleBlock, Scratch, Sums, compiled, dot, squared, zeros
 from study.fits.samples import Estimates, Samples, Status
 
 MOST_PASSES = 12
@@ -344,7 +344,7 @@ def _iterate(
             last = 0.0
             continue
         size = max(length, abs(change) * variance / (before * before))
-        following = size * (size / last) ** 2 if last > 0.0 else math.inf
+        following = size * squared(size / last) if last > 0.0 else math.inf
         done = size <= _SHORT * min(1.0, last) and following <= _SURE
         done = done and size * moved * before * before <= _THIRD * variance
         if done or size <= _TOLERANCE:
@@ -441,8 +441,8 @@ def _fit_all(x: Floats, origins: Floats, constants: Floats, fit: Estimates, zero
         found, fit.iterations[t], r, s = _iterate(points, origins[t], r, s, member, room, scratch)
         away = 0.0
         for i in range(d):
-            away += (center[i] - first[i]) ** 2
-        if found and away <= (_NEAR * fit.radius[t]) ** 2:
+            away += squared(center[i] - first[i])
+        if found and away <= squared(_NEAR * fit.radius[t]):
             for i in range(d):
                 fit.center[t, i] = origins[t, i] + center[i]
             fit.radius[t], fit.noise_variance[t] = r, s * n / (n - d - 1)

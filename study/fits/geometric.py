@@ -281,7 +281,8 @@ def begin(search: Search, spread: float, plane: float) -> None:
 @compiled
 def _ended(state: State, n: int, value: float) -> int:
     """Status of a search that ends where F has this value: a sphere, unless it is far and no better than a plane."""
-    far, doubt = state.square > (_FAR * state.bound) ** 2, 2.0 * _EPS * state.before * math.sqrt(n * max(value, 0.0))
+    reach = _FAR * state.bound
+    far, doubt = state.square > reach * reach, 2.0 * _EPS * state.before * math.sqrt(n * max(value, 0.0))
     if state.wanted > _LEVEL * state.before or (far and not value < state.plane - doubt):
         return Status.AT_BOUND
     return Status.OK
@@ -295,7 +296,7 @@ def advance(search: Search, n: int, sums: SphereSums, room: Room) -> int:
         `ON`, or a `Status` if the search has ended.
     """
     state, best, trial, step = search
-    descent, d = room.descent, best.size
+    descent, d, reach = room.descent, best.size, _FAR * state.bound
     excess, squares = sums.numbers
     value = squares - excess * excess / n
     if state.again == 0 and excess * excess > _CANCELLED * n * value:
@@ -310,7 +311,7 @@ def advance(search: Search, n: int, sums: SphereSums, room: Room) -> int:
         state.best, state.before, state.halvings = value, around, 0
         _copy(trial, best)
         if state.steps >= _MAX_ITERATIONS:
-            return Status.AT_BOUND if state.square > (_FAR * state.bound) ** 2 else Status.NOT_CONVERGED
+            return Status.AT_BOUND if state.square > reach * reach else Status.NOT_CONVERGED
         for i in range(d):  # Σ(R - R̄)e, from Σ(R - r)e: not by R̄ - r, which has lost digits
             descent[i] = sums.vectors[SUM_RHO_E, i] - rise * sums.vectors[SUM_E, i]
         newton = _downhill(n, around, sums, room, step)
@@ -322,7 +323,7 @@ def advance(search: Search, n: int, sums: SphereSums, room: Room) -> int:
     else:
         state.halvings += 1
         if state.halvings > _MAX_HALVINGS:
-            return Status.AT_BOUND if state.square > (_FAR * state.bound) ** 2 else Status.NOT_CONVERGED
+            return Status.AT_BOUND if state.square > reach * reach else Status.NOT_CONVERGED
         for i in range(d):
             step[i] *= 0.5
     before, length = state.before, math.sqrt(dot(step, step))
@@ -338,9 +339,10 @@ def advance(search: Search, n: int, sums: SphereSums, room: Room) -> int:
         trial[i] = best[i] + step[i]
     state.square, state.radius = dot(trial, trial), before
     full = newton and state.halvings == 0
-    following = length * (length / state.last) ** 2  # steps fall off as the squares of those before them
+    shorter = length / state.last
+    following = length * shorter * shorter  # steps fall off as the squares of those before them
     done = full and length <= _SHORT * min(before, state.last) and following <= _SURE * before
-    done = done and n * length**3 <= _THIRD * state.best * before
+    done = done and n * length * length * length <= _THIRD * state.best * before
     state.last = length if full else 0.0
     if done or length <= _TOLERANCE * before:
         status = _ended(state, n, state.best)

@@ -21,7 +21,7 @@ from scipy.special import stdtrit
 from study.arrays import Bools, Floats, Ints
 from study.fits.bounds import NOISY
 from study.fits.closed_forms import als
-from study.fits.jit import Sums, compiled, dot, zeros
+from study.fits.jit import Sums, compiled, dot, squared, zeros
 from study.fits.samples import FARTHEST, Samples, is_ordinary
 from study.fits.score import (
     PointSet,
@@ -545,7 +545,7 @@ def _center_ends(
                 center = done.center[one, i] + (done.center[two, i] - done.center[one, i]) * by_r
                 error = done.error[one, i] + (done.error[two, i] - done.error[one, i]) * by_r
                 correlation = done.correlation[one, i] + (done.correlation[two, i] - done.correlation[one, i]) * by_k
-                middle, half = center - correlation * t * error, error * rest * math.sqrt(1.0 - correlation**2)
+                middle, half = center - correlation * t * error, error * rest * math.sqrt(1.0 - squared(correlation))
                 ends[i, 0], ends[i, 1] = min(ends[i, 0], middle - half), max(ends[i, 1], middle + half)
 
 
@@ -572,7 +572,7 @@ def _load(x: Floats, t: int, rows: Floats, origin: Floats) -> tuple[float, float
             rows[i, k] /= unit
             square += rows[i, k] * rows[i, k]
         rows[d, k] = square
-    return unit, 8.0 * _EPS * (1.0 + largest / unit)
+    return unit, 8.0 * _EPS * (1.0 + largest / unit) if unit > 0.0 else math.inf  # plain Python divides by no zero
 
 
 @compiled

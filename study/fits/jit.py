@@ -19,8 +19,8 @@ such a loop, with vector instructions and without, and chooses by the distance o
 arrays happen to lie would decide the last bit of the sum. Store in one loop and add in another; ``tests/near.py`` finds
 such loops.
 
-A function that is compiled as written must not raise to a power: numba compiles x ** 2 once in a process, with the
-options of the first function that has it, and all others would lose theirs.
+A compiled function must not raise to a whole power: numba compiles x ** 2 once in a process, with the options of the
+first function that has it, which may be a user's own, and all others would lose theirs. They call :func:`squared`.
 
 A loop over samples keeps its sums in the value that :func:`zeros` returns: tuples in few dimensions, whose length the
 compiler knows, so that it unrolls the loops over coordinates and vectorises the one over samples; arrays in many.
@@ -58,7 +58,7 @@ from numba import float64, njit, types, uint64  # noqa: E402  after its settings
 from numba.core import event  # noqa: E402
 from numba.core.caching import IndexDataCacheFile  # noqa: E402
 from numba.cpython.unsafe.tuple import tuple_setitem  # noqa: E402
-from numba.extending import intrinsic, overload  # noqa: E402
+from numba.extending import intrinsic, overload, register_jitable  # noqa: E402
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -212,12 +212,11 @@ class Loop:
         kept = dispatcher._cache
         self._load = kept.load_overload
         kept.load_overload = self._stored
-        self._turn: FileLock | None = None
+        self._turn_file: Path | None = None
+        self._turn: FileLock | None = None  # made when it is taken: a process that is a fork must not have its parent's
         if kept.cache_path:
             folder = _keep_by_sources(kept, function)
-            self._turn = FileLock(
-                folder.parent / f"{folder.name.rpartition('-')[0]}.{function.__qualname__}.lock", timeout=_TURN
-            )
+            self._turn_file = folder.parent / f"{folder.name.rpartition('-')[0]}.{function.__qualname__}.lock"
             kept.save_overload = partial(self._store, kept.save_overload, folder)
 
     def __call__(self, *arguments: object) -> object:
@@ -244,9 +243,10 @@ class Loop:
             loop, arguments = _WAY.called
             if loop is self and loop._done + _size(arguments) <= _PLAIN:
                 raise _NotStoredError
-        if code is None and self._turn is not None:  # another process may be compiling it: to wait costs less
+        if code is None and self._turn_file is not None:  # another process may be compiling it: to wait costs less
             with contextlib.suppress(OSError, NotImplementedError):
-                Path(self._turn.lock_file).parent.mkdir(parents=True, exist_ok=True)
+                self._turn_file.parent.mkdir(parents=True, exist_ok=True)
+                self._turn = FileLock(self._turn_file, timeout=_TURN)
                 self._turn.acquire()
                 code = self._load(signature, context)
                 if code is not None:
@@ -346,6 +346,12 @@ def _fresh(sums: Any) -> Callable[..., Any]:
 def fma(factor: float, other: float, term: float) -> float:
     """``factor * other + term``; rounded once in compiled code: the same bits wherever it is inlined."""
     return factor * other + term
+
+
+@register_jitable(inline="always")
+def squared(x: float) -> float:
+    """``x * x``, compiled into its caller."""
+    return x * x
 
 
 def float_of(bits: np.uint64) -> float:

@@ -41,6 +41,7 @@ from study.fits.jit import (
     fill,
     near,
     readable,
+    squared,
     total,
     window,
     zeros,
@@ -100,7 +101,7 @@ def _append(triangle: Floats, rows: Floats, m: int, products: Floats) -> None:
     q = triangle.shape[0]
     for i in range(q):
         pivot = rows[i, :m]
-        norm = math.sqrt(triangle[i, i] ** 2 + products[i])
+        norm = math.sqrt(squared(triangle[i, i]) + products[i])
         if norm == 0.0:  # not if it is NaN, which then spreads
             for j in range(i + 1, q):
                 products[j] = dot(rows[i + 1, :m], rows[j, :m])
@@ -171,12 +172,12 @@ def _fit_all(x: PointSets, fit: Estimates, residual: Floats, scatter: Floats, ze
                 products[j] = total(rows[j, :m])
             _append(triangle, rows, m, products)
         _solve(triangle, beta, scatter[t])
-        residual[t] = triangle[d + 1, d + 1] ** 2 / n
+        residual[t] = squared(triangle[d + 1, d + 1]) / n
         for i in range(d):
             fit.center[t, i] = origin[i] + 0.5 * beta[i + 1]
         radius_squared = beta[0]
         for i in range(d):  # apart from what is stored: the rule of `study.fits.jit`
-            radius_squared += (0.5 * beta[i + 1]) ** 2
+            radius_squared += squared(0.5 * beta[i + 1])
         fit.radius[t] = math.sqrt(radius_squared) if radius_squared >= 0.0 else math.nan
         fit.noise_variance[t] = noise_of_residuals(residual[t], radius_squared, float(n), d)
 

@@ -40,6 +40,8 @@ class FitPlan(NamedTuple):
     radius_error: float
 
 
+_ROUND = 1e9
+"""Radius over noise beyond which errors, in units of the noise, do not change."""
 _LARGEST_PLAN = 1e15
 """Number of points beyond which no plan is made."""
 
@@ -85,6 +87,7 @@ def plan_fit(
         raise ValueError("a plan needs two of error, angle and points; it finds the third")
     given = {"noise": noise, "radius": radius, "error": error}
     sigma, r, wanted = (_positive(name, value) for name, value in given.items())
+    r = min(r, _ROUND * sigma)
     if of not in ("center", "radius"):
         raise ValueError(f"of = {of!r}: plan the error of the 'center' or of the 'radius'")
     fewest, place = fewest_points(bound_dimension(dimension), LARGEST_UNSEEN), 0 if of == "center" else -1

@@ -33,7 +33,7 @@ import numpy as np
 
 from study.arrays import Floats, Ints
 from study.fits.corrected import RadialMeans, radial_means
-from study.fits.jit import Sums, compiled, fill, fresh, put
+from study.fits.jit import Sums, compiled, fill, fresh, put, squared
 from study.fits.linalg import diagonalise, eliminate
 
 _MAX_STEPS = 30
@@ -404,15 +404,15 @@ def first_variance(points: PointSet, weights: Weights | None, center: Floats, ra
     for k in range(n):
         square = 0.0
         for i in range(center.size):
-            square += (points.rows[i, k] - center[i]) ** 2
+            square += squared(points.rows[i, k] - center[i])
         away = math.sqrt(square) - radius
-        total += away**2
+        total += squared(away)
         if weights is not None:
             weights.sums[weights.group[k], _SIZE] += 1.0
             weights.sums[weights.group[k], _EXCESS] += away
     if weights is not None:
         for g in range(1, weights.sums.shape[0]):
-            total -= weights.sums[g, _EXCESS] ** 2 / weights.sums[g, _SIZE]
+            total -= squared(weights.sums[g, _EXCESS]) / weights.sums[g, _SIZE]
     return float(total / n)
 
 
@@ -760,7 +760,7 @@ def score(
     slope = (means.excess01_by_r - means.shortening) * along - (1.0 + means.shortening) * (total / first)
     slope *= first / math.sqrt(max(variance * weight, _TINY))
     larger = 0.0
-    if profile.sphere[2] * _widest(weights) >= (_NOISY * min(1.0, 2.0 / (d - 1.0)) * r) ** 2:
+    if profile.sphere[2] * _widest(weights) >= squared(_NOISY * min(1.0, 2.0 / (d - 1.0)) * r):
         sum_psi, squares = _multiply(points, weights, profile, means, g)
         squares, products, spare = max(squares - s * s / n, _TINY), profile.products, n * (free - 1.0)
         if known != known:

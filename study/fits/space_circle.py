@@ -179,10 +179,10 @@ class CircleFit(Hinting):
         X = np.stack([np.ones_like(angle), self._flat[..., 0], self._flat[..., 1], *waves], axis=2)
         fine = self._found & np.asarray(np.isfinite(self.inside.center.reshape(-1, 2)).all(axis=1))
         Q = np.linalg.qr(np.where((there & fine[:, None])[..., None], X, 0.0))[0]
-        squares = np.square(Q.swapaxes(1, 2) @ np.where(there, h, 0.0)[..., None])[..., 0]
         more, spare = len(waves), count - 3
         sigma = np.ravel(self.inside.sigma)
         with np.errstate(all="ignore"):
+            squares = np.square(Q.swapaxes(1, 2) @ np.where(there, h, 0.0)[..., None])[..., 0]
             left = noise * spare - squares[:, 3:].sum(axis=1)
             warped = fdtrc(more, spare - more, squares[:, 3:].sum(axis=1) / more / (left / (spare - more)))
             ratio = noise / sigma**2

@@ -219,8 +219,7 @@ def _angles(motion: ExportedMotion, course: Course, joints: Mapping[tuple[str, s
         covariance = np.einsum("ijt,tjk,lkt->til", world, skeleton.turning[number], world)
         of_axes, flags = angles_errors(skeleton.calibration, turn, None, segment), skeleton.segment_flags[number]
         if name == "pelvis":
-            upside = any(found.name == "up" for found in skeleton.barred)
-            errors = np.where(upside, np.nan, zxy_errors(turn, covariance))
+            errors = zxy_errors(turn, covariance)
             about_z, about_x, about_y = known_angles(turn)
             for side, sign in zip(SIDES, (1.0, -1.0), strict=True):  # up, and to the front, on this side
                 values = -about_z, sign * about_x, -sign * about_y

@@ -2,10 +2,12 @@
 
 import signal
 import sys
-from typing import TYPE_CHECKING, Annotated
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, BinaryIO
 
 import typer
 
+from study.files import InputError
 from study.options import ExitCode, echo
 from study.recordings.commands import Child, Parent, complain
 from study.text import did_you_mean, json_text
@@ -15,6 +17,18 @@ if TYPE_CHECKING:
 
 _ALL = "all joints of a marker set, by name or file, instead"
 _UDP = "receive datagrams at 127.0.0.1 [default: standard input]"
+
+
+_LONGEST = 1 << 20
+"""Bytes of a frame's line, some ten thousand markers; a stream without lines would fill the memory."""
+
+
+def _piped_line(stream: BinaryIO) -> str:
+    """The next line of a stream; empty at its end."""
+    line = stream.readline(_LONGEST)
+    if len(line) == _LONGEST:
+        raise InputError(f"standard input: a line of {_LONGEST:,} bytes or more: give each frame a line of its own")
+    return line.decode("utf-8", "replace")
 
 
 def live(
@@ -44,7 +58,7 @@ def live(
     if unit not in UNITS:
         raise typer.BadParameter(f"--unit {unit}: give one of {', '.join(UNITS)}")
     joints = _joints(parent, child, markerset)
-    piped = (line.decode("utf-8", "replace") for line in sys.stdin.buffer) if udp is None else ()
+    piped = iter(partial(_piped_line, sys.stdin.buffer), "") if udp is None else ()
     before, zeros, unchecked = signal.signal(signal.SIGINT, _interrupt_once), "", True
     try:
         for number, line in enumerate(piped if udp is None else lines_of_port(udp, complain), start=1):

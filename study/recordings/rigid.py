@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats
-from study.fits.jit import compiled
+from study.fits.jit import compiled, squared
 
 _LOCKED = 1e-9
 """Sine of the angle between the first and the third axis below which they are one axis."""
@@ -204,20 +204,20 @@ def best_rotation(h: Floats, cofactors: Floats, square: Floats, rotation: Floats
             k, m, p, q = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
             cofactors[i, j] = h[k, p] * h[m, q] - h[k, q] * h[m, p]
             square[i, j] = h[0, i] * h[0, j] + h[1, i] * h[1, j] + h[2, i] * h[2, j]
-            norm += h[i, j] ** 2
-            minors += cofactors[i, j] ** 2
+            norm += squared(h[i, j])
+            minors += squared(cofactors[i, j])
     for j in range(3):
         det += h[0, j] * cofactors[0, j]
     trace, step = math.sqrt(3.0 * norm), 0.0
     for _ in range(_MOST_STEPS):
-        over = trace**2 - norm
-        step = 0.25 * (over**2 - 8.0 * trace * det - 4.0 * minors) / (trace * over - 2.0 * det)
+        over = squared(trace) - norm
+        step = 0.25 * (squared(over) - 8.0 * trace * det - 4.0 * minors) / (trace * over - 2.0 * det)
         trace -= step
         if not step > 1e-15 * trace:
             break
-    kappa = 0.5 * (trace**2 - norm)
+    kappa = 0.5 * (squared(trace) - norm)
     zeta = kappa * trace - det  # (s1 + s2)(s2 + s3)(s3 + s1), of the singular values, s3 with the sign of det H
-    if not (zeta > _THIN**2 * trace**3 and abs(step) < 1e-9 * trace):  # H holds squares of extents
+    if not (zeta > squared(_THIN) * trace * trace * trace and abs(step) < 1e-9 * trace):  # H holds squares of extents
         return False
     for i in range(3):
         for j in range(3):
@@ -255,8 +255,8 @@ def _stray(places: Floats, x: Floats, used: Bools, t: int, limits: Floats) -> in
                 if used[j, t]:
                     wanted = away = 0.0
                     for i in range(3):
-                        wanted += (places[k, i] - places[j, i]) ** 2
-                        away += (x[k, i, t] - x[j, i, t]) ** 2
+                        wanted += squared(places[k, i] - places[j, i])
+                        away += squared(x[k, i, t] - x[j, i, t])
                     off += abs(math.sqrt(away) - math.sqrt(wanted))
             if off > worst:
                 worst, which = off, k
@@ -293,10 +293,10 @@ def _fit_frames(places: Floats, weights: Floats, limits: Floats, x: Floats, pose
                 if used[k, t]:
                     far, (p0, p1, p2) = 0.0, (places[k, 0], places[k, 1], places[k, 2])
                     for i in range(3):
-                        far += (x[k, i, t] - o[i] - r[i, 0] * p0 - r[i, 1] * p1 - r[i, 2] * p2) ** 2
+                        far += squared(x[k, i, t] - o[i] - r[i, 0] * p0 - r[i, 1] * p1 - r[i, 2] * p2)
                     total += far
-                    if far > worst * limits[k] ** 2:
-                        worst, which = far / limits[k] ** 2, k
+                    if far > worst * squared(limits[k]):
+                        worst, which = far / squared(limits[k]), k
             if worst > 1.0:
                 if count == 3:
                     which = _stray(places, x, used, t, limits)

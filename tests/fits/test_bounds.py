@@ -231,6 +231,7 @@ def test_batches(rng):
     np.testing.assert_allclose(study.crlb(u[0], 0.2 * 0.2 * np.eye(3)), bound[0], rtol=1e-12)
     assert np.all(np.isposinf(study.crlb(np.empty((0, 3)), 0.2)))
     assert study.crlb(np.empty((0, 8, 3)), 0.2).shape == (0, 4, 4)
+    assert np.all(np.isposinf(study.crlb(np.empty((2, 0, 3)), np.empty((2, 0)))))
 
 
 def test_a_plan_says_that_the_noise_is_too_large():
@@ -239,6 +240,14 @@ def test_a_plan_says_that_the_noise_is_too_large():
         plan = study.plan_fit(noise, 50.0, 8.0, angle=90.0)
         lines = list(plan_in_words(plan, noise, 50.0, 8.0))
         assert any("above 0.35 radii: every fit will be weakly identified" in line for line in lines) == told
+
+
+def test_a_plan_with_next_to_no_noise():
+    """Errors over the noise do not depend on the radius, however large it is."""
+    plans = [study.plan_fit(0.1, radius, 0.01, angle=60.0) for radius in (1e6, 1e160, 1e300)]
+    assert len({plan.points for plan in plans}) == 1
+    for plan in plans:
+        np.testing.assert_allclose(plan[2:], plans[0][2:], rtol=1e-9)
 
 
 @pytest.mark.parametrize(("angle", "noise"), [(20.0, 0.06), (50.0, 0.4), (180.0, 0.05)])

@@ -170,6 +170,14 @@ def test_gdke_with_a_known_radius(rng, on_cap, angle):
         assert np.sum(square**2) / 37 == pytest.approx(16 * s + 15 * s * s, rel=1e-9)
 
 
+def test_covariances_alike_in_all_directions_are_noises(rng):
+    """So als takes them, which takes no others: the fit is the same to the bit, however the noise is written."""
+    points, sigma = uneven(rng, 5, 40, 90.0, 0.05)
+    fit = study.fit(points, "als", sigma)
+    for noise in (np.repeat(sigma[..., None], 3, axis=2), sigma[..., None, None] ** 2 * np.eye(3)):
+        np.testing.assert_array_equal(study.fit(points, "als", noise).radius, fit.radius)
+
+
 def test_ugdk_with_a_covariance_for_each_point(rng):
     """It solves the unbiased normal equations of |x|² = 2c·x + k, written out in raw coordinates."""
     points, sigma = uneven(rng, 5, 40, 90.0, 0.05, center=1.0)
@@ -419,6 +427,11 @@ def test_sets_without_a_sphere_have_a_status(rng):
         ({"noise": np.ones((4, 9))}, r"noise has shape \(4, 9\): its leading axes must be those of the points, \(\)"),
         ({"radius": 2.0, "noise": np.ones(3)}, r"noise has shape \(3,\): give a standard deviation, or a \(3, 3\)"),
         ({"estimator": "als", "law": "radial"}, "estimator = 'als': takes no law = 'radial'; mle and corrected do"),
+        ({"estimator": "als", "law": "radial", "radius": 2.0}, "'als': takes no law = 'radial'; mle and corrected do"),
+        (
+            {"estimator": "gdke", "radius": 2.0, "noise": np.ones((9, 3)) * [1, 1, 2]},
+            "'gdke': takes no known radius and covariance for each point; mle and corrected do",
+        ),
         ({"law": "radial", "noise": np.ones((9, 3)) * [1, 1, 2]}, "law = 'radial': the noise has one size at a point"),
         ({"law": "along"}, "law = 'along': 'isotropic' for noise alike in all directions, 'radial' along the radius"),
         ({"scale": "estimated"}, r"scale = 'estimated' needs a noise for each point: \(n,\), \(n, d\) or \(n, d, d\)"),

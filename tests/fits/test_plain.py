@@ -66,6 +66,16 @@ def test_plain_loops_answer_as_compiled_ones_do(monkeypatch, rng, on_cap, kind, 
             np.testing.assert_allclose(two[3], one[3], rtol=1e-9, atol=1e-9, err_msg=str(options))
 
 
+@pytest.mark.parametrize("noise", [None, 0.1, np.full(15, 0.1)], ids=["unknown", "known", "of each point"])
+def test_plain_loops_divide_by_zero_as_compiled_ones_do(monkeypatch, rng, noise):
+    """Points that are too large, and are left out, have an extent of zero: plain Python raised an exception."""
+    monkeypatch.setattr(jit._WAY, "plain", True)
+    with np.errstate(all="ignore"):
+        fit = study.fit(1e200 * rng.standard_normal((15, 3)), noise=noise)
+        assert fit.status == study.Status.NOT_FINITE
+        assert fit.interval("radius").tolist() == [0.0, np.inf]
+
+
 @pytest.fixture
 def new_installation(tmp_path):
     """Run a program with a copy of the package that has compiled nothing; its output and what it complains of."""

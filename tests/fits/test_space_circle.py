@@ -123,6 +123,12 @@ def test_bad_input():
         study.fit_circle(np.ones((9, 3)), assume="sphere")
 
 
+@pytest.mark.parametrize("size", [1e160, 1e300])
+def test_points_whose_squares_are_beyond_all_numbers(rng, size):
+    """They are not finite, which is said without a warning."""
+    assert study.fit_circle(size * rng.standard_normal((40, 3))).status == Status.NOT_FINITE
+
+
 def test_the_command(tmp_path, well, call_here):
     """`study fit --circle` prints centre, radius and axis, or JSON, and its exit code is 0 if the circle is ok."""
     (points,), axis = circles(9, 1, 60, 250.0, 0.01)

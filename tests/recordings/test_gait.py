@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import study
-from study.recordings.events import gait_events
+from study.recordings.events import Course, gait_events
 from study.recordings.export.tree import ExportedMotion, joint_angles
-from study.recordings.gait import ANGLES, PANELS, PERCENT, Gait, _spikes, gait_lines, gait_of
+from study.recordings.gait import ANGLES, PANELS, PERCENT, Gait, _parameters, _spikes, gait_lines, gait_of
 from study.recordings.joints.estimate import JointStatus
 from study.recordings.markersets import choose, load_markerset
 from study.recordings.recording import Contact, GaitEvent, Laboratory, Recording, RecordingError
@@ -149,6 +150,27 @@ def test_sets_of_laboratories_have_a_gait_table(name):
             assert abs(means.max() - wanted.max()) < 3.0
 
 
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+def test_angles_of_a_pelvis_that_is_turned(yaw):
+    """The front 12° down, the left side 5° up, then it 8° to the front: those of the walk, whatever its direction.
+
+    For the right side obliquity and rotation are the opposite; feet point ahead. Sequence: Wu et al. 2002.
+    """
+    recording, _ = made_walk(3, seconds=4.0)
+    rows = [recording.row(f"{side}_{spine}") for side in "LR" for spine in ("ASIS", "PSIS")]
+    axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # rows: ahead, up, to the right
+    turn = axes.T @ Rotation.from_euler("ZXY", [-12.0, 5.0, -8.0], degrees=True).as_matrix() @ axes
+    positions, middle = recording.positions.copy(), recording.positions[rows].mean(axis=0)
+    positions[rows] = middle + np.einsum("ij,mjt->mit", turn, positions[rows] - middle)
+    way = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix()
+    gait = study.find_gait(replace(recording, positions=np.einsum("ij,mjt->mit", way, positions)), hips="regression")
+    means = gait.means().groupby(["joint", "angle", "side"])["mean"].mean()
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        for angle, wanted in (("tilt", 12.0), ("obliquity", 5.0 * sign), ("rotation", 8.0 * sign)):
+            assert means["pelvis", angle, side] == pytest.approx(wanted, abs=0.3)
+        assert means["foot", "progression", side] == pytest.approx(0.0, abs=0.5)
+
+
 def test_a_walk_without_heels_names_the_labels_that_lack():
     recording, _ = made_walk(3, seconds=4.0)
     with pytest.raises(RecordingError, match="no label of the file is that of a left heel, left toe, right heel"):
@@ -178,15 +200,43 @@ def test_events_of_the_file_go_first_then_plates():
 
 
 def test_events_without_a_heel():
-    """A walk without markers of heels has the cycles that the file marks; step and width are not known."""
+    """A walk without markers of heels has the cycles that the file marks; step and width are not known.
+
+    A strike after the last frame, as in a file that was cut, ends no cycle.
+    """
     recording, truth = made_walk(3)
     told = tuple(GaitEvent(side, kind, time) for (side, kind), times in truth.items() for time in times)
+    side = min(("left", "right"), key=lambda side: truth[side, "strike"][-1])
+    told += (GaitEvent(side, "strike", truth[side, "strike"][-1] + np.diff(truth[side, "strike"])[0]),)
+    assert told[-1].time > recording.frames / recording.rate
     bare = recording.select([m for m in recording.markers if not m.endswith(("HEEL", "TOE", "MT1", "MT5"))])
     bare = replace(bare, laboratory=Laboratory(told))
     gait = gait_of([motion_of(bare, calibrate_by_name(bare))])
     assert len(gait.cycles) == sum(len(truth[side, "strike"]) - 1 for side in ("left", "right"))
     np.testing.assert_allclose(gait.cycles["stance"], 62.0, atol=1e-6)
     assert gait.cycles["step"].isna().all()
+
+
+def test_parameters_of_a_cycle_by_hand():
+    """A second uphill: stride and speed are horizontal, step and width between the heels at their own strikes.
+
+    Both feet stand in the first and the sixth tenth of it. Without an off of the other foot that is not known.
+    """
+    time = np.arange(121) / 100.0 - 0.2  # it begins 0.2 s after the first frame
+    still = np.zeros_like(time)
+    ahead = np.stack([1.0 + still, still, still])
+    heels = {
+        "left heel": np.stack([1.25 * (time > 0.9), 0.12 + still, still]),
+        "right heel": np.stack([0.6 * (time > 0.4), -0.08 + still, still]),
+    }
+    course = Course(np.stack([1.2 * time, still, 0.5 * time]), ahead, ahead, 0.0, np.zeros((3, 121)), heels)
+    events = [GaitEvent("right", "off", 0.3), GaitEvent("right", "strike", 0.7), GaitEvent("left", "off", 0.8)]
+    strikes = GaitEvent("left", "strike", 0.2), GaitEvent("left", "strike", 1.2)
+    found = _parameters(course, 100.0, strikes, 0.8, [*events, *strikes])
+    wanted = {"stance": 60.0, "stride": 1.2, "speed": 1.2, "cadence": 120.0, "step": 0.65, "width": 0.2}
+    assert found == pytest.approx(wanted | {"double_support": 20.0})
+    fewer = _parameters(course, 100.0, strikes, 0.8, [*events[1:], *strikes])
+    assert fewer == pytest.approx(wanted | {"double_support": np.nan}, nan_ok=True)
 
 
 def test_without_a_pelvis(one_line):

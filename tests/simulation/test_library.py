@@ -231,7 +231,7 @@ def test_the_level_of_a_ranking_is_95_per_cent(run):
 def test_exports(run, well):
     """The NetCDF file has the errors, the database all tables with comments; their numbers are the tables'."""
     xarray, duckdb = pytest.importorskip("xarray"), pytest.importorskip("duckdb")
-    folder, paths = run.folder.parent, ["out/mine.nc", "out/mine.duckdb"]
+    folder, paths = run.folder.parent, ["new/out/mine.nc", "new/out/mine.duckdb"]
     assert well(folder, "export", "here", "--xarray", paths[0], "--duckdb", paths[1]).split() == paths
     with xarray.open_dataset(folder / paths[0]) as arrays:
         np.testing.assert_array_equal(np.sort(arrays["error"].values.ravel()), np.sort(run.errors["error"]))
@@ -258,6 +258,10 @@ def test_exports_that_cannot_be_made(run, call_here, monkeypatch):
         assert (code, said, complained.count("\n")) == (1, "", 1)
         assert complained.startswith(f"file: {package} is not installed; pip install 'sphere-fit-study[export]'")
         assert not (folder / "file").exists()
+    code, said, complained = call_here(folder, "export", "here", "--xarray", "mine.toml/file")
+    assert (code, said, complained.count("\n")) == (1, "", 1)
+    assert complained.startswith("mine.toml/file: cannot be written: ")
+    assert "what was finished" not in complained  # nothing of a run is lost
 
 
 def test_a_ranking_says_what_it_takes(run):

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Bools, Bytes, Floats, Ints
-from study.fits.jit import compiled
+from study.fits.jit import compiled, squared
 from study.fits.samples import Worded
 from study.recordings.joints.estimate import ANATOMICAL, USABLE, JointStatus
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
@@ -123,7 +123,7 @@ def _complete_poses(
         for k in range(x.shape[0]):
             if x[k, 0, t] == x[k, 0, t]:
                 for i in range(3):
-                    extent += weights[k] * (places[k, i] - a[i]) ** 2
+                    extent += weights[k] * squared(places[k, i] - a[i])
                     for j in range(3):
                         cross[i, j] += weights[k] * (x[k, i, t] - b[i]) * (places[k, j] - a[j])
         share = max(sure[t], _LEAST_SHARE * extent)

@@ -24,6 +24,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from study.arrays import Floats
+from study.fits.bounds import one_number
 from study.simulation.analysis.theory import median_attainable
 from study.simulation.experiment.conditions import ANGLE, NOISE_OVER_RADIUS, SAMPLES
 from study.text import columns
@@ -163,7 +164,7 @@ class Emulator:
             raise ValueError(f"dimension {dimension}: the table is of spheres in {DIMENSION}; run a study instead")
         for condition, value in zip(ASKED, conditions, strict=True):
             low, high = self.ranges[condition.name]
-            if not low <= value <= high:
+            if not low <= one_number(condition.name, value) <= high:
                 words = f"the table reaches from {low:g} to {high:g}; run a study instead"
                 raise ValueError(f"{condition.name} {value:g}: {words}")
 

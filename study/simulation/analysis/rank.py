@@ -136,9 +136,7 @@ def may_be_best(logs: Logs, level: float = 0.95) -> Bools:
     If no estimator has a loss, all may be.
     """
     finite = np.flatnonzero(np.isfinite(logs.values))
-    if not len(finite):
-        return np.ones(len(logs.values), dtype=bool)
-    result = np.zeros(len(logs.values), dtype=bool)
+    result = np.full(len(logs.values), not len(finite))
     values = logs.values[finite]
     for i, estimator in enumerate(finite):
         draws = logs.swapped[:, estimator, finite]

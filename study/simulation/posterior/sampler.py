@@ -50,7 +50,7 @@ import scipy.fft
 
 from study.arrays import Floats
 from study.fits import Samples, Status
-from study.fits.jit import compiled
+from study.fits.jit import compiled, squared
 from study.fits.random import OldStream
 from study.fits.registry import fit_samples
 from study.simulation.experiment.config import ChainStatus
@@ -167,7 +167,7 @@ def _residuals(reference: Reference, offsets: Floats, residuals: Floats) -> None
         row = residuals[j]
         square = 0.0
         for i in range(d):
-            square += offsets[j, i] ** 2
+            square += squared(offsets[j, i])
         for m in range(n):
             row[m] = square
         for i in range(d):

@@ -402,7 +402,7 @@ def shorter(study: Study, batch: Batch) -> Iterator[Batch]:
     if study.keep == "summary":
         for part in np.array_split(np.arange(len(levels)), min(count, len(levels))):
             cells = {group.cells[place] for level in part for place in levels[level]}
-            yield replace(batch, group=group.only(cells)) if len(cells) < len(group.cells) else batch
+            yield replace(batch, group=group.only(cells))
         return
     count = min(count, batch.trials)
     ends = [batch.first + batch.trials * i // count for i in range(count + 1)]

@@ -116,6 +116,14 @@ def test_answers_as_lines_of_json(live):
     assert (row["ok"], row["center"], row["parent_markers"], row["axes_frame"]) == (False, None, None, None)
 
 
+def test_a_stream_without_lines_is_refused(start):
+    """As soon as it has more than a frame can have, not when it has filled the memory."""
+    live = start(*JOINT)
+    said, complained = live.communicate("0" * (1 << 21))
+    assert (live.returncode, said) == (2, "")
+    assert complained == "standard input: a line of 1,048,576 bytes or more: give each frame a line of its own\n"
+
+
 def test_a_joint_that_is_not_known(live):
     """A stream that ends too early has code 3."""
     code, said, complained = live('{"LASI": [1, 2, 3]}\n', "--markerset", "cast")

@@ -124,6 +124,10 @@ def test_nearest_cells_are_enough(emulator):
 def test_in_python():
     """`study.ask` predicts what the command does."""
     assert study.ask(50, 0.1, 40)[0] == Emulator.load().ask((50, 0.1, 40))[0]
+    with pytest.raises(ValueError, match=r"^samples = 10{39}…: must be below 1\.8e308$"):
+        study.ask(10**400, 0.1, 40)
+    with pytest.raises(TypeError, match=r"^angle = 'wide': give one number$"):
+        study.ask(50, 0.1, "wide")
 
 
 def test_little_noise_on_half_a_sphere(emulator):

@@ -229,12 +229,23 @@ def test_check(von_mises, well, call_here, tmp_path):
     assert "ValueError: in space alone" in said
     mean = float(said.splitlines()[-1].split("each coordinate ")[1].split()[0])
     assert abs(mean - (1 / np.tanh(2) - 0.5)) < 5 * 0.42 / np.sqrt(10_000)
-    (tmp_path / "bad.py").write_text(BODY.format("np.random.default_rng().random(trial.values.shape)", "noise"))
-    code, said, _ = call_here(tmp_path, "check", "bad.py")
-    assert (code, "own: another answer for the same trial (d = 3): take random numbers from trial.rng" in said) == (
-        1,
-        True,
-    )
+    for d, other in ((2, 3), (3, 2)):
+        answer = "np.random.default_rng().random(trial.values.shape)"
+        body = f"{answer} if trial.values.shape[1] == {d} else 1 / 0"
+        (tmp_path / "bad.py").write_text(BODY.format(body, "noise"))
+        code, said, _ = call_here(tmp_path, "check", "bad.py")
+        assert code == 1
+        assert f"own: another answer for the same trial (d = {d}): take random numbers from trial.rng" in said
+        assert f"d = {other} is left out: bad.py, line 5: ZeroDivisionError" in said
+
+
+@pytest.mark.parametrize("law", ["spaced", "path"])
+def test_laws_of_few_dimensions(law):
+    """Even directions and paths are known on circles and spheres, and on no others."""
+    for d in (2, 3):
+        parse(config({"dimension": d}, directions=law))
+    with pytest.raises(ConfigError, match="spaced and path are directions of circles and spheres, not of dimension 4"):
+        parse(config({"dimension": 4}, directions=law))
 
 
 def test_check_shows_what_coordinates_hide(well, tmp_path):

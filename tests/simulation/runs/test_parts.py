@@ -283,6 +283,7 @@ def test_a_study_that_grew_has_the_tasks_of_the_earlier_one(make_text, case, tmp
     pieces = list(Layout(later, earlier).pieces())
     places = [(cell, trial) for piece in pieces for cell in piece.cells for trial in range(piece.first, piece.last)]
     assert len(places) == len(set(places)) == later.cells() * later.design.trials
+    assert all(piece.trials > 0 for piece in pieces)
     keys, before = (
         {Layout(one).task(piece).key for piece in of}
         for one, of in ((later, pieces), (earlier, Layout(earlier).pieces()))
