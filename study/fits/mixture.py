@@ -41,7 +41,7 @@ _THIN, _LAST = 4000, 3
 """Points that the rounds begin with, where there are more, and rounds that are left for all."""
 _LEAST_SPARE = 0.1
 """Least 1 - h by which a residual of leverage h is divided: a point of leverage 1 has no residual at all."""
-_LARGEST = 1e8
+_LARGEST = 1e6
 """Largest coordinate in units of a set's size, where its rounding is small; what is further is taken to be there."""
 _ROUNDING = 2.0**-48
 
