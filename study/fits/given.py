@@ -123,7 +123,7 @@ class GivenPoints(FittedPoints):
     @cached_property
     def found(self) -> Found:
         """The outliers, and what leaving them out adds to the errors."""
-        return find(self.samples, known=self.given.radius if self.without_outliers else None)
+        return find(self.samples, known=self.given.exact_radius if self.without_outliers else None)
 
     @cached_property
     def outliers(self) -> Bools:
@@ -461,7 +461,7 @@ def fit_given(points: Floats, entry: Estimator, given: Given) -> tuple[Estimates
         unknown = given.noise <= 0.0 if given.noise.ndim == 2 else np.einsum("bnii->bn", given.noise) <= 0.0
         x[np.broadcast_to(unknown[:, None], x.shape)] = np.nan
     infinite = np.isinf(x).any(axis=(1, 2))
-    found = find(Samples(x), known=given.radius) if entry.without_outliers else None
+    found = find(Samples(x), known=given.exact_radius) if entry.without_outliers else None
     left = infinite[:, None] if found is None else infinite[:, None] | found.named
     sets = weighted(np.where(left[:, None], np.nan, x), given)
     if given.prior is not None:
@@ -472,7 +472,7 @@ def fit_given(points: Floats, entry: Estimator, given: Given) -> tuple[Estimates
     if len(plain):
         for whole, part in zip(answer, careful_fit(entry, Samples(x[plain])), strict=True):
             whole[plain] = part
-    if found is not None:
+    if found is not None and given.prior is None:  # with an uncertain radius the points that are left are fitted
         weighed = np.isfinite(found.radius) & (answer.status == Status.OK)
         answer.center[weighed], answer.noise_variance[weighed] = found.center[weighed], found.variance[weighed]
     answer.status[infinite] = Status.NOT_FINITE

@@ -34,7 +34,7 @@ _ALL = frozenset([RADIUS, UNCERTAIN, NOISE, COVARIANCE, LAW, RADIUS_AND_COVARIAN
 """Knowledge that estimators may take, as messages name it."""
 _CLOSED = frozenset([RADIUS, UNCERTAIN, NOISE])
 MLE, CORRECTED = GivenWay(least_squares, _ALL), GivenWay(corrected_equations, _ALL)
-ROBUST = GivenWay(least_squares, frozenset([RADIUS]))
+ROBUST = GivenWay(least_squares, frozenset([RADIUS, UNCERTAIN]))
 GDKE, UGDK = (GivenWay(form, _CLOSED | {COVARIANCE}) for form in (closed, partial(closed, subtract=True)))
 ALS = GivenWay(partial(closed, find=True), _CLOSED)
 """What shipped estimators take, and their ways to fit it."""

@@ -228,7 +228,7 @@ def fit(
             of fits with a known radius, of points that differ, and of ``corrected`` and ``robust``; other fits find
             the noise of their intervals in the points.
         radius: the radius, where it is known, or one for each set (…): then the centre alone is fitted. A tuple of two
-            is a radius and its standard uncertainty, which the errors and intervals allow for; not for ``robust``.
+            is a radius and its standard uncertainty, which the errors and intervals allow for.
         scale: "given" if the noise of each point is as large as that; "estimated" if only its ratios are known.
         copy: True to copy the points, from which a `Fit` computes residuals and standard errors when asked. False to
             read the caller's array again, and to refuse if it has changed; that saves time and memory. By default up

@@ -81,7 +81,7 @@ _FOUND = WeakKeyDictionary[Samples, "Found"]()
 
 
 def found_in(samples: Samples) -> "Found":
-    """What `find` finds, once for each batch."""
+    """Outliers of a batch by `find`, sought once."""
     if samples not in _FOUND:
         _FOUND[samples] = find(samples)
     return _FOUND[samples]
@@ -208,7 +208,7 @@ def _among(x: Floats) -> tuple[Bools, Floats]:
     return result, spheres
 
 
-class Law(NamedTuple):
+class CleanLaw(NamedTuple):
     """Law of the sums of squares of clean sets.
 
     Attributes:
@@ -250,11 +250,11 @@ def _search(x: Floats) -> tuple[Bools, Floats]:
     subsets = elemental(len(places), d + 1)
     spheres = np.empty((b, len(subsets), d + 1))
     _elemental_spheres(part, subsets, spheres)
-    spheres = _best(part, Law(log_choices(len(places), d), sums, floor), spheres, 0, _FINALISTS)[0]
+    spheres = _best(part, CleanLaw(log_choices(len(places), d), sums, floor), spheres, 0, _FINALISTS)[0]
     spheres = np.concatenate([spheres, whole[:, None]], axis=1)
-    spheres, chances, limits = _best(part, Law(log_choices(len(places), d), sums, floor), spheres, _TURNS, 1)
+    spheres, chances, limits = _best(part, CleanLaw(log_choices(len(places), d), sums, floor), spheres, _TURNS, 1)
     if part is not y:
-        spheres, chances, limits = _best(y, Law(log_choices(n, d), totals, floor), spheres, 1, 1)
+        spheres, chances, limits = _best(y, CleanLaw(log_choices(n, d), totals, floor), spheres, 1, 1)
     named, spheres = np.zeros((b, n), dtype=np.bool_), spheres[:, 0]
     for t in np.flatnonzero(chances[:, 0] > _ALARM):
         away = np.linalg.norm(y[t] - spheres[t, :d, None], axis=0)
@@ -296,7 +296,7 @@ def _of_all(y: Floats) -> tuple[Floats, Floats]:
     return np.column_stack([fit.center, fit.radius]), sums
 
 
-def _best(y: Floats, law: Law, spheres: Floats, turns: int, count: int) -> tuple[Floats, Floats, Floats]:
+def _best(y: Floats, law: CleanLaw, spheres: Floats, turns: int, count: int) -> tuple[Floats, Floats, Floats]:
     """The best of the spheres (b, s, d + 1) after some concentration steps (b, count, d + 1); see `_improve`.
 
     Returns:
@@ -304,8 +304,8 @@ def _best(y: Floats, law: Law, spheres: Floats, turns: int, count: int) -> tuple
         their squared distances (b, count).
     """
     b, d, _ = y.shape
-    chances, limits = np.empty((2, b, spheres.shape[1]))
-    _improve(y, spheres, law, turns, chances, limits, zeros(d), zeros(d, d))
+    chances, limits = found = np.empty((2, b, spheres.shape[1]))
+    _improve(y, spheres, law, turns, found, zeros(d), zeros(d, d))
     order = np.argsort(-chances, axis=1, kind="stable")[:, :count]
     chosen = np.take_along_axis(spheres, order[:, :, None], axis=1)
     chances, limits = np.take_along_axis(chances, order, axis=1), np.take_along_axis(limits, order, axis=1)
@@ -498,14 +498,13 @@ def _elemental_spheres(y: Floats, subsets: Ints, spheres: Floats) -> None:
 
 
 @compiled
-def _improve(
-    y: Floats, spheres: Floats, law: Law, turns: int, chances: Floats, limits: Floats, zero: Sums, square: Sums
-) -> None:
+def _improve(y: Floats, spheres: Floats, law: CleanLaw, turns: int, found: Floats, zero: Sums, square: Sums) -> None:
     """Improve spheres (b, s, d + 1) of the sets (b, d, n) by at most some concentration steps, in place.
 
-    ``chances`` (b, s) receives -log of the smallest chance of the points nearest to each, -∞ where there is no sphere,
-    and ``limits`` the largest squared distance of these points.
+    ``found`` (2, b, s) receives -log of the smallest chance of the points nearest to each, -∞ where there is no sphere,
+    and the largest squared distance of these points.
     """
+    chances, limits = found[0], found[1]
     b, d, n = y.shape
     selection, trial, ordered = new_selection(n, zero, square), np.empty(d + 1), np.empty(n)
     for t in range(b):

@@ -110,6 +110,11 @@ class Given(NamedTuple):
         """True if the noise of all points is known, and nothing else."""
         return self.sigma is not None and not self.radial and not np.isfinite(self.radius).any()
 
+    @property
+    def exact_radius(self) -> Floats | None:
+        """The radii (b,) if they are known exactly, else None."""
+        return self.radius if self.prior is None else None
+
     def take(self, places: Ints) -> "Given":
         """Part of the batch."""
         part = self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO
 
 import typer
 
-from study.files import InputError
 from study.options import ExitCode, echo
 from study.recordings.commands import Child, Parent, complain
 from study.text import did_you_mean, json_text
@@ -27,6 +26,8 @@ def _piped_line(stream: BinaryIO) -> str:
     """The next line of a stream; empty at its end."""
     line = stream.readline(_LONGEST)
     if len(line) == _LONGEST:
+        from study.files import InputError
+
         raise InputError(f"standard input: a line of {_LONGEST:,} bytes or more: give each frame a line of its own")
     return line.decode("utf-8", "replace")
 

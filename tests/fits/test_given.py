@@ -684,8 +684,8 @@ def test_what_an_uncertain_radius_must_be(on_cap, rng):
     for wrong in (0.0, -0.1, np.inf, np.nan, [0.1, 0.1, 0.1]):
         with pytest.raises(ValueError, match=r"a standard uncertainty must be positive and finite"):
             study.fit(points, radius=(2.0, wrong))
-    with pytest.raises(ValueError, match=r"'robust': takes no uncertain radius; mle, corrected, gdke, ugdk and als do"):
-        study.fit(points, "robust", radius=(2.0, 0.1))
+    with pytest.raises(ValueError, match=r"takes no uncertain radius; mle, corrected, robust, gdke, ugdk and als do"):
+        study.fit(points, "taubin", radius=(2.0, 0.1))
     each = study.fit(points, radius=([2.0, 3.0], [0.1, 0.01]))
     assert each.status.tolist() == [Status.OK, Status.MISFIT]
     assert each[0].radius == study.fit(points[0], radius=(2.0, 0.1)).radius
