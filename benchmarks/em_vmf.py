@@ -22,8 +22,8 @@ from scipy.special import ive
 from scipy.stats import vonmises_fisher
 
 import study
+from study.fits.points.samples import Samples, blank
 from study.fits.registry import fit_samples
-from study.fits.samples import Samples, blank
 
 STEPS = 2000
 """Largest number of EM steps."""

@@ -13,7 +13,7 @@ from misfit import about_axis, ar1, cone, cylinder, on_cap, path, torus
 from studies import covered, share, store
 
 import study
-from study.fits.cap import sample_cap
+from study.fits.points.cap import sample_cap
 
 SEED, SETS = 4711, 200
 

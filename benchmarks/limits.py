@@ -22,8 +22,8 @@ from studies import caps, clean, covered, share, store
 
 import study
 from study.fits import Samples
-from study.fits.random import lanes
-from study.fits.robust import outliers
+from study.fits.estimators.robust import outliers
+from study.fits.loops.random import lanes
 
 SETS = 4000
 FEW = [(n, angle, noise) for n in (5, 6, 7, 8) for angle in (60.0, 180.0) for noise in (0.02, 0.1)]

@@ -20,10 +20,10 @@ from studies import ROOT, clean, covered, share, store
 
 import study
 from study import Status
-from study.fits.answer import white_covariance
-from study.fits.goodness import BLOCKS, SMALL, Goodness
-from study.fits.intervals import intervals
-from study.fits.random import lanes
+from study.fits.answers.answer import white_covariance
+from study.fits.errors.intervals import intervals
+from study.fits.evidence.goodness import BLOCKS, SMALL, Goodness
+from study.fits.loops.random import lanes
 from study.simulation.experiment.config import load
 
 SEED, SETS, POWER_SETS = 17, 4000, 200

@@ -42,9 +42,10 @@ if TYPE_CHECKING:
         minimum_zone,
         register,
     )
-    from study.fits.bounds import attainable_bound, crlb
+    from study.fits.errors.attainable import attainable_bound
     from study.fits.plan import plan_fit
-    from study.fits.point_files import PointTable, read_points
+    from study.fits.points.information import crlb
+    from study.fits.points.point_files import PointTable, read_points
     from study.fits.space_circle import CircleFit, fit_circle
     from study.fits.spheres import CloudSpheres, fit_spheres
     from study.recordings.api import draw_skeleton, find_gait, find_joint, find_joints
@@ -97,9 +98,10 @@ __all__ = [
 ]
 
 _PLACES = {
-    **dict.fromkeys(["attainable_bound", "crlb"], "study.fits.bounds"),
+    "attainable_bound": "study.fits.errors.attainable",
+    "crlb": "study.fits.points.information",
     "plan_fit": "study.fits.plan",
-    **dict.fromkeys(["PointTable", "read_points"], "study.fits.point_files"),
+    **dict.fromkeys(["PointTable", "read_points"], "study.fits.points.point_files"),
     **dict.fromkeys(["CircleFit", "fit_circle"], "study.fits.space_circle"),
     **dict.fromkeys(["CloudSpheres", "fit_spheres"], "study.fits.spheres"),
     "Recording": "study.recordings.recording",

@@ -292,10 +292,10 @@ def fit(
     a fit is not ok.
     """
     from study.fits import fitting
+    from study.fits.evidence.judge import Assumptions
     from study.fits.fitting import choose, fit_all
-    from study.fits.judge import Assumptions
-    from study.fits.point_files import read_points
-    from study.fits.point_formats import PointFileError
+    from study.fits.points.point_files import read_points
+    from study.fits.points.point_formats import PointFileError
 
     if as_json and as_csv:
         raise typer.BadParameter("give --json or --csv, not both")
@@ -349,8 +349,8 @@ def fit(
 
 def _fit_circles(files: list[Path], columns: str | None, ordered: bool, plot: Path | None, as_json: bool) -> None:
     """Fit a circle in space to each file, and print it."""
-    from study.fits.point_files import read_points
-    from study.fits.point_formats import PointFileError
+    from study.fits.points.point_files import read_points
+    from study.fits.points.point_formats import PointFileError
     from study.fits.space_circle import fit_circle
     from study.style import save_picture
 
@@ -384,7 +384,7 @@ def _fit_spheres(
     as_json: bool,
 ) -> None:
     """Find spheres in each file, so many of radii within limits, and print them."""
-    from study.fits.point_files import read_points
+    from study.fits.points.point_files import read_points
     from study.fits.spheres import as_rows, fit_spheres, printed
 
     complaints, objects, complete = list[str](), list[dict[str, object]](), True
@@ -599,7 +599,7 @@ def main(command: Callable[..., object] = app) -> None:
         raise
     except Exception as error:
         from study.files import InputError, RunError
-        from study.fits.point_formats import PointFileError
+        from study.fits.points.point_formats import PointFileError
         from study.fits.registry import PluginError
         from study.simulation.experiment.replay import ReplayError
         from study.toml import ConfigError
@@ -633,7 +633,7 @@ def _end(complaints: Sequence[str], fine: bool, code: ExitCode) -> None:
 
 def _plot(points: Any, fits: Any, names: list[str], ordered: bool, path: Path) -> None:
     """Draw points and fits."""
-    from study.fits.fit_plot import draw, prepare
+    from study.fits.answers.fit_plot import draw, prepare
     from study.style import save_picture
 
     save_picture(draw(prepare(points, fits, names, ordered)), path)

@@ -19,8 +19,8 @@ import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
 import study  # noqa: E402
-from study.fits.cap import sample_cap  # noqa: E402
-from study.fits.jit import _WAY, always_compiled  # noqa: E402
+from study.fits.loops.jit import _WAY, always_compiled  # noqa: E402
+from study.fits.points.cap import sample_cap  # noqa: E402
 from study.simulation.runs.run_folder import Run  # noqa: E402
 from tests.configs import config, log_uniform, uniform  # noqa: E402
 

@@ -25,9 +25,9 @@ from numba.core import codegen, event  # noqa: E402
 
 import study  # noqa: E402
 from study.fits import ESTIMATORS, Samples, mgdk  # noqa: E402
-from study.fits.bounds import crlb  # noqa: E402
-from study.fits.intervals import intervals  # noqa: E402
-from study.fits.jit import always_compiled, compiled  # noqa: E402
+from study.fits.errors.intervals import intervals  # noqa: E402
+from study.fits.loops.jit import always_compiled, compiled  # noqa: E402
+from study.fits.points.information import crlb  # noqa: E402
 from study.simulation.experiment.measures import MEASURES, Truth, attempt  # noqa: E402
 
 NOISE = 0.1

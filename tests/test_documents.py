@@ -14,7 +14,7 @@ import pytest
 
 import study
 from study.fits import registry
-from study.fits.jit import COMPILING
+from study.fits.loops.jit import COMPILING
 from study.simulation.library import Headway
 from study.simulation.runs import schemas
 

@@ -12,7 +12,7 @@ from typer.main import get_command
 
 import study
 from study import cli
-from study.fits.samples import Estimates, Status
+from study.fits.points.samples import Estimates, Status
 from study.options import EXIT_CODES
 from study.simulation.experiment.conditions import CONDITIONS
 from study.simulation.experiment.config import Posterior, Precision, Study, parse

@@ -9,7 +9,7 @@ import pytest
 import study
 from study import words
 from study.fits.fitting import choose
-from study.fits.point_formats import PointFileError
+from study.fits.points.point_formats import PointFileError
 from study.simulation.experiment.config import parse
 from study.toml import ConfigError
 from tests.configs import config

@@ -18,8 +18,8 @@ from number_tables import Rows
 from pydantic import BaseModel
 
 import study
+from study.fits.points.samples import Status
 from study.fits.registry import ESTIMATORS
-from study.fits.samples import Status
 from study.simulation.experiment.conditions import CONDITIONS, Choice, Constant, LogUniform, Uniform
 from study.simulation.experiment.config import (
     ChainStatus,

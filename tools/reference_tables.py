@@ -14,9 +14,9 @@ import pandas as pd
 
 import study
 from study.arrays import Floats
-from study.fits.bounds import Cap, attainable_bound, cramer_rao
-from study.fits.cap import cap_moments
-from study.fits.random import stream
+from study.fits.errors.attainable import Cap, attainable_bound, cramer_rao
+from study.fits.loops.random import stream
+from study.fits.points.cap import cap_moments
 from study.fits.registry import load
 from study.simulation.analysis.summary import as_data, chosen_rows
 from study.simulation.analysis.theory import median_at_bound

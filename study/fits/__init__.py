@@ -1,10 +1,10 @@
 """Sphere estimators: `fit` calls one by name, `ESTIMATORS` lists them."""
 
-from study.fits.answer import Fit, GivenFit
-from study.fits.form import MinimumZone, minimum_zone
-from study.fits.markers import Incremental, JointFit, mgdk
+from study.fits.answers.answer import Fit, GivenFit
+from study.fits.answers.markers import Incremental, JointFit, mgdk
+from study.fits.evidence.form import MinimumZone, minimum_zone
+from study.fits.points.samples import Estimates, Estimator, Samples, Status, blank
 from study.fits.registry import ESTIMATORS, fit, load_installed, register
-from study.fits.samples import Estimates, Estimator, Samples, Status
 
 __all__ = [
     "ESTIMATORS",
@@ -17,6 +17,7 @@ __all__ = [
     "MinimumZone",
     "Samples",
     "Status",
+    "blank",
     "fit",
     "mgdk",
     "minimum_zone",

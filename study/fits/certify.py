@@ -29,8 +29,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from study.arrays import Floats, Ints
 from study.files import InputError, explained, regular, write
-from study.fits.form import minimum_zone
-from study.fits.random import stream
+from study.fits.evidence.form import minimum_zone
+from study.fits.loops.random import stream
 from study.fits.registry import ESTIMATORS, fit
 from study.text import columns, number
 from study.words import estimator_remedy

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Floats
-from study.fits.answer import Fit
+from study.fits.answers.answer import Fit
+from study.fits.points.samples import Status
 from study.fits.registry import LIMIT, OvertimeError, faults_of, fit, in_time, load, one_line, sound_samples
-from study.fits.samples import Status
 
 NOISE = 0.01
 _SETS = 6

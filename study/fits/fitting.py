@@ -16,13 +16,13 @@ import numpy as np
 
 from study.arrays import Floats
 from study.fits import ESTIMATORS, Fit, Status, fit
-from study.fits.answer import visible_moves
-from study.fits.display import meanings, statuses
-from study.fits.form import FORM_DEGREES
-from study.fits.goodness import fewest_points
-from study.fits.judge import INFLUENCE, LARGEST_UNSEEN, NOTHING, Assumptions
-from study.fits.point_files import PointTable
-from study.fits.point_formats import PointFileError
+from study.fits.answers.answer import visible_moves
+from study.fits.answers.display import meanings, statuses
+from study.fits.evidence.form import FORM_DEGREES
+from study.fits.evidence.goodness import fewest_points
+from study.fits.evidence.judge import INFLUENCE, LARGEST_UNSEEN, NOTHING, Assumptions
+from study.fits.points.point_files import PointTable
+from study.fits.points.point_formats import PointFileError
 from study.fits.registry import load, takes
 from study.text import columns, inert, json_text, number, with_error
 from study.words import estimator_remedy

@@ -1,7 +1,7 @@
 """Plan a measurement: how many points on how large a cap an error of centre or radius needs.
 
-The errors are the attainable bound of `study.fits.bounds`. A simulation of the planned points says how often their fit
-is ok: a flat cap with the planned error may still look like a plane. A circle in space is planned in its plane.
+The errors are the attainable bound of `errors/attainable.py`. A simulation of the planned points says how often their
+fit is ok: a flat cap with the planned error may still look like a plane. A circle in space is planned in its plane.
 """
 
 import math
@@ -12,11 +12,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from study.fits.bounds import NOISY, attainable_bound, bound_dimension, one_number
-from study.fits.cap import sample_cap
-from study.fits.goodness import fewest_points
-from study.fits.judge import LARGEST_UNSEEN
-from study.fits.random import stream
+from study.fits.errors.attainable import attainable_bound, bound_dimension, one_number
+from study.fits.errors.intervals import NOISY
+from study.fits.evidence.goodness import fewest_points
+from study.fits.evidence.judge import LARGEST_UNSEEN
+from study.fits.loops.random import stream
+from study.fits.points.cap import sample_cap
 from study.fits.registry import fit
 from study.fits.space_circle import fit_circle
 from study.text import columns, with_error

@@ -30,21 +30,28 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from study.arrays import Floats, real_array
-from study.fits.answer import Fit
-from study.fits.bounds import is_per_point, noise_covariance
-from study.fits.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk, ugdk_cov
-from study.fits.corrected import corrected, corrected_01, corrected_02, corrected_12, corrected_covariance, sandwich
-from study.fits.geometric import mle, mle_centroid, mle_early, mle_mirror
-from study.fits.given import fit_given
-from study.fits.judge import NOTHING, Assumptions
-from study.fits.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
-from study.fits.prior import ALS, CORRECTED, GDKE, MLE, ROBUST, UGDK, check_way, given_of
-from study.fits.robust import robust
-from study.fits.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
+from study.fits.answers.answer import Fit
+from study.fits.answers.given import fit_given
+from study.fits.errors.prior import ALS, CORRECTED, GDKE, MLE, ROBUST, UGDK, check_way, given_of
+from study.fits.estimators.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk, ugdk_cov
+from study.fits.estimators.corrected import (
+    corrected,
+    corrected_01,
+    corrected_02,
+    corrected_12,
+    corrected_covariance,
+    sandwich,
+)
+from study.fits.estimators.geometric import mle, mle_centroid, mle_early, mle_mirror
+from study.fits.estimators.lls import igdk, lls, lls_nr, lls_nr_raw, lls_single
+from study.fits.estimators.robust import robust
+from study.fits.evidence.judge import NOTHING, Assumptions
+from study.fits.points.noise import is_per_point, noise_covariance
+from study.fits.points.samples import Estimates, Estimator, Samples, Status, blank, careful_fit, is_ordinary
 from study.words import estimator_remedy, hinting
 
 if TYPE_CHECKING:
-    from study.fits.point_files import PointTable
+    from study.fits.points.point_files import PointTable
 
     PointsLike: TypeAlias = ArrayLike | Path | PointTable
 
@@ -299,7 +306,7 @@ def fit(
 
 def _of_file(points: PointsLike, noise: ArrayLike | None) -> tuple[ArrayLike, ArrayLike | None]:
     """The points and the noise of a file, or of what was read from it; a tuple of points as it is."""
-    from study.fits.point_files import PointTable, read_points  # who fits arrays need not wait for its readers
+    from study.fits.points.point_files import PointTable, read_points  # who fits arrays need not wait for its readers
 
     if isinstance(points, str | Path):
         points = read_points(points)

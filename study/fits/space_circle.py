@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike
 from scipy.special import fdtrc, fdtri, stdtrit
 
 from study.arrays import Bools, Floats, Ints, as_number, real_array
-from study.fits.answer import Fit
-from study.fits.circle import fit_circles
-from study.fits.display import named_axis, statuses
-from study.fits.goodness import LEVEL
+from study.fits.answers.answer import Fit
+from study.fits.answers.display import named_axis, statuses
+from study.fits.evidence.circle import fit_circles
+from study.fits.evidence.goodness import LEVEL
+from study.fits.points.samples import Samples, Status
 from study.fits.registry import fit
-from study.fits.samples import Samples, Status
 from study.text import number, with_error
 from study.words import Hinting
 

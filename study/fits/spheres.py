@@ -26,8 +26,8 @@ from scipy.spatial import cKDTree
 
 from study.arrays import Bools, Floats, Ints, real_array
 from study.fits import ESTIMATORS, Fit, Status, fit
-from study.fits.display import meanings, statuses
-from study.fits.random import stream
+from study.fits.answers.display import meanings, statuses
+from study.fits.loops.random import stream
 from study.text import columns, with_error
 from study.text import number as text_number
 from study.words import Hinting, estimator_remedy

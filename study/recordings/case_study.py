@@ -28,7 +28,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from study import style
 from study.arrays import Floats, Ints
-from study.fits.random import stream
+from study.fits.loops.random import stream
 from study.recordings.joints.estimate import USABLE, Estimate
 from study.recordings.joints.find import Calibration
 from study.recordings.recording import Recording, RecordingError

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Floats
-from study.fits.markers import Incremental, JointFit, mgdk_so_far
-from study.fits.samples import Status
+from study.fits.answers.markers import Incremental, JointFit, mgdk_so_far
+from study.fits.points.samples import Status
 from study.recordings.joints.estimate import CENTIMETRE, largest_error
 from study.recordings.recording import RecordingError
 from study.recordings.rigid import fit_rigid_motion, to_local

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats
-from study.fits.jit import compiled, squared
+from study.fits.loops.jit import compiled, squared
 
 _LOCKED = 1e-9
 """Sine of the angle between the first and the third axis below which they are one axis."""

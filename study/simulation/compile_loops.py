@@ -1,7 +1,7 @@
 """Compile the loops that studies and claims use, so that none waits for the compiler: once after an installation.
 
 Numba keeps the compiled code beside the sources. A few trials of a study and a chain of its posteriors compile what
-its run needs. Two processes compile, each function once (`study.fits.jit`).
+its run needs. Two processes compile, each function once (`study.fits.loops.jit`).
 """
 
 import logging
@@ -75,7 +75,7 @@ def compile_loops(configs: list[Path], circles: bool = False, costs: bool = Fals
 
 def _report_to(records: "Queue[logging.LogRecord]") -> None:
     """Send the name of each compiled function to the first process."""
-    log = logging.getLogger("study.fits.jit")
+    log = logging.getLogger("study.fits.loops.jit")
     log.addHandler(QueueHandler(records))
     log.setLevel(logging.DEBUG)
     log.propagate = False
@@ -98,7 +98,7 @@ def _fit(dimension: int) -> None:
     import numpy as np
 
     from study.fits import fit
-    from study.fits.jit import always_compiled
+    from study.fits.loops.jit import always_compiled
 
     # few points with noise, one of them far away: their shape is tested, and outliers are searched for
     points = np.cos(np.arange(60.0 * dimension) ** 2).reshape(2, 30, dimension)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import study
-from study.fits.jit import COMPILING
+from study.fits.loops.jit import COMPILING
 from tests.configs import config as write
 
 

@@ -16,9 +16,9 @@ from scipy import stats
 
 import study
 from study import Estimates, Fit, Status
-from study.fits.fit_plot import prepare
+from study.fits.answers.fit_plot import prepare
 from study.fits.fitting import fit_rows
-from study.fits.samples import blank
+from study.fits.points.samples import blank
 
 
 @pytest.fixture

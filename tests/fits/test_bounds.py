@@ -14,10 +14,11 @@ import pytest
 from scipy import integrate, special, stats
 
 import study
-from study.fits.bounds import Cap, by_quadrature, cramer_rao, weighted_scatter
-from study.fits.cap import sample_cap
-from study.fits.jit import CHUNK
+from study.fits.errors.attainable import Cap, by_quadrature, cramer_rao
+from study.fits.loops.jit import CHUNK
 from study.fits.plan import axis_error, ok_share, plan_in_words
+from study.fits.points.cap import sample_cap
+from study.fits.points.information import weighted_scatter
 
 TABLE = {
     3: {

@@ -12,8 +12,8 @@ from scipy.linalg import eig
 import study
 from study import Status
 from study.fits import Samples
-from study.fits.cap import cap_moments as moments_of
-from study.fits.closed_forms import root
+from study.fits.estimators.closed_forms import root
+from study.fits.points.cap import cap_moments as moments_of
 
 
 @pytest.mark.parametrize("name", ["taubin", "pratt", "hyper", "als"])

@@ -10,9 +10,9 @@ from scipy.special import erf
 
 import study
 from study import Status
-from study.fits.corrected import sandwich
-from study.fits.moments import Regression
-from study.fits.samples import Estimates, Samples
+from study.fits.estimators.corrected import sandwich
+from study.fits.points.moments import Regression
+from study.fits.points.samples import Estimates, Samples
 
 MEMBERS = {"corrected_01": 0.0, "corrected_02": 0.5, "corrected_12": 1.0}
 

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from study.fits.point_files import read_points
-from study.fits.point_formats import PointFileError
+from study.fits.points.point_files import read_points
+from study.fits.points.point_formats import PointFileError
 from tests.fits.test_exports import POINTS, READ, las, ply, saved, xlsx
 
 SPARE = {".las": "laspy", ".laz": "laspy", ".xlsx": "openpyxl"}
@@ -174,7 +174,7 @@ def test_a_cell_at_the_end_of_a_sheet(tmp_path, value):
 
 def test_too_many_cells(refusal, monkeypatch):
     """A sheet with more cells than fit is refused, however they are spread."""
-    monkeypatch.setattr("study.fits.point_formats._MOST_CELLS", 500)
+    monkeypatch.setattr("study.fits.points.point_formats._MOST_CELLS", 500)
     wide = workbook(lambda sheet: [sheet.cell(i, 50, 1.0) for i in range(1, 41)])
     refusal("wide.xlsx", wide, "more than 500 cells; save the columns x, y and z alone")
     diagonal = workbook(lambda sheet: [sheet.cell(i, i, 1.0) for i in range(1, 30)])
@@ -244,7 +244,7 @@ def test_noise_that_is_none(refusal, value):
 @pytest.mark.parametrize("name", ["copies.parquet", "copies.npz"])
 def test_a_short_file_of_many_points(refusal, tmp_path, monkeypatch, name):
     """Copies of a point pack into almost nothing: they are counted by the header, before memory is taken for them."""
-    monkeypatch.setattr("study.fits.point_formats._MOST_NUMBERS", 150_000)
+    monkeypatch.setattr("study.fits.points.point_formats._MOST_NUMBERS", 150_000)
     many = np.ones((100_000, 3))
     if name.endswith("parquet"):
         pd.DataFrame(many, columns=list("xyz")).to_parquet(tmp_path / "made")
@@ -253,7 +253,7 @@ def test_a_short_file_of_many_points(refusal, tmp_path, monkeypatch, name):
         data = saved(np.savez_compressed, points=many)
     assert len(data) < 30_000
     refusal(name, data, r"[\d,]+ bytes pack 300,000 numbers, more than 150,000; leave out copies")
-    monkeypatch.setattr("study.fits.point_formats._PACKED", 300)
+    monkeypatch.setattr("study.fits.points.point_formats._PACKED", 300)
     (tmp_path / name).write_bytes(data)
     assert len(read_points(tmp_path / name).points) == 100_000
 
@@ -267,6 +267,6 @@ def test_a_packed_cloud_of_many_points(refusal):
 
 def test_arrays_that_are_many_together(refusal, monkeypatch):
     """An archive is counted whole."""
-    monkeypatch.setattr("study.fits.point_formats._MOST_NUMBERS", 150_000)
+    monkeypatch.setattr("study.fits.points.point_formats._MOST_NUMBERS", 150_000)
     data = saved(np.savez_compressed, **{name: np.ones(60_000) for name in "xyz"})
     refusal("a.npz", data, "pack 180,000 numbers, more than 150,000")

@@ -14,8 +14,8 @@ import pytest
 import trimesh
 
 import study
-from study.fits.point_files import read_points
-from study.fits.point_formats import PointFileError
+from study.fits.points.point_files import read_points
+from study.fits.points.point_formats import PointFileError
 
 _RNG = np.random.default_rng(32)
 _AWAY = _RNG.normal(size=(40, 3))

@@ -5,7 +5,7 @@ from matplotlib.patches import Circle, Ellipse
 import study
 from study import style
 from study.fits import Fit, Status
-from study.fits.fit_plot import draw, prepare
+from study.fits.answers.fit_plot import draw, prepare
 
 NAMES = ["x", "y", "z", "w"]
 

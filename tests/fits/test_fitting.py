@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import study
 from study.fits import Status, fitting
-from study.fits.answer import visible_moves
+from study.fits.answers.answer import visible_moves
 from study.fits.fitting import (
     choose,
     doubts,
@@ -27,7 +27,7 @@ from study.fits.fitting import (
     printed,
     visible_in_words,
 )
-from study.fits.point_files import PointTable
+from study.fits.points.point_files import PointTable
 from study.simulation import commands
 
 BIASED = {"lls", "lls_nr", "lls_nr_raw", "lls_single", "gdke", "igdk"}

@@ -244,7 +244,7 @@ def test_moment_equations(rng, on_cap, angle):
     sigma = 0.3**2 * covariance()
     points = on_cap(rng, 500_000, angle, noise=sigma, sets=4)[0].swapaxes(1, 2)
     known = np.tile(sigma, (4, 1, 1))
-    found = import_module("study.fits.closed_forms")._covariance(points, np.zeros((4, 3)), known, known)
+    found = import_module("study.fits.estimators.closed_forms")._covariance(points, np.zeros((4, 3)), known, known)
     error = (found.mean(axis=0) - sigma) / 0.3**2
     assert np.abs(error).max() < 0.04
     assert np.abs(np.diag(error)[1:]).max() < 0.0135

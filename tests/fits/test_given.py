@@ -10,8 +10,8 @@ from scipy.stats import t as student
 
 import study
 from study import Status
-from study.fits.answer import white_covariance
-from study.fits.cap import sample_cap
+from study.fits.answers.answer import white_covariance
+from study.fits.points.cap import sample_cap
 
 CLOSED = ["als", "ugdk", "gdke"]
 

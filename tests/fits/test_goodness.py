@@ -12,13 +12,14 @@ from scipy.stats import binom, f, pearson3
 
 import study
 from study import Status
-from study.fits import Samples, goodness
-from study.fits.answer import white_covariance
-from study.fits.cap import sample_cap
-from study.fits.goodness import Answer, Residuals, columns, harmonics, lengths, wave_moments
-from study.fits.intervals import intervals
-from study.fits.judge import gather
-from study.fits.robust import FALSE_ALARMS
+from study.fits import Samples
+from study.fits.answers.answer import white_covariance
+from study.fits.errors.intervals import intervals
+from study.fits.estimators.robust import FALSE_ALARMS
+from study.fits.evidence import goodness
+from study.fits.evidence.goodness import Answer, Residuals, columns, harmonics, lengths, wave_moments
+from study.fits.evidence.judge import gather
+from study.fits.points.cap import sample_cap
 
 SLOW = pytest.mark.slow
 

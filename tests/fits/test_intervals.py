@@ -15,10 +15,10 @@ from scipy.stats import t as student
 
 import study
 from study import Samples, Status
-from study.fits import intervals as interval
-from study.fits.answer import white_covariance
-from study.fits.cap import sample_cap
-from study.fits.intervals import Intervals, intervals
+from study.fits.answers.answer import white_covariance
+from study.fits.errors import intervals as interval
+from study.fits.errors.intervals import Intervals, intervals
+from study.fits.points.cap import sample_cap
 
 
 def caps(seed, shape, degrees, sigma, dimension=3):

@@ -22,15 +22,15 @@ from numba.core.caching import IndexDataCacheFile
 
 import study
 from study.fits import ESTIMATORS, Estimates, Samples
-from study.fits.bounds import crlb
-from study.fits.jit import BLOCK, COMPILING, LOCK, always_compiled, compiled, squared
-from study.fits.moments import Moments
+from study.fits.loops.jit import BLOCK, COMPILING, LOCK, always_compiled, compiled, squared
+from study.fits.points.information import crlb
+from study.fits.points.moments import Moments
 from study.simulation.experiment.measures import MEASURES, Truth, attempt
 
 PROGRAM = """
 import numpy as np
-from study.fits.bounds import _scatter, weighted_scatter
-from study.fits.jit import always_compiled
+from study.fits.points.information import _scatter, weighted_scatter
+from study.fits.loops.jit import always_compiled
 with always_compiled():
     sums, _, _ = weighted_scatter(np.ones((1, 2, 4)), np.ones((1, 4)))
 print(sums[0], sum(_scatter.dispatcher.stats.cache_hits.values()))
@@ -38,7 +38,7 @@ print(sums[0], sum(_scatter.dispatcher.stats.cache_hits.values()))
 
 TWO_LOOPS = """
 import numpy as np
-from study.fits.jit import always_compiled, fill, total
+from study.fits.loops.jit import always_compiled, fill, total
 with always_compiled():
     fill(np.ones(2), 0.0), total(np.ones(2))
 print(*(sum(loop.dispatcher.stats.cache_hits.values()) for loop in (fill, total)))
@@ -48,7 +48,7 @@ FITS = """
 import hashlib
 import numpy as np
 from study.fits import ESTIMATORS, Samples
-from study.fits.jit import always_compiled
+from study.fits.loops.jit import always_compiled
 rng, answers = np.random.default_rng(3), []
 with always_compiled():
     for n in (5, 10, 20, 100):
@@ -68,7 +68,7 @@ instruction_set.fix()
 import numpy as np
 import study
 from study.cli import main
-from study.fits.jit import Loop, always_compiled
+from study.fits.loops.jit import Loop, always_compiled
 from study.simulation.compile_loops import _begin, _fit
 
 def versions():
@@ -129,7 +129,7 @@ def test_change_in_a_called_function_reaches_its_caller(package):
     copy, run = package
     assert run() == ["4.0", "0"]
     assert run() == ["4.0", "1"]
-    source = copy / "fits" / "jit.py"
+    source = copy / "fits" / "loops" / "jit.py"
     text = source.read_text()
     assert text.count("result += row[k]") == 1
     source.write_text(text.replace("result += row[k]", "result += 3.0 * row[k]"))
@@ -142,14 +142,15 @@ def test_change_reaches_callers_wherever_compiled_code_lies(package, kept, tmp_p
     """In a folder that the user names, and in the user's own where the installation cannot be written to."""
     copy, run = package
     if kept == "XDG_CACHE_HOME":
-        (copy / "fits" / "__pycache__").touch()  # no folder can be made there, not even by root
+        for folder in ("loops", "points"):
+            (copy / "fits" / folder / "__pycache__").touch()  # no folder can be made there, not even by root
     run.environment[kept] = str(tmp_path / "kept")
     assert run() == ["4.0", "0"]
     assert run() == ["4.0", "1"]
-    source = copy / "fits" / "jit.py"
+    source = copy / "fits" / "loops" / "jit.py"
     source.write_text(source.read_text().replace("result += row[k]", "result += 3.0 * row[k]"))
     assert run() == ["12.0", "0"]
-    assert list((tmp_path / "kept").rglob("bounds._scatter-*.nbi"))
+    assert list((tmp_path / "kept").rglob("information._scatter-*.nbi"))
     assert not list(copy.rglob("*.nbi"))
 
 
@@ -160,7 +161,7 @@ def test_a_change_elsewhere_keeps_compiled_code(package):
     for path in (copy / "fits" / "registry.py", copy / "recordings" / "rigid.py"):
         path.write_bytes(path.read_bytes() + b"# changed\n")
     assert run() == ["4.0", "1"]
-    imported = copy / "fits" / "linalg.py"
+    imported = copy / "fits" / "loops" / "linalg.py"
     before = imported.read_bytes()
     imported.write_bytes(before + b"# changed\n")
     assert run() == ["4.0", "0"]
@@ -172,7 +173,7 @@ def test_code_of_older_sources_goes(package):
     """The code of the last sources of a file stays, and no more; that of other files is left alone."""
     copy, run = package
     run(TWO_LOOPS)
-    folder, source = copy / "fits" / "__pycache__", copy / "fits" / "jit.py"
+    folder, source = copy / "fits" / "loops" / "__pycache__", copy / "fits" / "loops" / "jit.py"
     (now,) = folder.glob("jit-*")
     old = [folder / f"jit-{k:016x}" for k in range(4)] + [folder / f"jit-other-{0:016x}"]
     for k, path in enumerate(old):
@@ -218,7 +219,9 @@ def test_a_process_that_is_a_fork_compiles(package):
     """A lock that its parent had made was refused, and with it the fit."""
     _, run = package
     run.environment["OPENBLAS_NUM_THREADS"] = "1"  # newer Pythons warn of a fork beside threads
-    fork = "import os, sys\nimport study.fits.jit\nif child := os.fork():\n    sys.exit(os.waitpid(child, 0)[1])\n"
+    fork = (
+        "import os, sys\nimport study.fits.loops.jit\nif child := os.fork():\n    sys.exit(os.waitpid(child, 0)[1])\n"
+    )
     assert run(fork + TWO_LOOPS) == ["0", "0"]
 
 
@@ -231,7 +234,10 @@ def test_a_program_can_silence_the_compiler(package):
 
 @pytest.mark.parametrize(
     ("set_up", "program", "called"),
-    [("_begin(Path('chains.toml'))", RUN, "study.simulation.posterior"), ("_fit(3)", ANSWERS, "study.fits.robust")],
+    [
+        ("_begin(Path('chains.toml'))", RUN, "study.simulation.posterior"),
+        ("_fit(3)", ANSWERS, "study.fits.estimators.robust"),
+    ],
     ids=["a run", "fits"],
 )
 def test_nothing_is_compiled_that_set_up_could(tmp_path, set_up, program, called):
@@ -389,7 +395,7 @@ print(cpu_target.target_context.codegen().magic_tuple())
 
 COMMAND = "from study import instruction_set\ninstruction_set.fix()\n"
 
-LIBRARY = "import numpy, os\nbefore = dict(os.environ)\nfrom study.fits.jit import total\ntotal(numpy.ones(2))\n"
+LIBRARY = "import numpy, os\nbefore = dict(os.environ)\nfrom study.fits.loops.jit import total\ntotal(numpy.ones(2))\n"
 
 LIBRARY += "assert os.environ == before\n"
 

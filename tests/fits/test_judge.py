@@ -8,9 +8,9 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
-from study.fits.goodness import Residuals, form_beside_noise
-from study.fits.judge import LARGEST_UNSEEN, _allowance
-from study.fits.samples import Estimates, Samples, blank
+from study.fits.evidence.goodness import Residuals, form_beside_noise
+from study.fits.evidence.judge import LARGEST_UNSEEN, _allowance
+from study.fits.points.samples import Estimates, Samples, blank
 
 
 def residuals_of(points, weights=None):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from study.fits.corrected import RadialMeans, angle_means, radial_means
-from study.fits.linalg import cholesky_solve, eigenbasis
+from study.fits.estimators.corrected import RadialMeans, angle_means, radial_means
+from study.fits.loops.linalg import cholesky_solve, eigenbasis
 
 EPS = np.finfo(float).eps
 

@@ -9,8 +9,8 @@ from scipy.special import stdtrit
 import study
 from study import Status
 from study.fits import Incremental, mgdk
-from study.fits.cap import sample_cap
-from study.fits.markers import mgdk_so_far
+from study.fits.answers.markers import mgdk_so_far
+from study.fits.points.cap import sample_cap
 
 SIGMA = 1e-4 * np.array([[2.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 0.5]])
 

@@ -16,10 +16,10 @@ import pytest
 import study
 from study import ESTIMATORS, Status
 from study.fits import Incremental, Samples
-from study.fits.cap import draw
-from study.fits.jit import BLOCK
-from study.fits.moments import JointMoments, Moments
-from study.fits.random import WORDS, seeded
+from study.fits.loops.jit import BLOCK
+from study.fits.loops.random import WORDS, seeded
+from study.fits.points.cap import draw
+from study.fits.points.moments import JointMoments, Moments
 
 CLOSED = ["gdke", "ugdk", "als", "taubin", "pratt", "hyper"]
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import study
-from study.fits.answer import white_covariance
-from study.fits.cap import sample_cap
+from study.fits.answers.answer import white_covariance
+from study.fits.points.cap import sample_cap
 
 
 def radial(seed, sets, n, angle, noise, d=3, form=0.0):

@@ -12,8 +12,8 @@ from scipy.optimize import minimize
 import study
 from study import Status
 from study.fits.check import check_estimator, printed
+from study.fits.points.samples import Samples, blank
 from study.fits.registry import ORIGINS, PluginError, PluginFile, load, load_text, loaded, origins, remove, unload
-from study.fits.samples import Samples, blank
 
 MEAN = "def mean(points):\n    c = points.mean(axis=0)\n    return c, np.linalg.norm(points - c, axis=1).mean()\n"
 
@@ -100,7 +100,7 @@ FAILING = {
     "(x[0], x[0])": r"ValueError: returned a radius of shape \(3,\), expected one number",
     "x[0]": r"TypeError: returned ndarray of shape \(3,\), expected a centre and a radius",
     "None, batched=True": "returned NoneType, expected a ",
-    "study.fits.samples.blank(len(x.x) + 1, 3), batched=True": r"center has shape \(3, 3\), expected \(2, 3\)",
+    "study.fits.blank(len(x.x) + 1, 3), batched=True": r"center has shape \(3, 3\), expected \(2, 3\)",
 }
 for answer, words in FAILING.items():
     REFUSED[answer] = f"study.register('bad', lambda x: {answer})", f"my.py: bad: fails on 20 sound points: {words}"

@@ -14,8 +14,8 @@ from numba.core.caching import IndexDataCacheFile
 from numba.core.registry import CPUDispatcher
 
 import study
-from study.fits import jit
-from study.fits.jit import COMPILING, always_compiled, compiled
+from study.fits.loops import jit
+from study.fits.loops.jit import COMPILING, always_compiled, compiled
 
 KINDS = ("cap", "sphere", "plane", "clutter", "cluster", "hinge", "missing", "rounded", "huge", "tiny")
 CHOICES = ({}, {"estimator": "robust"}, {"estimator": "mle"}, {"radius": 1.0}, {"ordered": True}, {"noise": 0.05})
@@ -101,7 +101,7 @@ def test_the_first_fits_wait_for_no_compiler(new_installation, tmp_path, rng, on
 
 def test_large_sets_are_compiled_with_a_line(new_installation, tmp_path):
     """Sums over a hundred thousand numbers are worth a compiler, which says so."""
-    program = "import numpy; from study.fits.jit import total; print(total(numpy.ones(100_000)))"
+    program = "import numpy; from study.fits.loops.jit import total; print(total(numpy.ones(100_000)))"
     assert new_installation("-c", program) == ("100000.0\n", f"{COMPILING}\n")
     assert list(tmp_path.rglob("*.nbi"))
 

@@ -21,9 +21,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import study
-from study.fits import point_files
-from study.fits.point_files import read_points
-from study.fits.point_formats import PointFileError
+from study.fits.points import point_files
+from study.fits.points.point_files import read_points
+from study.fits.points.point_formats import PointFileError
 
 POINTS = np.random.default_rng(1).normal(300.0, 80.0, (12, 3))
 

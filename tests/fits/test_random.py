@@ -18,9 +18,20 @@ import pytest
 from numba import njit
 from scipy import stats
 
-from study.fits.cap import cap_moments, draw, heights, sample_cap
-from study.fits.jit import CHUNK
-from study.fits.random import LANES, WORDS, fill_words, lanes, put_back, seeded, spare, stream, to_normals, to_uniform
+from study.fits.loops.jit import CHUNK
+from study.fits.loops.random import (
+    LANES,
+    WORDS,
+    fill_words,
+    lanes,
+    put_back,
+    seeded,
+    spare,
+    stream,
+    to_normals,
+    to_uniform,
+)
+from study.fits.points.cap import cap_moments, draw, heights, sample_cap
 
 EPS = np.finfo(float).eps
 

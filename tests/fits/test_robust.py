@@ -13,9 +13,9 @@ from scipy import special, stats
 
 import study
 from study import Samples, Status
-from study.fits.robust import FALSE_ALARMS, log_choices, normal, outliers, smallest_chance
-from study.fits.samples import repeated
-from study.fits.subsets import elemental, spread_out
+from study.fits.estimators.robust import FALSE_ALARMS, log_choices, normal, outliers, smallest_chance
+from study.fits.estimators.subsets import elemental, spread_out
+from study.fits.points.samples import repeated
 
 CHANCE = 1e-5
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import study
-from study.fits.markers import mgdk_so_far
+from study.fits.answers.markers import mgdk_so_far
 from study.recordings.live import FrameError, LiveJoints, read_frame
 from study.recordings.one_joint import find_clusters, fit_one_joint
 from study.recordings.recording import Recording

@@ -43,7 +43,7 @@ from scipy.optimize import brentq
 
 from study.arrays import Bools, Floats
 from study.fits import fit
-from study.fits.random import stream
+from study.fits.loops.random import stream
 from study.recordings.joints.poses import PoseNoise, long_run_covariance
 from study.recordings.rigid import skew
 

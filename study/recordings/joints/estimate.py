@@ -38,7 +38,7 @@ import numpy as np
 from scipy import special
 
 from study.arrays import Bools, Floats
-from study.fits.samples import Worded
+from study.fits.points.samples import Worded
 from study.recordings.joints.center import SHAPE_ERROR, CenterFit, LocalMarker, center_only, fit_center, reject_outliers
 from study.recordings.joints.poses import PoseNoise, SegmentPoses, long_run_covariance, times
 from study.recordings.rigid import across, implied_angles, mean_rotated_covariance, relative_rotation

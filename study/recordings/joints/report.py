@@ -14,7 +14,7 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.fits import fit
-from study.fits.markers import Incremental, mgdk_so_far
+from study.fits.answers.markers import Incremental, mgdk_so_far
 from study.recordings.joints.estimate import SHORT_TEXTS, SymmetricFit, mean_difference, side_differences
 from study.recordings.joints.find import Calibration, JointPlace
 from study.recordings.recording import Recording

@@ -30,8 +30,8 @@ from typing import NamedTuple
 import numpy as np
 
 from study.arrays import Bools, Bytes, Floats, Ints
-from study.fits.jit import compiled, squared
-from study.fits.samples import Worded
+from study.fits.loops.jit import compiled, squared
+from study.fits.points.samples import Worded
 from study.recordings.joints.estimate import ANATOMICAL, USABLE, JointStatus
 from study.recordings.joints.find import Calibration, JointPlace, SegmentShape
 from study.recordings.joints.poses import PoseNoise

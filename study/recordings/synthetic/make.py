@@ -23,7 +23,7 @@ import pydantic
 from scipy.spatial.transform import Rotation
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.random import stream
+from study.fits.loops.random import stream
 from study.recordings.recording import Recording, RecordingError
 from study.recordings.rigid import rotation_vectors
 

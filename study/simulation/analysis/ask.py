@@ -24,7 +24,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from study.arrays import Floats
-from study.fits.bounds import one_number
+from study.fits.errors.attainable import one_number
 from study.simulation.analysis.theory import median_attainable
 from study.simulation.experiment.conditions import ANGLE, NOISE_OVER_RADIUS, SAMPLES
 from study.text import columns

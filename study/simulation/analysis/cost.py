@@ -20,9 +20,9 @@ import pandas as pd
 
 from study import instruction_set
 from study.fits import ESTIMATORS, Samples
-from study.fits.cap import sample_cap
-from study.fits.jit import SCALAR_CODE, always_compiled
-from study.fits.random import stream
+from study.fits.loops.jit import SCALAR_CODE, always_compiled
+from study.fits.loops.random import stream
+from study.fits.points.cap import sample_cap
 from study.text import columns
 
 

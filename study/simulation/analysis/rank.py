@@ -23,7 +23,7 @@ import pandas as pd
 
 from study.arrays import Bools, Floats, Ints
 from study.files import RunError
-from study.fits.random import stream
+from study.fits.loops.random import stream
 from study.simulation.analysis.losses import GIVEN, WORDS, Losses
 from study.simulation.analysis.regret import by_trial, each_cell
 from study.text import columns, listed

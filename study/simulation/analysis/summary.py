@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from study.arrays import Bools, Floats
 from study.files import RunError, writing
 from study.fits import Status
-from study.fits.cap import cap_moments
+from study.fits.points.cap import cap_moments
 from study.simulation import statistics
 from study.simulation.analysis.error_table import Grouped, Key, decade, label
 from study.simulation.analysis.theory import median_at_bound, median_attainable

@@ -1,6 +1,6 @@
 """Errors that theory expects, for directions u uniform on a cap, with mean (m₁, 0, …) and covariance diag(Kₐ, Kₚ, …).
 
-The moments of a cap are those of `study.fits.cap`. With the radius as the unit the points' variance along the axis, v,
+Moments of a cap are those of `fits/points/cap.py`. With the radius as the unit the points' variance along the axis, v,
 is Kₐ, and noise is σ/r.
 """
 
@@ -12,8 +12,8 @@ import numpy as np
 import scipy
 
 from study.arrays import Floats
-from study.fits.bounds import Cap, by_quadrature, cramer_rao, unit_rule
-from study.fits.cap import CapMoments, cap_moments
+from study.fits.errors.attainable import Cap, by_quadrature, cramer_rao, unit_rule
+from study.fits.points.cap import CapMoments, cap_moments
 
 _NODES = 24
 """Nodes for the attainable bound: it has three digits, eight times as fast as with five."""

@@ -15,7 +15,7 @@ import pandas as pd
 import scipy
 
 from study.arrays import Floats
-from study.fits.cap import cap_moments
+from study.fits.points.cap import cap_moments
 from study.simulation.analysis.theory import bound_shares, kappa, median_at_bound, median_attainable, ugdk_variance
 from study.simulation.claims import claim as shared
 from study.simulation.claims.claim import Claim, Evidence, Number

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from study.arrays import Bools, Floats
-from study.fits.cap import cap_moments
+from study.fits.points.cap import cap_moments
 from study.simulation.analysis.error_table import decade
 from study.simulation.analysis.theory import gdke_leaves
 from study.simulation.claims import claim as shared

@@ -11,8 +11,8 @@ import pandas as pd
 
 from study.arrays import Bools, Floats
 from study.fits import Status
-from study.fits.markers import MarkersMoments
-from study.fits.moments import Moments
+from study.fits.answers.markers import MarkersMoments
+from study.fits.points.moments import Moments
 from study.simulation.analysis.error_table import decade
 from study.simulation.claims import claim as shared
 from study.simulation.claims.claim import Claim, Evidence, JointMarkers, Number, only_known, ratio

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.arrays import Floats
-from study.fits import ESTIMATORS, Estimates, Samples, Status, cap
-from study.fits.jit import always_compiled, compiled, compiled_as_written, fma
-from study.fits.moments import JointMoments
-from study.fits.random import Name, lanes, stream
+from study.fits import ESTIMATORS, Estimates, Samples, Status
+from study.fits.loops.jit import always_compiled, compiled, compiled_as_written, fma
+from study.fits.loops.random import Name, lanes, stream
+from study.fits.points import cap
+from study.fits.points.moments import JointMoments
+from study.fits.points.samples import blank
 from study.fits.registry import SimpleForm
-from study.fits.samples import blank
 from study.simulation.experiment import measures
 from study.simulation.experiment.conditions import CONDITIONS, Value
 from study.simulation.experiment.config import Study

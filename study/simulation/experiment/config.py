@@ -37,7 +37,7 @@ from pydantic import (
 )
 
 from study.fits import ESTIMATORS
-from study.fits.samples import Worded
+from study.fits.points.samples import Worded
 from study.simulation.experiment import laws
 from study.simulation.experiment import measures as registry
 from study.simulation.experiment.conditions import CONDITIONS, LAWS, STORED, Condition, Value

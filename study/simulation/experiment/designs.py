@@ -25,8 +25,8 @@ from pydantic import (
     model_serializer,
 )
 
-from study.fits.cap import cap_moments
-from study.fits.random import Name, stream
+from study.fits.loops.random import Name, stream
+from study.fits.points.cap import cap_moments
 from study.simulation.experiment import laws
 from study.simulation.experiment.conditions import (
     CONDITIONS,

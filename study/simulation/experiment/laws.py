@@ -19,7 +19,7 @@ import numpy as np
 from study.arrays import Floats
 from study.files import RunError
 from study.fits import registry
-from study.fits.random import Name, stream
+from study.fits.loops.random import Name, stream
 from study.simulation.experiment import noise
 from study.simulation.experiment.noise import Trials
 

@@ -18,9 +18,9 @@ from scipy.special import betainc, stdtrit
 
 from study.arrays import Bools, Floats
 from study.fits import Estimates, Fit, Samples
-from study.fits.answer import white_covariance
-from study.fits.bounds import crlb
-from study.fits.intervals import Intervals, intervals
+from study.fits.answers.answer import white_covariance
+from study.fits.errors.intervals import Intervals, intervals
+from study.fits.points.information import crlb
 from study.fits.registry import ESTIMATORS, Origin, Registry, as_fit, sound_samples, source
 from study.fits.registry import REGISTRIES as ALL_REGISTRIES
 from study.simulation.experiment.laws import raised

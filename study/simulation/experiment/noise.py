@@ -14,9 +14,9 @@ import numpy as np
 import scipy
 
 from study.arrays import Floats
-from study.fits.bounds import bound_from_scatter, normal_weights, weighted_scatter
-from study.fits.jit import CHUNK
-from study.fits.random import Name
+from study.fits.loops.jit import CHUNK
+from study.fits.loops.random import Name
+from study.fits.points.information import bound_from_scatter, normal_weights, weighted_scatter
 
 Further = Callable[[Name, Callable[[np.random.Generator, int], Floats]], Floats]
 """Draws further random numbers of the trials of a batch (b, …), always the same ones, which changes no others.

@@ -13,9 +13,9 @@ import pandas as pd
 
 from study.arrays import Floats
 from study.fits import Fit, Samples
-from study.fits.jit import always_compiled
+from study.fits.loops.jit import always_compiled
+from study.fits.points.samples import Status, blank
 from study.fits.registry import as_fit
-from study.fits.samples import Status, blank
 from study.simulation.experiment.compute import Draws, attempt, draw
 from study.simulation.experiment.conditions import CONDITIONS, bound_law
 from study.simulation.experiment.config import Study

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.fits.cap import cap_moments
+from study.fits.points.cap import cap_moments
 from study.simulation.analysis.theory import gdke_bias, median_at_bound
 from study.simulation.figures.figure import Frame, NotApplicable, Tables, at_first, behind_medians, log_axes, look
 from study.simulation.statistics import power_law

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from study import style
-from study.fits.cap import cap_moments
+from study.fits.points.cap import cap_moments
 from study.simulation.analysis.theory import gdke_leaves, median_attainable, noise_at_kappa, ugdk_leaves
 from study.simulation.figures import figure as shared
 from study.simulation.figures.figure import Frame, NotApplicable, Tables

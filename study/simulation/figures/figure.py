@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from study import style
 from study.arrays import Floats, Ints
 from study.files import RunError, TableRows
-from study.fits.cap import cap_moments
+from study.fits.points.cap import cap_moments
 from study.simulation.analysis.error_table import Grouped
 from study.simulation.analysis.regret import NEEDED, by_cell
 from study.simulation.analysis.summary import stored_summary, worst_of_run

@@ -34,9 +34,9 @@ from threadpoolctl import threadpool_limits
 from study.arrays import Floats
 from study.files import RunError, writing
 from study.fits import ESTIMATORS, Samples, Status
-from study.fits.cap import cap_moments
-from study.fits.jit import always_compiled
-from study.fits.random import old_stream
+from study.fits.loops.jit import always_compiled
+from study.fits.loops.random import old_stream
+from study.fits.points.cap import cap_moments
 from study.fits.registry import fit_samples
 from study.simulation.experiment.conditions import STORED, named_in
 from study.simulation.experiment.config import ChainStatus, Posterior, Study

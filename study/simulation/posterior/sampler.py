@@ -50,8 +50,8 @@ import scipy.fft
 
 from study.arrays import Floats
 from study.fits import Samples, Status
-from study.fits.jit import compiled, squared
-from study.fits.random import OldStream
+from study.fits.loops.jit import compiled, squared
+from study.fits.loops.random import OldStream
 from study.fits.registry import fit_samples
 from study.simulation.experiment.config import ChainStatus
 

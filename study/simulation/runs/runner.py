@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 
 from study.files import RunError, TableRows, explained, write, writing
 from study.fits import ESTIMATORS
-from study.fits.random import Name
+from study.fits.loops.random import Name
 from study.fits.registry import only_here
 from study.simulation.experiment import laws, measures
 from study.simulation.experiment.config import Study

@@ -11,8 +11,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from study.fits import geometric, jit, lls, moments
-from study.fits.samples import blank
+from study.fits.estimators import geometric, lls
+from study.fits.loops import jit
+from study.fits.points import moments
+from study.fits.points.samples import blank
 
 
 class Counted(float):

@@ -14,7 +14,7 @@ import pytest
 
 import study
 from study.files import save_frame
-from study.fits.jit import SCALAR_CODE
+from study.fits.loops.jit import SCALAR_CODE
 from study.simulation.analysis import cost
 from study.simulation.analysis.cost import PAPER, cost_table, printed
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import study
-from study.fits.cap import cap_moments
+from study.fits.points.cap import cap_moments
 from study.simulation.analysis import theory
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import study
 from study.fits import Estimator
-from study.fits.samples import blank
+from study.fits.points.samples import blank
 from study.simulation.experiment import compute as module
 from study.simulation.experiment.compute import Result, compute, draw
 from study.simulation.experiment.config import parse

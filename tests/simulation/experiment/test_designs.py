@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from study.fits.cap import sample_cap
+from study.fits.points.cap import sample_cap
 from study.simulation.experiment import designs
 from study.simulation.experiment.designs import Cell, block_trials
 from tests.configs import log_uniform, uniform

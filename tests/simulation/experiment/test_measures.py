@@ -10,7 +10,7 @@ from scipy import stats
 
 import study
 from study.fits import Estimates, registry
-from study.fits.answer import white_covariance
+from study.fits.answers.answer import white_covariance
 from study.fits.registry import PluginError, load
 from study.simulation.analysis.compare import Difference
 from study.simulation.analysis.summary import summarise

@@ -9,8 +9,9 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import pdist, squareform
 
-from study.fits import cap, fit
-from study.fits.random import lanes
+from study.fits import fit
+from study.fits.loops.random import lanes
+from study.fits.points import cap
 from study.simulation.experiment import laws
 from study.simulation.experiment.compute import Draws, compute, draw
 from study.simulation.experiment.designs import Batch, Group

@@ -11,7 +11,7 @@ from scipy import stats
 
 import study
 from study import style
-from study.fits.cap import cap_moments
+from study.fits.points.cap import cap_moments
 from study.simulation.analysis.theory import gdke_leaves, noise_at_kappa, ugdk_leaves
 from study.simulation.experiment.noise import gaussian
 from study.simulation.figures import fig2_error, fig_efficiency, fig_map, fig_regret, fig_robustness

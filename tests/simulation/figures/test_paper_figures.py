@@ -11,7 +11,7 @@ from scipy import stats
 
 import study
 from study.fits import Status, mgdk
-from study.fits.cap import sample_cap
+from study.fits.points.cap import sample_cap
 from study.simulation.figures import fig2_error, fig3_5_ellipses, fig6_mgdk, fig7_power_law
 from study.simulation.statistics import quantile
 from tests.summaries import summary

@@ -23,7 +23,7 @@ import pytest
 import study
 from study.files import RunError
 from study.fits import registry
-from study.fits.samples import Estimator
+from study.fits.points.samples import Estimator
 from study.simulation.experiment.config import parse
 from study.simulation.runs import provenance, workers
 from study.simulation.runs.parts import Packet, Parts
@@ -343,7 +343,7 @@ def test_a_worker_that_differs_refuses(name):
 
 
 @pytest.mark.parametrize(
-    "changed", ["fits/closed_forms.py", "simulation/experiment/compute.py", "simulation/statistics.py"]
+    "changed", ["fits/estimators/closed_forms.py", "simulation/experiment/compute.py", "simulation/statistics.py"]
 )
 def test_another_source_is_another_fingerprint(tmp_path, monkeypatch, changed):
     """A worker whose code of the fits, the experiment or the statistics differs in one byte would be refused."""

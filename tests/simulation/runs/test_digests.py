@@ -21,7 +21,7 @@ import study
 from study import files
 from study.files import RunError, holder, writing
 from study.fits import Status
-from study.fits.samples import Estimator
+from study.fits.points.samples import Estimator
 from study.simulation.analysis.summary import summarise
 from study.simulation.experiment.config import parse
 from study.simulation.runs import run_folder, runner

@@ -1,0 +1,1 @@
+"""`Samples` in, `Estimates` out: a file for each family of estimators."""
