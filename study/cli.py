@@ -448,8 +448,8 @@ def plan_fit(
 
     Of --error, --angle and --points two are given. A simulation of such measurements says how often their fit is ok.
 
-    With --json: points, angle, center_error, across_error, radius_error, ok_share and its Monte-Carlo error ok_error;
-    with --circle axis_error, in radians.
+    With --json: points, angle, center_error, across_error, radius_error, ok_share and its Monte-Carlo error ok_error,
+    the errors of the simulated fits; with --circle axis_error, in radians.
     """
     from study.fits import plan as plans
 
@@ -457,12 +457,14 @@ def plan_fit(
         plan = plans.plan_fit(noise, radius, error, angle=angle, points=points, of=of, dimension=2 if circle else 3)
     except ValueError as fault:
         raise typer.BadParameter(str(fault)) from None
+    plan = plan._replace(in_space=circle)
     if as_json:
-        share = dict(zip(("ok_share", "ok_error"), plans.ok_share(plan, noise, radius, circle=circle), strict=True))
-        axis = {"axis_error": plans.axis_error(plan, noise, radius)} if circle else {}
-        typer.echo(json_text(plan._asdict() | axis | share))
+        found = plan.simulated()._asdict()
+        shares = {name: found.pop(name) for name in ("ok_share", "ok_error")}
+        axis = {"axis_error": plan.axis_error} if circle else {}
+        typer.echo(json_text(plan._asdict() | axis | shares | {"simulated": found}))
     else:
-        echo(plans.plan_in_words(plan, noise, radius, error, of, circle))
+        echo(plans.plan_in_words(plan, error, of))
 
 
 def export(folder: Folder, xarray: ToXarray = None, duckdb: ToDuckdb = None) -> None:

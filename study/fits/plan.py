@@ -7,6 +7,7 @@ fit is ok: a flat cap with the planned error may still look like a plane. A circ
 import math
 import operator
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,25 @@ from study.fits.space_circle import fit_circle
 from study.text import columns, with_error
 
 
+class SimulatedPlan(NamedTuple):
+    """Fits of simulated measurements by a plan: NaN for plans of more than 100,000 points.
+
+    Attributes:
+        ok_share: share of the measurements whose fit is ok.
+        ok_error: its Monte-Carlo error.
+        center_error: error of the centre along the cap's axis that 68.3 % of the fits do not exceed, as of ± one
+            standard error, in the unit of the noise. Fits that fail count as infinitely far.
+        across_error: the same of the centre across the axis.
+        radius_error: the same of the radius.
+    """
+
+    ok_share: float
+    ok_error: float
+    center_error: float
+    across_error: float
+    radius_error: float
+
+
 class FitPlan(NamedTuple):
     """A measurement of a sphere, and the least standard errors that an estimator can have from it.
 
@@ -32,6 +52,10 @@ class FitPlan(NamedTuple):
         center_error: standard error of the centre along the cap's axis, in the unit of the noise.
         across_error: of the centre across the axis.
         radius_error: of the radius.
+        noise: standard deviation of each coordinate, as it was given.
+        radius: radius of the sphere, as it was given, in the unit of the noise.
+        dimension: d of the sphere; 2 for a circle.
+        in_space: the points are on an arc in space, which `study.fit_circle` fits.
     """
 
     points: int
@@ -39,6 +63,28 @@ class FitPlan(NamedTuple):
     center_error: float
     across_error: float
     radius_error: float
+    noise: float
+    radius: float
+    dimension: int = 3
+    in_space: bool = False
+
+    @property
+    def axis_error(self) -> float:
+        """Least standard error of the axis of a circle in space, in radians, from uniform points on ± ``angle``.
+
+        The plane is a regression of heights on the points in it, whose smaller variance is along the chord or across.
+        """
+        a = math.radians(self.angle)
+        across, mean = 0.5 - math.sin(2.0 * a) / (4.0 * a), math.sin(a) / a
+        return self.noise / (self.radius * math.sqrt(self.points * min(across, 1.0 - across - mean * mean)))
+
+    def simulated(self) -> SimulatedPlan:
+        """Fit 400 simulated measurements: how often a fit is ok, and how far it is from the truth.
+
+        Points are uniform on the cap, and their noise is normal. With few points errors are larger than the bound, and
+        on a cap whose curvature the noise hides they are smaller. The same plan has the same answer in each call.
+        """
+        return _simulated(self)
 
 
 _ROUND = 1e9
@@ -83,6 +129,8 @@ def plan_fit(
         (1201, 0.015)
         >>> round(study.plan_fit(noise=0.1, radius=50, error=0.02, points=400).angle)
         82
+        >>> study.plan_fit(noise=0.1, radius=50, angle=60, points=400).simulated().ok_share > 0.95
+        True
     """
     if [error, angle, points].count(None) != 1:
         raise ValueError("a plan needs two of error, angle and points; it finds the third")
@@ -109,7 +157,8 @@ def plan_fit(
     elif angle is None:
         angle = _least_angle(variance, points * (wanted / sigma) * (wanted / sigma))
     bound = np.sqrt(np.diag(attainable_bound(angle, sigma / r, dimension)) / points) * r  # type: ignore[arg-type]
-    return FitPlan(points, float(angle), float(bound[0]), float(bound[1]), float(bound[-1]))  # type: ignore[arg-type]
+    errors = float(bound[0]), float(bound[1]), float(bound[-1])
+    return FitPlan(points, float(angle), *errors, sigma, float(radius), dimension)  # type: ignore[arg-type]
 
 
 def _positive(name: str, value: float | None) -> float:
@@ -144,41 +193,26 @@ _SETS, _ALL_POINTS, _MOST = 400, 2_000_000, 100_000
 """Sets that are simulated, points of all of them, and points of one beyond which none is."""
 
 
-def axis_error(plan: FitPlan, noise: float, radius: float) -> float:
-    """Least standard error of the axis of a circle in space, in radians, from uniform points on ± ``plan.angle``.
-
-    The plane is a regression of heights on the points in it, whose smaller variance is that along the chord or across.
-    """
-    a = math.radians(plan.angle)
-    across, mean = 0.5 - math.sin(2.0 * a) / (4.0 * a), math.sin(a) / a
-    return noise / (radius * math.sqrt(plan.points * min(across, 1.0 - across - mean * mean)))
+_ONE_ERROR = 0.6827
+"""Share of normal errors within one standard deviation."""
 
 
-def ok_share(
-    plan: FitPlan, noise: float, radius: float, dimension: int = 3, circle: bool = False
-) -> tuple[float, float]:
-    """Share of measurements by a plan whose fit is ok, and its Monte-Carlo error.
-
-    Points are uniform on the cap, and their noise is normal. The same plan has the same share in each call. NaN for
-    more than 100,000 points.
-
-    Args:
-        plan: the measurement.
-        noise: standard deviation of each coordinate.
-        radius: radius of the sphere, in the unit of the noise.
-        dimension: d ≥ 2.
-        circle: the points are on an arc in space, and fitted by `study.fit_circle`.
-    """
+@cache
+def _simulated(plan: FitPlan) -> SimulatedPlan:
+    """The answer of `FitPlan.simulated`."""
     if plan.points > _MOST:
-        return math.nan, math.nan
-    sets, rng = min(_SETS, _ALL_POINTS // plan.points), stream(0, "plan")
-    directions = sample_cap(rng, sets * plan.points, math.radians(plan.angle), 2 if circle else dimension)
-    if circle:
+        return SimulatedPlan(*[math.nan] * 5)
+    sets, rng, radius = min(_SETS, _ALL_POINTS // plan.points), stream(0, "plan"), min(plan.radius, _ROUND * plan.noise)
+    directions = sample_cap(rng, sets * plan.points, math.radians(plan.angle), plan.dimension)
+    if plan.in_space:
         directions = np.column_stack([directions, np.zeros(len(directions))])
-    points = radius * directions + noise * rng.standard_normal(directions.shape)
-    share = float(np.mean((fit_circle if circle else fit)(points.reshape(sets, plan.points, -1)).ok))
+    points = radius * directions + plan.noise * rng.standard_normal(directions.shape)
+    found = (fit_circle if plan.in_space else fit)(points.reshape(sets, plan.points, -1))
+    share = float(np.mean(found.ok))
     held = min(max(share, 1.0 / sets), 1.0 - 1.0 / sets)
-    return share, math.sqrt(held * (1.0 - held) / sets)
+    errors = (found.center[:, 0], found.center[:, 1 : plan.dimension], found.radius - radius)
+    sizes = (np.quantile(np.nan_to_num(np.abs(error), nan=np.inf), _ONE_ERROR) for error in errors)
+    return SimulatedPlan(share, math.sqrt(held * (1.0 - held) / sets), *map(float, sizes))
 
 
 _LARGE = 1.0 / 3.0
@@ -187,19 +221,26 @@ _CAPS = (15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0)
 """Half-angles for which a printed plan gives the number of points."""
 
 
-def plan_in_words(
-    plan: FitPlan, noise: float, radius: float, error: float | None, of: str = "center", circle: bool = False
-) -> Iterator[str]:
+_APART = 1.15
+"""Factor between simulated and planned errors from which on both are printed: three Monte-Carlo errors of 400 sets.
+Fits of few points err more than the bound says, and fits of caps whose curvature the noise hides err less."""
+
+
+def plan_in_words(plan: FitPlan, error: float | None, of: str = "center") -> Iterator[str]:
     """Lines about a plan, and the number of points that other caps, or arcs, need for the same error."""
-    center, across, size = (f"{value:.2g}" for value in plan[2:])
-    errors = f"centre ± {center} along its axis and ± {across} across it, radius ± {size}"
-    cap = "arc" if circle else "cap"
-    errors += f", axis ± {axis_error(plan, noise, radius):.2g} rad" if circle else ""
-    yield f"{plan.points:,} points on {'an arc of ±' if circle else 'a cap of'} {plan.angle:.3g}°: {errors}"
+    center, across, size = (f"{value:.2g}" for value in plan[2:5])
+    errors, noise, radius = "centre ± {} along its axis and ± {} across it, radius ± {}", plan.noise, plan.radius
+    planned = errors.format(center, across, size) + (f", axis ± {plan.axis_error:.2g} rad" if plan.in_space else "")
+    cap = "arc" if plan.in_space else "cap"
+    yield f"{plan.points:,} points on {'an arc of ±' if plan.in_space else 'a cap of'} {plan.angle:.3g}°: {planned}"
     yield "± is the least standard error that an estimator can have on so many points (the attainable bound)"
-    share, deviation = ok_share(plan, noise, radius, circle=circle)
+    share, deviation, *found = plan.simulated()
     if share == share:
         yield f"status ok in {with_error(100.0 * share, 100.0 * deviation)} % of such measurements, by simulation"
+    if any(
+        not 1.0 / _APART <= one / least <= _APART for one, least in zip(found, plan[2:5], strict=True) if one == one
+    ):
+        yield "68 % of these fits are within " + errors.format(*(f"{value:.2g}" for value in found))
     if (largest := max(plan.center_error, plan.radius_error)) > _LARGE * radius:
         yield f"an error of {largest:.2g} is more than a third of the radius: take more points, or a larger {cap}"
     if noise > NOISY * radius:
@@ -210,9 +251,9 @@ def plan_in_words(
     cells = []
     for angle in _CAPS:
         try:
-            other = plan_fit(noise, radius, error, angle=angle, of=of, dimension=2 if circle else 3)
+            other = plan_fit(noise, radius, error, angle=angle, of=of, dimension=plan.dimension)
             numbers = [f"{other.points:,}", f"{other.center_error:.2g}, {other.radius_error:.2g}"]
         except ValueError:  # the noise hides so small a cap, or too many points are needed
             numbers = ["-", "-"]
-        cells.append([f"{'±' * circle}{angle:g}°", *numbers])
+        cells.append([f"{'±' * plan.in_space}{angle:g}°", *numbers])
     yield from columns(cells, [cap, "points", "errors of centre and radius"])

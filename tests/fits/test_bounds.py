@@ -16,7 +16,7 @@ from scipy import integrate, special, stats
 import study
 from study.fits.errors.attainable import Cap, by_quadrature, cramer_rao
 from study.fits.loops.jit import CHUNK
-from study.fits.plan import axis_error, ok_share, plan_in_words
+from study.fits.plan import plan_in_words
 from study.fits.points.cap import sample_cap
 from study.fits.points.information import weighted_scatter
 
@@ -239,7 +239,7 @@ def test_a_plan_says_that_the_noise_is_too_large():
     """Beyond .35 r a fit is weakly identified, whatever the number of points."""
     for noise, told in ((17.0, False), (18.0, True)):
         plan = study.plan_fit(noise, 50.0, 8.0, angle=90.0)
-        lines = list(plan_in_words(plan, noise, 50.0, 8.0))
+        lines = list(plan_in_words(plan, 8.0))
         assert any("above 0.35 radii: every fit will be weakly identified" in line for line in lines) == told
 
 
@@ -248,29 +248,48 @@ def test_a_plan_with_next_to_no_noise():
     plans = [study.plan_fit(0.1, radius, 0.01, angle=60.0) for radius in (1e6, 1e160, 1e300)]
     assert len({plan.points for plan in plans}) == 1
     for plan in plans:
-        np.testing.assert_allclose(plan[2:], plans[0][2:], rtol=1e-9)
+        np.testing.assert_allclose(plan[2:5], plans[0][2:5], rtol=1e-9)
+        np.testing.assert_allclose(plan.simulated(), plans[0].simulated(), rtol=1e-4)
 
 
 @pytest.mark.parametrize(("angle", "noise"), [(20.0, 0.06), (50.0, 0.4), (180.0, 0.05)])
 def test_a_plan_says_how_often_its_fit_is_ok(rng, on_cap, angle, noise):
     """The share is that of other sets of the same plan, within 4 of both errors: by chance not in 1 of 16,000."""
     plan = study.plan_fit(noise, 1.0, angle=angle, points=40)
-    share, error = ok_share(plan, noise, 1.0)
+    share, error, *_ = plan.simulated()
     others = np.array([on_cap(rng, 40, angle=angle, noise=noise)[0] for _ in range(400)])
     ok = study.fit(others).ok.mean()
     assert abs(share - ok) <= 4.0 * np.hypot(error, max(np.sqrt(ok * (1.0 - ok) / 400), 1.0 / 400))
     assert (share > 0.95) == (angle == 180.0)
-    lines = list(plan_in_words(plan, noise, 1.0, None))
+    lines = list(plan_in_words(plan, None))
     assert sum(line.startswith("status ok in ") for line in lines) == 1
     assert any("more than a third of the radius" in line for line in lines) == (plan.center_error > 1.0 / 3.0)
     assert (plan.center_error > 1.0 / 3.0) == (angle < 180.0)
 
 
+@pytest.mark.parametrize(
+    ("points", "angle", "noise", "apart"), [(15, 60.0, 0.05, True), (40, 20.0, 0.1, True), (400, 60.0, 0.02, False)]
+)
+def test_a_plan_says_how_far_its_fits_are_off(rng, on_cap, points, angle, noise, apart):
+    """The errors are those of other sets of the same plan, within 4 of both errors of a quantile: not in 1 of 5,000.
+
+    Few points err more than the bound says, and caps whose curvature the noise hides less: the plan prints both.
+    """
+    plan = study.plan_fit(noise, 1.0, angle=angle, points=points)
+    others = study.fit(np.array([on_cap(rng, points, angle=angle, noise=noise)[0] for _ in range(400)]))
+    sizes = np.sort(np.abs([others.center[:, 0], others.radius - 1.0]), axis=1)
+    found = np.array([plan.simulated().center_error, plan.simulated().radius_error])
+    low, high = (sizes[:, int(400 * 0.6827 + side * 4.0 * np.sqrt(2.0 * 400 * 0.6827 * 0.3173))] for side in (-1, 1))
+    assert (low < found).all()
+    assert (found < high).all()
+    assert any(line.startswith("68 % of these fits are within") for line in plan_in_words(plan, None)) == apart
+
+
 def test_a_plan_of_many_points_is_not_simulated():
     """Beyond 100,000 points no share is given, and no line of it is printed."""
     plan = study.plan_fit(0.1, 1.0, angle=90.0, points=100_001)
-    assert np.isnan(ok_share(plan, 0.1, 1.0)).all()
-    assert not any("status ok" in line for line in plan_in_words(plan, 0.1, 1.0, None))
+    assert np.isnan(plan.simulated()).all()
+    assert not any("status ok" in line for line in plan_in_words(plan, None))
 
 
 def test_the_three_plans_agree():
@@ -318,6 +337,7 @@ def test_the_plan_of_a_circle_in_space():
     points = 2.0 * np.stack([np.cos(t), np.sin(t), 0.0 * t], axis=2)
     axis = study.fit_circle(points + 0.02 * rng.standard_normal(points.shape)).axis
     tilts = np.sqrt(np.mean(axis[:, :2] ** 2, axis=0)) / np.abs(axis[:, 2]).mean()
-    assert tilts.max() == pytest.approx(axis_error(plan, 0.02, 2.0), rel=0.14)
-    assert ok_share(plan, 0.02, 2.0, circle=True)[0] > 0.9
-    assert next(iter(plan_in_words(plan, 0.02, 2.0, None, circle=True))).startswith("60 points on an arc of ± 50°")
+    assert tilts.max() == pytest.approx(plan.axis_error, rel=0.14)
+    plan = plan._replace(in_space=True)
+    assert plan.simulated().ok_share > 0.9
+    assert next(iter(plan_in_words(plan, None))).startswith("60 points on an arc of ± 50°")

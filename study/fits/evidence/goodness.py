@@ -88,6 +88,8 @@ _LEAST_SPARE = 16
 """Least degrees of freedom of a test of unequal noise and tails."""
 _NEAREST, _MOST_NEAR = 2, 20_000
 """Nearest directions to each point, times d - 1, that are its neighbours; and the number of points tested for it."""
+_ABREAST = 16
+"""Points whose distances are computed together, which a processor does side by side."""
 _LEAST_SKEW = 0.01
 """Skewness below which a law is normal."""
 _ODD = 0.5 * (1.0 - np.exp(-2.0)) - np.exp(-1.0)
@@ -259,19 +261,20 @@ def columns(e: Floats, basis: Harmonics) -> Floats:
     return out
 
 
+@cache
+def _length_series(d: int, most: int) -> Floats:
+    """Coefficients (2, most + 1, 9) of powers of 2s in E[R P_l(e·u)] and in E[P_l(e·u)]."""
+    degree, k = np.arange(most + 1.0)[:, None], np.arange(8.0)
+    ratios = [(0.5 * (degree - q) + k) * (k + 1.0 - 0.5 * (degree + q + d)) / (k + 1.0) for q in (1, 0)]
+    return np.asarray(np.cumprod(np.pad(ratios, [(0, 0), (0, 0), (1, 0)], constant_values=1.0), axis=2), dtype=float)
+
+
 def lengths(s: Floats, d: int, most: int) -> Floats:
     """λ_l of R (b, most + 1, …) for spheres of radius 1 and noise variances s (b, …) that are small."""
-    degree, s = np.arange(most + 1.0).reshape(-1, *[1] * (s.ndim - 1)), s[:, None]
-
-    def moment(q: int) -> Floats:
-        """E[R^q P_l(e·u)] (b, most + 1, …)."""
-        term = total = np.ones(np.broadcast_shapes(degree.shape, s.shape))
-        for k in range(8):
-            term = term * ((0.5 * (degree - q) + k) * (k + 1.0 - 0.5 * (degree + q + d)) / (k + 1.0)) * 2.0 * s
-            total = total + term
-        return total
-
-    return moment(1) / moment(0)
+    series = _length_series(d, most)
+    powers = (2.0 * s[:, None]) ** np.arange(series.shape[2]).reshape(-1, *[1] * (s.ndim - 1))
+    first, zeroth = (np.einsum("lk,bk...->bl...", coefficients, powers) for coefficients in series)
+    return np.asarray(first / zeroth)
 
 
 def normal_scores(R: Floats, s: Floats, d: int) -> Floats:
@@ -731,7 +734,7 @@ def _neighbours(residuals: Residuals, scores: _Scores) -> Floats:
         np.take_along_axis(array, order, axis=2) for array in (e, np.concatenate([Q, rho[:, None]], axis=1), widest)
     )
     near, traces = np.empty((len(sets), n, _NEAREST * (d - 1)), np.int64), np.zeros((2, len(sets)))
-    _nearest(np.ascontiguousarray(e.swapaxes(1, 2)), along[:, 0], near, traces)
+    _nearest(e, along[:, 0], near, traces)
     once, twice = np.zeros((2, len(sets), d + 2, n))
     _join(near, rows, once)
     _join(near, once, twice)
@@ -758,39 +761,45 @@ def _nearest(e: Floats, along: Floats, near: Ints, traces: Floats) -> None:
     """Fill in the nearest others of each point (b, n, k) by direction, and tr S² and tr S³ (2, b) of `_neighbours`.
 
     Args:
-        e: directions (b, n, d), sorted by one coordinate, along which the nearest are sought on both sides.
+        e: directions (b, d, n), sorted by one coordinate, along which the nearest are sought on both sides.
         along: that coordinate (b, n).
         near: to be filled.
         traces: to be added to.
     """
-    b, n, d = e.shape
+    b, d, n = e.shape
     k = near.shape[2]
-    best = np.empty(k)
+    best, square = np.empty(k), np.empty(_ABREAST)
     for t in range(b):
         for i in range(n):
-            for place in range(k):
-                best[place], near[t, i, place] = np.inf, i
-            for step in (1, -1):
-                other = i + step
-                while 0 <= other < n and abs(along[t, other] - along[t, i]) < math.sqrt(best[k - 1]):
-                    square, place = 0.0, k
+            best[:], near[t, i] = np.inf, i
+            low, high = i, i + 1
+            while low > 0 or high < n:  # some on the right, some on the left, until both sides are too far
+                for begun, end in ((high, min(high + _ABREAST, n)), (max(low - _ABREAST, 0), low)):
+                    square[:] = 0.0
                     for c in range(d):
-                        apart = e[t, other, c] - e[t, i, c]
-                        square += apart * apart
-                    if square < best[k - 1]:
-                        while place > 0 and square < best[place - 1]:
-                            place -= 1
-                        for later in range(k - 1, place, -1):
-                            best[later], near[t, i, later] = best[later - 1], near[t, i, later - 1]
-                        best[place], near[t, i, place] = square, other
-                    other += step
+                        for other in range(begun, end):
+                            square[other - begun] += (e[t, c, other] - e[t, c, i]) ** 2
+                    for other in range(begun, end):
+                        if square[other - begun] < best[k - 1]:
+                            place = k - 1
+                            while place > 0 and square[other - begun] < best[place - 1]:
+                                best[place], near[t, i, place] = best[place - 1], near[t, i, place - 1]
+                                place -= 1
+                            best[place], near[t, i, place] = square[other - begun], other
+                low, high = max(low - _ABREAST, 0), min(high + _ABREAST, n)
+                reach = math.sqrt(best[k - 1])
+                low = low if along[t, i] - along[t, low] < reach else 0
+                high = high if high < n and along[t, high] - along[t, i] < reach else n
+        two, both, three, round_trip = n * k, 0, 0, 0
         for i in range(n):
             for j in near[t, i]:
-                traces[0, t] += 0.5
                 for other in near[t, j]:
-                    traces[0, t] += 0.5 * (other == i)
+                    both += other == i
                     for last in range(k):
-                        traces[1, t] += 0.25 * (near[t, other, last] == i) + 0.75 * (near[t, i, last] == other)
+                        three += near[t, other, last] == i
+                        round_trip += near[t, i, last] == other
+        traces[0, t] += 0.5 * (two + both)
+        traces[1, t] += 0.25 * three + 0.75 * round_trip
 
 
 @compiled_as_written
