@@ -14,6 +14,7 @@ when an answer is wanted: every closed form, and the common centre, from the sam
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -201,10 +202,17 @@ class JointFit(Hinting):
         Raises:
             ValueError: if the fit does not hold its points, because it is from `mgdk_so_far`.
         """
+        ratio, more, spare = self._disagreement
+        return float(fdtrc(more, spare, ratio))
+
+    @cached_property
+    def _disagreement(self) -> tuple[float, int, int]:
+        """The F ratio of `agreement` with its degrees of freedom; NaN where there is nothing to compare."""
+        nothing = math.nan, 1, 1
         there = [points[np.isfinite(away)] for points, away in zip(self.markers, self.residuals, strict=True)]
         there = [points for points in there if len(points) > points.shape[1] + 1]
         if len(there) < 2:
-            return np.nan
+            return nothing
         own = [mgdk([points]) for points in there]
         noise = np.sqrt(np.average([fit.noise_variance for fit in own], weights=[len(points) for points in there]))
         markers, apart, ranks = list[Floats](), 0.0, 0
@@ -214,12 +222,12 @@ class JointFit(Hinting):
                 apart, ranks = apart + np.fmin(left, _left([points], self.center)[0]), ranks + rank
                 markers.append(points)
         if len(markers) < 2:
-            return np.nan
+            return nothing
         together, parameters = _left(markers, self.center)
         more, spare = ranks - parameters, sum(map(len, markers)) - ranks
         if more < 1 or spare < 1 or not apart > spare * (1e-11 * np.nanmax(self.radii)) ** 2:
-            return np.nan
-        return float(fdtrc(more, spare, (together - apart) / more / (apart / spare)))
+            return nothing
+        return (together - apart) / more / (apart / spare), more, spare
 
     def interval(self, of: str, level: float = 0.95) -> Floats:
         """Confidence interval of each radius or diameter, or of the centre or one of its coordinates.
@@ -248,10 +256,14 @@ class JointFit(Hinting):
         return np.asarray(ends.center[0, slice(None) if axis is None else axis])
 
     def _stretch(self, level: float) -> Floats:
-        """The largest factor of all markers on half-widths, for structure in their residuals (1,)."""
+        """The factor on half-widths (1,): the largest of all markers for structure in their residuals, and Birge's.
+
+        Birge's is the root of the F ratio of `agreement` where that is above 1. Centres that differ by too little to be
+        a misfit still move the common one (Birge, Phys. Rev. 40 (1932) 207).
+        """
         spare = [np.maximum(np.atleast_1d(n - len(self.center) - 1), 1) for n in self.count]
         factors = [seen.stretch(level, free).max() for seen, free in zip(self._evidence, spare, strict=True)]
-        return np.array([max(factors)])
+        return np.array([max(factors) * math.sqrt(np.fmax(self._disagreement[0], 1.0))])
 
     def intervals(self, level: float) -> Intervals:
         """Intervals of each radius (M, 2) with the noise's share of it (M,), and of the centre (1, d, 2).
