@@ -2,8 +2,9 @@
 
 misfit-level.csv has the level on clean data in the cells of configs/coverage.toml, and statuses and coverage by the
 estimator's own intervals and by those that a user gets. misfit.csv has the power for shapes and laws of noise,
-misfit-errors.csv errors of form and noise with memory, and misfit-hinges.csv circles in space, belts and caps. The name
-of a part (`power`) makes that part alone. A folder of scans (x, y, z in a row, metres) makes misfit-scans.csv.
+misfit-errors.csv errors of form and noise with memory, misfit-hinges.csv circles in space, belts and caps, and
+misfit-untested.csv how many points a test needs. The name of a part (`power`) makes that part alone. A folder of scans
+(x, y, z in a row, metres) makes misfit-scans.csv.
 """
 
 import math
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import norm
 from scipy.stats import t as student
-from studies import ROOT, clean, covered, share, store
+from studies import ROOT, caps, clean, covered, share, store
 
 import study
 from study import Status
@@ -307,6 +308,15 @@ def hinges(sets):
         yield row
 
 
+def untested(sets):
+    """A row for each dimension and small number of points all around a sphere, with the noise known and not."""
+    for d, n, known in product((2, 3, 4), (6, 8, 10, 12, 15, 19, 25, 40), (False, True)):
+        x = caps(np.random.default_rng([SEED, 500, d, n]), sets, n, 180.0, 0.02, d)
+        fit = study.fit(x, noise=0.02 if known else None)
+        row = {"dimension": d, "samples": n, "noise": "known" if known else "not known", "sets": sets}
+        yield row | share("untested", fit.status == Status.UNTESTED) | share("ok", fit.ok)
+
+
 def scans(folder):
     """A row for each scan of a folder: F, p values, errors and the interval of the radius, in millimetres."""
     for file in sorted(Path(folder).glob("*SPH*.xyz")):
@@ -354,6 +364,7 @@ PARTS = {
     "power": ("misfit", power, POWER_SETS),
     "errors": ("misfit-errors", errors, POWER_SETS),
     "hinges": ("misfit-hinges", hinges, 100),
+    "untested": ("misfit-untested", untested, 1000),
 }
 
 if __name__ == "__main__":
