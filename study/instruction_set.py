@@ -35,11 +35,12 @@ def fix_compiler() -> None:
     """Generate that code in a program that uses the library, so that it takes what a command compiled, and reverse.
 
     The program's environment, which others read, stays as it is. Numba has one kind of code in a process: where the
-    program has compiled functions of its own before, that of the processor at hand, also for the loops.
+    program has compiled functions of its own before, that of the processor at hand, also for the loops. Nothing public
+    of numba says whether it has: without the private ``cpu_target`` such a program would get code of both kinds.
     """
     from numba.core.registry import cpu_target
 
-    config: Any = import_module("numba.core.config")  # its settings are made when it is loaded
+    config: Any = import_module("numba").config
 
     if _is_common() and "_toplevel_target_context" not in vars(cpu_target):  # numba has not chosen yet
         config.CPU_NAME, config.CPU_FEATURES = _PROCESSOR, _FEATURES

@@ -149,6 +149,17 @@ def test_every_place_is_known():
         assert inside | {path.parent.name for path in (PACKAGE / name).glob("*/__init__.py")} == set(order)
 
 
+PRIVATE = {"numba.core": "jit instruction_set", "numba.cpython": "jit", "joblib.externals": "workers"}
+"""Parts of other packages that are not public, and the files that use them and say why."""
+
+
+@pytest.mark.parametrize("name", PRIVATE)
+def test_private_doors_are_few(name):
+    """What other packages do not promise is used in one file each, or two."""
+    users = {path.stem for path in FILES if re.search(rf"\b{re.escape(name)}\b", path.read_text(encoding="utf-8"))}
+    assert users == set(PRIVATE[name].split())
+
+
 def test_functions_take_few_parameters():
     """No function takes more than seven parameters; options of a command, and of `study.fit`, are its parameters."""
     plain = [path for path in FILES if "commands" not in str(path) and path.name != "cli.py"]

@@ -39,7 +39,7 @@ from scipy.special import (
 )
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.loops.jit import compiled_as_written
+from study.fits.loops.jit import compiled_as_written, squared
 from study.fits.points.samples import Estimates, Samples, Worded
 
 BLOCKS = ("shape", "unequal noise", "tails", "memory")
@@ -778,7 +778,7 @@ def _nearest(e: Floats, along: Floats, near: Ints, traces: Floats) -> None:
                     square[:] = 0.0
                     for c in range(d):
                         for other in range(begun, end):
-                            square[other - begun] += (e[t, c, other] - e[t, c, i]) ** 2
+                            square[other - begun] += squared(e[t, c, other] - e[t, c, i])
                     for other in range(begun, end):
                         if square[other - begun] < best[k - 1]:
                             place = k - 1

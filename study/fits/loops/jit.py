@@ -19,6 +19,10 @@ such a loop, with vector instructions and without, and chooses by the distance o
 arrays happen to lie would decide the last bit of the sum. Store in one loop and add in another; ``tests/near.py`` finds
 such loops.
 
+Numba has no public name for four things that are used here alone: the cache of a function, which is to be keyed by all
+of its sources and written by one process at a time; the moment before it compiles; its events; and a tuple with one
+item replaced. A version of numba that lacks them fails when this file is imported.
+
 A compiled function must not raise to a whole power: numba compiles x ** 2 once in a process, with the options of the
 first function that has it, which may be a user's own, and all others would lose theirs. They call :func:`squared`.
 

@@ -63,7 +63,7 @@ def fingerprint() -> dict[str, str | None]:
     """Everything in this process that determines the bytes of an error table besides its config."""
     import llvmlite.binding
     import numpy  # loads the linear algebra whose kernels are listed
-    from numba.core import config
+    from numba import config
 
     sources = sorted(path for place in _COMPUTING for path in _HOME.glob(place))
     blas = {str(pool.get("architecture")) for pool in threadpool_info() if pool["user_api"] == "blas"}

@@ -18,6 +18,10 @@ loky keeps its processes for the next run of the same program, and ends them aft
 program; if that is killed, they end themselves (`follow`). loky notices the death of a process, unless it dies while it
 sends a result: then loky waits for the other half of the result for ever, and the other processes for the lock that the
 dead one holds. `Processes.check` ends that.
+
+`joblib.Parallel` has loky's processes without their futures, which cancelling and retrying need, so the copy of loky in
+joblib is used, here alone; the package `loky` has the same names. `Processes.check` reads three private fields of its
+executor: without them a run whose process dies while it sends would wait for ever.
 """
 
 import contextlib
