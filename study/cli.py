@@ -27,7 +27,8 @@ from study.recordings.commands import (
 )
 from study.recordings.live_commands import live
 from study.simulation import commands
-from study.simulation.commands import CONFIG_HELP, Folder, Jobs, opened, run_folder, with_plugins
+from study.simulation.commands import CONFIG_HELP, Folder, Jobs, with_plugins
+from study.simulation.folders import opened, run_folder
 from study.text import did_you_mean, json_text
 
 if TYPE_CHECKING:

@@ -18,7 +18,8 @@ WINGS = {"fits": set(), "simulation": {"fits"}, "recordings": {"fits"}}
 """For each wing the others that it may import."""
 ORDER = {
     "fits": "loops points estimators errors evidence answers registry spheres space_circle plan check certify fitting",
-    "simulation": "experiment statistics runs posterior analysis claims figures report compile_loops commands library",
+    "simulation": "experiment statistics runs posterior analysis claims figures report compile_loops folders library "
+    "commands",
     "recordings": "recording formats rigid markersets joints skeleton one_joint session live export events gait view "
     "synthetic case_study api commands live_commands",
 }

@@ -20,8 +20,8 @@ from study.fits.points.cap import cap_moments
 from study.fits.registry import load
 from study.simulation.analysis.summary import as_data, chosen_rows
 from study.simulation.analysis.theory import median_at_bound
-from study.simulation.commands import run_folder
 from study.simulation.figures import Tables, fig_coverage
+from study.simulation.folders import run_folder
 from study.simulation.runs.run_folder import Run
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -2,40 +2,15 @@
 
 import functools
 import inspect
-import os.path
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from study.options import ExitCode, Json, echo
+from study.simulation.folders import RUNS, opened, run_folder
 from study.text import columns, inert_frame, json_text
-
-if TYPE_CHECKING:
-    from study.simulation.runs.run_folder import Run
-
-RUNS = Path("results")
-"""Folder of the runs, below the current one."""
-
-
-def run_folder(argument: str) -> Path:
-    """The folder of a run, given itself, as the config of a run in `RUNS`, or as the name of a shipped config."""
-    path = Path(argument)
-    if os.path.isdir(path) or path.suffix not in ("", ".toml"):
-        return path
-    from study.simulation.experiment.config import load, shipped_configs
-
-    config = path if path.suffix else shipped_configs().get(argument)
-    return path if config is None else RUNS / load(config).run_name()
-
-
-def opened(folder: Path) -> "Run":
-    """The run in a folder."""
-    from study.simulation.runs.run_folder import Run
-
-    return Run.open(folder)
-
 
 _FOLDER = "folder of a run, or the config of a run in results/, such as configs/paper.toml, or paper if it is shipped"
 Folder = Annotated[Path, typer.Argument(metavar="RUN", parser=run_folder, help=_FOLDER)]

@@ -14,10 +14,10 @@ from study.files import RunError, explained, named_path, replacing
 from study.fits.registry import load
 from study.simulation.analysis import losses, rank, regret
 from study.simulation.analysis.summary import chosen_rows, summarise, up_to_date
-from study.simulation.commands import RUNS, opened, run_folder
 from study.simulation.experiment.conditions import NOISE_OVER_RADIUS, Value
 from study.simulation.experiment.config import Study, config_file, read
 from study.simulation.experiment.designs import as_list
+from study.simulation.folders import RUNS, opened, run_folder
 from study.simulation.runs import runner, schemas
 from study.simulation.runs.adaptive import TimeBudget
 from study.simulation.runs.parts import Share, takes_long

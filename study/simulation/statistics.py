@@ -3,7 +3,7 @@
 Medians and quantiles are the headline, because the errors of sphere fits have heavy tails: UGDK's have no mean at any
 number of samples, GDKE's no variance at n ≤ d + 2. Moments are given only where they exist (`moments_exist`).
 
-Performance measures have names (`MEASURES`). They are those of Morris, White & Crowther as far as they exist for
+Performance measures have names (`PERFORMANCE`). They are those of Morris, White & Crowther as far as they exist for
 errors with heavy tails. A quantile, and the share of outliers, comes three times:
 
 - ``ratio_median`` is of all fits as computed, whatever their status; one without a number counts as infinite. It is of
@@ -291,7 +291,7 @@ _OF_FITS = "share of all fits that are"
 _ON_AXIS = "error along the axis over the bound"
 _BEYOND = "beyond 10 times the bound"
 _HILL = "Hill's index of the error's tail, of the estimator's own ok fits; no moments exist of that order and above"
-MEASURES: dict[str, Performance] = {
+PERFORMANCE: dict[str, Performance] = {
     f"{name}_{part}{which}": Performance(
         f"{words} of {quantity}{short}", f"{words} of {quantity}, {of_which}", partial(_quantile, name, p, which)
     )
@@ -300,7 +300,7 @@ MEASURES: dict[str, Performance] = {
     for which, (short, of_which) in _WHICH.items()
 }
 _on_axis = partial(_quantile, "axis", 0.5)
-MEASURES |= {
+PERFORMANCE |= {
     "far": Performance(_SHARE, f"{_OF_FITS} {_BEYOND} or without a number", partial(_far, "")),
     "far_ok": Performance(f"{_SHARE}, ok fits", f"share of the ok fits with an error {_BEYOND}", partial(_far, "_ok")),
     "far_all": Performance(f"{_SHARE} or not ok", f"{_OF_FITS} {_BEYOND} or not ok", partial(_far, "_all")),
@@ -336,7 +336,7 @@ def measured(name: str, columns: Columns, further: Sequence[MeasureColumn] = ())
     for column in further:
         if name in column.summaries:
             return _summarised(column, columns)[name]
-    return MEASURES[name].of(Fits(columns))
+    return PERFORMANCE[name].of(Fits(columns))
 
 
 def _summarised(column: MeasureColumn, fits: Columns) -> dict[str, Measure]:
@@ -380,7 +380,7 @@ def row(group: str, estimator: str, fits: Columns, measured: Sequence[MeasureCol
             result[condition.name] = values[0] if np.all(values == values[0]) else varying
     result |= {s.name.lower(): int(np.sum(status == s)) for s in Status}
     measures = Fits(fits)
-    for name, measure in MEASURES.items():
+    for name, measure in PERFORMANCE.items():
         result[name], result[f"{name}_error"] = measure.of(measures)
     for column in measured:
         for name, (value, error) in _summarised(column, fits).items():

@@ -24,7 +24,7 @@ from study.simulation.experiment.config import Study
 from study.simulation.runs import schemas
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.runner import budget_message
-from study.simulation.statistics import MEASURES
+from study.simulation.statistics import PERFORMANCE
 
 Entity = dict[str, Any]
 
@@ -176,7 +176,7 @@ def readme(runs: Sequence[Run]) -> str:
 def ademp(runs: Sequence[Run]) -> str:
     """The studies by aims, data-generating mechanisms, estimands, methods and performance measures."""
     studies = [(run, _words(run)) for run in runs]
-    return _TEMPLATES.get_template("archive-ademp.md").render(studies=studies, measures=MEASURES)
+    return _TEMPLATES.get_template("archive-ademp.md").render(studies=studies, measures=PERFORMANCE)
 
 
 _MEDIAN_VARIANCES = (0.316, 1.36)

@@ -37,7 +37,7 @@ from study.simulation.report.html import Content, Section
 from study.simulation.report.material import Material, answer
 from study.simulation.report.runs import overview_section, posterior_section, run_id, run_section
 from study.simulation.report.words import count, readable
-from study.simulation.statistics import MEASURES, of_column, share
+from study.simulation.statistics import PERFORMANCE, of_column, share
 from study.text import columns, one_line
 
 _DIGITS, _ERROR_DIGITS = 5, 3
@@ -127,8 +127,8 @@ def _measures(frame: pd.DataFrame, further: Iterable[MeasureColumn]) -> Iterable
         frame: the summary.
         further: columns of the study's own measures.
     """
-    order = sorted(MEASURES, key=lambda name: not name.startswith("ratio"))
-    known = [(name, MEASURES[name].title, MEASURES[name].meaning) for name in order]
+    order = sorted(PERFORMANCE, key=lambda name: not name.startswith("ratio"))
+    known = [(name, PERFORMANCE[name].title, PERFORMANCE[name].meaning) for name in order]
     for column in further:
         known += [(name, name.replace("_", " "), meaning) for name, (meaning, _) in of_column(column).items()]
     for name, title, meaning in known:

@@ -21,7 +21,7 @@ from study.simulation.posterior import run as posterior
 from study.simulation.report import html, words
 from study.simulation.report.html import Content, Section
 from study.simulation.report.material import Material
-from study.simulation.statistics import MEASURES
+from study.simulation.statistics import PERFORMANCE
 from study.text import one_line
 
 _HEAD = ["Run", "Design", "Estimators", "Trials", "Samples", "Seed", "Computed on", "Seconds", "Workers"]
@@ -85,7 +85,7 @@ def precision(tables: Tables) -> list[Markup]:
     """)
     head = ["Why there are no more trials", "cells", "trials of each"]
     table = html.table(f"Trials by need, {tables.name}", caption, head, rows, numeric={1, 2})
-    title = f"the {MEASURES[asked.measure].title}" if asked.measure in MEASURES else "this column of a measure"
+    title = f"the {PERFORMANCE[asked.measure].title}" if asked.measure in PERFORMANCE else "this column of a measure"
     told: list[str] = [
         f"Trials were added until the Monte-Carlo error of {title} (",
         html.code(asked.measure),

@@ -420,7 +420,7 @@ class Layout:
     def __init__(self, study: Study, earlier: Study | None = None) -> None:
         self.study = study
         # rows of a summary have a column for each measure
-        measures = " ".join(statistics.MEASURES) if study.keep == "summary" else ""
+        measures = " ".join(statistics.PERFORMANCE) if study.keep == "summary" else ""
         self._stem = hashlib.sha256(f"{FORMAT} {study.stem()}{measures}".encode()).digest()
         self._estimators = tuple(f"{name}@{ESTIMATORS[name].version}" for name in study.estimators)
         self._earlier = earlier if earlier is not None and related(study, earlier) else None

@@ -10,7 +10,7 @@ from study.fits import Status
 from study.simulation.experiment.conditions import COLUMNS, CONDITIONS, Condition, bound_law
 from study.simulation.experiment.config import ChainStatus
 from study.simulation.experiment.measures import MeasureColumn
-from study.simulation.statistics import MEASURES, of_column
+from study.simulation.statistics import PERFORMANCE, of_column
 
 
 class Column(NamedTuple):
@@ -26,7 +26,7 @@ _WORD = pa.dictionary(pa.int32(), pa.string())
 _STATUSES = "; ".join(f"{status.value} = {status.text}" for status in Status)
 _STATUS_COLUMNS = frozenset(status.name.lower() for status in Status)
 """Columns of the summary that count the fits of each status."""
-OF_ALL_TRIALS = tuple(f"{name}{end}" for name in MEASURES if f"{name}_ok" in MEASURES for end in ("", "_error"))
+OF_ALL_TRIALS = tuple(f"{name}{end}" for name in PERFORMANCE if f"{name}_ok" in PERFORMANCE for end in ("", "_error"))
 """Columns of the summary with a measure of all trials, which an earlier version did not store."""
 NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()} | {"rank_likelihood", "rhat"}
 """Columns that a table, or some of its rows, may lack because they are older."""
@@ -128,7 +128,7 @@ def summary(conditions: Sequence[Condition] = COLUMNS, measured: Sequence[Measur
     ]
 
     law = _bound_law(conditions)
-    meanings = {name: measure.meaning for name, measure in MEASURES.items()}
+    meanings = {name: measure.meaning for name, measure in PERFORMANCE.items()}
     meanings |= {name: meaning for column in measured for name, (meaning, _) in of_column(column).items()}
     for name, meaning in meanings.items():
         of_bound = "bound" in meaning or "CRLB" in meaning

@@ -17,7 +17,7 @@ from study.fits import Status
 from study.simulation.figures import Tables
 from study.simulation.report.material import Material
 from study.simulation.report.page import packed, render
-from study.simulation.statistics import MEASURES
+from study.simulation.statistics import PERFORMANCE
 from tests.configs import config
 
 POINTS = """document.querySelector('#explorer-chart [aria-label="dot"]').querySelectorAll('path, circle').length"""
@@ -49,9 +49,9 @@ def test_numbers_are_those_of_the_summary(name, request):
     expected = frame["samples"] if name == "circles" else 10.0 ** frame["decade"]
     assert np.allclose([condition["values"][code] for code in condition["codes"]], expected, rtol=1e-6)
     measures = {entry["name"]: entry for entry in data["measures"]}
-    assert set(measures) >= {m for m in MEASURES if frame[m].notna().any()}
+    assert set(measures) >= {m for m in PERFORMANCE if frame[m].notna().any()}
     for name, entry in measures.items():
-        if name in MEASURES:
+        if name in PERFORMANCE:
             for column, values, digits in ((name, "values", 1e-4), (f"{name}_error", "errors", 1e-2)):
                 found = [math.nan if value is None else value for value in entry[values]]
                 assert np.allclose(found, frame[column], rtol=digits, equal_nan=True)

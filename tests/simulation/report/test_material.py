@@ -20,7 +20,7 @@ from study.simulation.report.html import coded
 from study.simulation.report.material import Material, answer, draw_lead
 from study.simulation.report.page import COLUMNS, printed, read_bench, render, speed_section
 from study.simulation.report.runs import posterior_section
-from study.simulation.statistics import MEASURES
+from study.simulation.statistics import PERFORMANCE
 from tests.configs import config, log_uniform, uniform
 
 
@@ -348,6 +348,6 @@ def test_design(design, expected):
 
 def test_every_measure_has_a_heading():
     """In words, no two alike, and short enough for a column."""
-    titles = [measure.title for measure in MEASURES.values()]
+    titles = [measure.title for measure in PERFORMANCE.values()]
     assert len(set(titles)) == len(titles)
     assert all("_" not in title and len(title) < 60 for title in titles)
