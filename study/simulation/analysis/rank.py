@@ -16,6 +16,7 @@ in all cells together, because cells may share draws; runs are independent if th
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from study.arrays import Bools, Floats, Ints
 from study.files import RunError
 from study.fits.loops.random import stream
 from study.simulation.analysis.losses import GIVEN, WORDS, Losses
-from study.simulation.analysis.regret import by_trial, each_cell
+from study.simulation.analysis.regret import by_trial
 from study.text import columns, listed
 
 LOSSES = ("median", "rms")
@@ -97,13 +98,16 @@ def log_losses(distances: Floats, trials: Ints, flips: Floats) -> dict[str, Logs
     )
     draws = flips @ np.ascontiguousarray(parts.T)
     of_median, of_ratio = draws[:, place], draws[:, len(steps) + place]
+    (one, other), squares = np.triu_indices(len(place), 1), square[place]
     with np.errstate(invalid="ignore"):
-        shares = square[place, None] / (square[place, None] + square[place])
-        contrast = of_ratio[:, :, None] * shares - of_ratio[:, None, :] * (1.0 - shares)
-    contrast = np.arctanh(np.clip(np.nan_to_num(contrast), -_LARGEST, _LARGEST))
+        shares = squares[one] / (squares[one] + squares[other])
+        pairs = of_ratio[:, one] * shares - of_ratio[:, other] * (1.0 - shares)
+    contrast = np.zeros((len(flips), len(place), len(place)))
+    contrast[:, one, other] = np.arctanh(np.clip(np.nan_to_num(pairs), -_LARGEST, _LARGEST))
+    contrast[:, other, one] = -contrast[:, one, other]
     return {
         "median": Logs(median[place], of_median[:, :, None] - of_median[:, None, :], of_median),
-        "rms": Logs(0.5 * np.log(square[place]), contrast, 0.5 * of_ratio),
+        "rms": Logs(0.5 * np.log(squares), contrast, 0.5 * of_ratio),
     }
 
 
@@ -137,13 +141,13 @@ def may_be_best(logs: Logs, level: float = 0.95) -> Bools:
     """
     finite = np.flatnonzero(np.isfinite(logs.values))
     result = np.full(len(logs.values), not len(finite))
-    values = logs.values[finite]
-    for i, estimator in enumerate(finite):
-        draws = logs.swapped[:, estimator, finite]
-        spread = np.sqrt(np.mean(draws**2, axis=0))
+    if len(finite):
+        values, swapped = logs.values[finite], logs.swapped[:, finite][:, :, finite]
+        spread = np.sqrt(np.mean(swapped**2, axis=0))
         other = spread > _ROUNDING
-        critical = np.quantile((draws[:, other] / spread[other]).max(axis=1), level) if other.any() else 0.0
-        result[estimator] = np.all(values[i] - values <= critical * spread + _ROUNDING)
+        largest = np.where(other, swapped / np.where(other, spread, 1.0), -np.inf).max(axis=2)
+        critical = np.quantile(np.where(other.any(axis=1), largest, 0.0), level, axis=0)
+        result[finite] = (values[:, None] - values <= critical[:, None] * spread + _ROUNDING).all(axis=1)
     return result
 
 
@@ -201,8 +205,7 @@ def compared(losses: Losses, level: float = 0.95) -> Mechanism:
     given = [losses.given.get(name, "") for name in names]
     means, marked = {loss: MeanLog() for loss in LOSSES}, {loss: list[Bools]() for loss in LOSSES}
     lost, counts = np.zeros(len(names)), list[int]()
-    for cell, part in each_cell(losses.parts):
-        distances, trials = by_trial(part, names)
+    for cell, distances, trials in chain.from_iterable(by_trial(part, names) for part in losses.parts):
         if len(trials) < _FEWEST:
             raise RunError(f"cell {cell}: {len(trials)} trials; a ranking needs at least {_FEWEST}")
         for loss, logs in log_losses(distances, trials, flips).items():
