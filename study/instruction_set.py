@@ -2,8 +2,9 @@
 
 import os
 import platform
+import re
 from importlib import import_module
-from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,7 @@ def fix() -> None:
     if _is_common():
         os.environ["NUMBA_CPU_NAME"], os.environ["NUMBA_CPU_FEATURES"] = _PROCESSOR, _FEATURES
         os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
-        new = tuple(map(int, version("numpy").split(".")[:2])) >= (2, 4)
-        os.environ.setdefault("NPY_DISABLE_CPU_FEATURES", _WIDER if new else _WIDER_BEFORE)
+        os.environ.setdefault("NPY_DISABLE_CPU_FEATURES", _WIDER if _numpy() >= (2, 4) else _WIDER_BEFORE)
 
 
 def fix_compiler() -> None:
@@ -44,6 +44,16 @@ def fix_compiler() -> None:
 
     if _is_common() and "_toplevel_target_context" not in vars(cpu_target):  # numba has not chosen yet
         config.CPU_NAME, config.CPU_FEATURES = _PROCESSOR, _FEATURES
+
+
+def _numpy() -> tuple[int, int]:
+    """NumPy's version, from its file: to load `importlib.metadata` takes a seventh of `study --help`."""
+    place = find_spec("numpy")
+    assert place is not None
+    assert place.origin is not None
+    text = Path(place.origin).with_name("version.py").read_text(encoding="utf-8")
+    major, minor = re.findall(r'^version = "(\d+)\.(\d+)', text, re.MULTILINE)[0]
+    return int(major), int(minor)
 
 
 def _is_common() -> bool:
