@@ -488,10 +488,11 @@ def export(folder: Folder, xarray: ToXarray = None, duckdb: ToDuckdb = None) -> 
 def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = None, plot: Plot = None) -> None:
     """Draw one trial of a run again.
 
-    The truth and every estimator's fit are printed.
+    The truth and every estimator's fit are printed. With --out points.csv, the true sphere and σ are in
+    points.truth.csv.
     """
     from study.files import save_frame
-    from study.simulation.experiment.replay import find, fits, parse_name, points, printed
+    from study.simulation.experiment.replay import find, fits, parse_name, points, printed, truth
     from study.simulation.runs.provenance import other_version
 
     run = opened(folder)
@@ -503,6 +504,7 @@ def replay(folder: Folder, cell: Cell, trial: Trial = None, out: PointsOut = Non
     echo(printed(run.study, drawn))
     if out is not None:
         save_frame(points(drawn), out)
+        save_frame(truth(drawn), out.with_suffix(f".truth{out.suffix}"))
     if plot is not None:
         frame = points(drawn)
         _plot(frame.to_numpy(), fits(run.study, drawn), [*frame.columns], False, plot)

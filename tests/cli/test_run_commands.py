@@ -261,7 +261,7 @@ def test_replay(call, call_here, finished):
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_points_to_a_file(well, replayed, tmp_path, suffix):
-    """Every digit of the points is in the file, of either kind, in a folder that is made."""
+    """Every digit of the points is in the file, of either kind, in a folder that is made; the truth is beside it."""
     *_, trial = replay.all_trials(Run.open(replayed / "out").study, 4)
     path = tmp_path / "new" / f"points.{suffix}"
     said = well(replayed, "replay", "out", trial.cell.name, "3", "--out", path)
@@ -269,7 +269,13 @@ def test_points_to_a_file(well, replayed, tmp_path, suffix):
     frame = pd.read_csv(path, dtype=str).map(float) if suffix == "csv" else pd.read_parquet(path)
     assert list(frame.columns) == ["x_1", "x_2", "x_3"]
     np.testing.assert_array_equal(frame, replay.points(trial))
-    assert [path.name for path in path.parent.iterdir()] == [f"points.{suffix}"]
+    assert sorted(path.name for path in path.parent.iterdir()) == [f"points.{suffix}", f"points.truth.{suffix}"]
+    truth = path.with_name(f"points.truth.{suffix}")
+    frame = pd.read_csv(truth, dtype=str).map(float) if suffix == "csv" else pd.read_parquet(truth)
+    assert frame.to_dict("records") == [
+        {f"center_{i + 1}": value for i, value in enumerate(trial.cell.center)}
+        | {"radius": trial.cell.radius, "noise": trial.cell.noise}
+    ]
 
 
 def test_the_file_can_be_fitted(well, replayed, tmp_path):

@@ -94,9 +94,10 @@ class RecordingsWithin1Cm(Claim):
     """On recordings, most joints are within one centimetre above about 200 samples.
 
     A spread within one recording is not a distance to the truth: skin that moves with a joint does not show in it,
-    so a joint counts for the verdict where its own error raises no doubt. Frames near in time are correlated, so
-    that the fit to the whole recording errs too. The paper accounts for neither. The standard errors do not account
-    for errors that the joints of one body share, nor for joints that had no sphere.
+    so a joint counts for the verdict where its own error raises no doubt. If most joints are in doubt, this rule alone
+    makes the verdict. Frames near in time are correlated, so that the fit to the whole recording errs too. The paper
+    accounts for neither. The standard errors do not account for errors that the joints of one body share, nor for
+    joints that had no sphere.
     """
 
     number, name, section = 23, "recordings-within-1-cm", "9.1"
@@ -106,7 +107,10 @@ class RecordingsWithin1Cm(Claim):
         share of the numbers of frames above 200, of each recording, at which more than half of the joints have a spread
         below 1 cm; joints that are in doubt count as farther
     """
-    answer = "above 200 samples {1:share} of the spreads are below 1 cm."
+    answer = """
+        above 200 samples {1:share} of the spreads are below 1 cm; the verdict counts joints in doubt as farther, by
+        which {3:share} are.
+    """
 
     def measure(self, evidence: Evidence) -> list[Number]:
         spreads = evidence.spreads()
@@ -115,6 +119,9 @@ class RecordingsWithin1Cm(Claim):
         above, upto = _below(spreads[many], "spread"), _below(spreads[~many], "spread")
         joints, recordings = (above.index.unique(level).size for level in ("joint", "recording"))
         of = f"{joints} joints of {recordings} recording{'s' * (recordings != 1)}"
+        largest = spreads.groupby("recording")["samples"].max()
+        short = [f"{size} frames" for size in largest[largest <= _MANY]]
+        left = f" (too short, so without a say: recordings whose subsets reach {', '.join(short)})" if short else ""
         near = spreads[many].assign(near=lambda rows: rows["sure"] < _CENTIMETRE)
         joints_near = near.groupby(["recording", "samples", "joint"])["near"].mean()  # once, in whatever case studies
         sizes = joints_near.groupby(["recording", "samples"])
@@ -122,7 +129,7 @@ class RecordingsWithin1Cm(Claim):
         gain, own_error = _per_joint(above - upto), "that share with the error of the whole recording's fit"
         return [
             shared.holding(self.criterion, (Measure(0.5 - one.value, one.error) for one in most)),
-            _share(f"share of {of} with a spread below 1 cm, above {_MANY} samples", above),
+            _share(f"share of {of} with a spread below 1 cm, above {_MANY} samples{left}", above),
             _over_joints(f"that share minus the share up to {_MANY} samples, joint by joint", mean(gain), len(gain)),
             _share("that share with joints that are in doubt counted as farther", _below(spreads[many], "sure")),
             *shared.only_known(

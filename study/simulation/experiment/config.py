@@ -79,7 +79,9 @@ class ChainStatus(Worded):
     NOT_CONVERGED = 1, "the chain did not reach 50 autocorrelation times, stable to 1 %, within its budget of steps"
     AT_PRIOR = 2, "the posterior reaches the prior's box, which decides the answer: the data alone do not bound it"
     NO_START = 3, "no finite error ellipsoid within the prior's box to start from"
-    NOT_MIXED = 4, "walkers that started at different modes of the posterior did not mix within the budget of steps"
+    NOT_MIXED = 4, "walkers that started at different places did not mix within the budget of steps"
+    DIFFERS = 5, "a mean, sd or quantile is 0.1 sd from the one by the centre's marginal density: mass was missed"
+    NOT_CHECKED = 6, "not checked, so not ok: draws of the centre's marginal density are too few to see 0.1 sd"
 
 
 def _conditions(value: object) -> tuple[tuple[str, tuple[Value, ...]], ...]:

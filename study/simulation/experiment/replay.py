@@ -153,6 +153,13 @@ def points(trial: Trial) -> pd.DataFrame:
     return pd.DataFrame({f"x_{i + 1}": row for i, row in enumerate(trial.samples.x[0])})
 
 
+def truth(trial: Trial) -> pd.DataFrame:
+    """The true sphere and σ, one row: columns center_1 … center_d, radius, noise."""
+    cell = trial.cell
+    centers = {f"center_{i + 1}": [value] for i, value in enumerate(cell.center)}
+    return pd.DataFrame(centers | {"radius": [cell.radius], "noise": [cell.noise]})
+
+
 @always_compiled()
 def fits(study: Study, trial: Trial) -> dict[str, Fit]:
     """The true sphere under the name "truth", and every estimator's fit, each of shape ()."""

@@ -35,14 +35,15 @@ from study.arrays import Floats
 from study.files import RunError, writing
 from study.fits import ESTIMATORS, Samples, Status
 from study.fits.loops.jit import always_compiled
-from study.fits.loops.random import old_stream
+from study.fits.loops.random import old_stream, stream
 from study.fits.points.cap import cap_moments
 from study.fits.registry import fit_samples
 from study.simulation.experiment.conditions import STORED, named_in
 from study.simulation.experiment.config import ChainStatus, Posterior, Study
 from study.simulation.experiment.designs import Cell
 from study.simulation.experiment.replay import Trial, all_trials
-from study.simulation.posterior.sampler import Chain, Prior, likelihood_rank, sample, shrink_factor
+from study.simulation.posterior.marginal import Streams, sample_checked
+from study.simulation.posterior.sampler import Chain, Prior, likelihood_rank
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.run_folder import Run
@@ -70,7 +71,7 @@ def by_cell(posterior: pd.DataFrame, answers: pd.DataFrame) -> pd.DataFrame:
         A row per cell, likelihood and ``noise_is``, with the cell's conditions: the numbers ``chains`` and ``ok``, and
         over the ok chains the largest ``shift`` of the posterior mean from the MLE in any component of (c, r), in
         posterior sd (NaN without ``mle`` among the estimators), the ``least`` and ``most`` ratio of a component's sd to
-        the bound's, the largest ``tau``, and the largest ``rhat`` of two ensembles.
+        the bound's, the largest ``tau``, and the largest ``rhat``.
     """
     endings = [name.removeprefix("away_") for name in answers.columns if name.startswith("away_")]
     mle = answers[answers["estimator"] == "mle"].set_index(KEYS)[[f"away_{e}" for e in endings]]
@@ -162,13 +163,12 @@ STORED_DRAWS = 2000
 """Largest number of draws that are stored of a chain."""
 
 
-def rows(task: "ChainTask", chain: Chain, rhat: float = math.nan) -> dict[str, pa.Table]:
+def rows(task: "ChainTask", chain: Chain) -> dict[str, pa.Table]:
     """Rows of the three tables for one chain.
 
     Args:
         task: the chain's name, and the data set, whose study has the estimators that are compared with the chain.
         chain: the posterior of its sphere.
-        rhat: R̂ of this chain and another of the same data, if there is one.
 
     Returns:
         Tables ``posterior`` (one row), ``answers`` (a row per estimator) and ``draws`` (empty if they are not stored).
@@ -184,7 +184,7 @@ def rows(task: "ChainTask", chain: Chain, rhat: float = math.nan) -> dict[str, p
     noise = np.append(np.zeros(len(thinned)) if known else thinned[:, d + 1], 0.0) + trial.cell.noise
     rank = likelihood_rank(task.likelihood, trial.samples.x[0], truth[: d + 1], thinned[:, : d + 1], noise)
     stored, noise = (thinned, noise[:-1]) if task.keeps_draws else (thinned[:0], noise[:0])
-    posterior = _posterior(trial, chain, draws, walkers) | {"rank_likelihood": rank, "rhat": rhat}
+    posterior = _posterior(trial, chain, draws, walkers) | {"rank_likelihood": rank}
     columns = {f"error_{i + 1}": stored[:, i] for i in range(d)} | {"radius_error": stored[:, d], "noise": noise}
     return {
         "posterior": _table(schemas.posterior(d, study.conditions()), [key | posterior]),
@@ -208,6 +208,7 @@ def _posterior(trial: Trial, chain: Chain, draws: Floats, walkers: int) -> Row:
     extent = cell.radius**2 * cap_moments(math.radians(cell.angle), d).along
     row: Row = cell.values | {"flatness": cell.noise**2 / extent}
     row |= {"status": int(chain.status), "tau": chain.tau, "acceptance": chain.acceptance}
+    row |= {"rhat": chain.rhat, "difference": chain.difference, "checked": chain.checked}
     row |= {"steps": chain.steps, "walkers": walkers, "draws": len(draws) / chain.tau}
     unit = np.sqrt(np.diag(trial.unit_bound))
     row |= {f"bound_{name}": cell.noise * unit[i] for i, name in enumerate(names(d)[: d + 1])}
@@ -266,7 +267,7 @@ def _squares(vectors: Floats, covariance: Floats) -> Floats:
         return np.asarray((((vectors @ axes) ** 2) / values).sum(axis=1))
 
 
-FORMAT = 3
+FORMAT = 4
 """Version of the sampler; a chain of another version is computed again."""
 
 
@@ -314,13 +315,10 @@ class ChainTask:
         """Run the chain; returns its rows of the posterior tables."""
         trial, asked = self.trial, self.asked
         prior = prior_of(trial.cell, asked, self.noise_is == "known")
-
-        def run(*last: str) -> Chain:
-            random = old_stream(trial.study.seed, "posterior", *self.key.values(), *last)
-            return sample(trial.samples, prior, self.likelihood, random, asked.walkers, asked.max_steps)
-
-        chain = run()  # every cell has one trial whose chain is checked against another of its own
-        return rows(self, chain, shrink_factor([chain, run("second")]) if trial.trial == 0 else math.nan)
+        seed, name = trial.study.seed, ("posterior", *self.key.values())
+        streams = Streams(stream(seed, "marginal", *name), old_stream(seed, *name), old_stream(seed, *name, "second"))
+        limits = asked.walkers, asked.max_steps
+        return rows(self, sample_checked(trial.samples, prior, self.likelihood, streams, *limits))
 
 
 def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:

@@ -3,9 +3,8 @@
 Most moves propose independent places from Student's distribution with the mean and covariance of the other half of the
 walkers. The posteriors here are so nearly normal that the integrated autocorrelation time τ is then about 3 steps; with
 the stretch move it is about 50. One move in ten is differential evolution (ter Braak 2006), which also works for
-posteriors that are not normal. If there may be modes apart from the best sphere, half of the walkers start there,
-places are proposed in coordinates in which the modes are neighbours (see below), and one move in five is to the other
-side of the points.
+posteriors that are not normal. A chain whose walkers start elsewhere, because the ellipsoid is not like the posterior,
+has a move of its own in place of the fitted one (`marginal.py`, which also checks every chain).
 
 A chain is long enough when what remains after its first fifth is 50 τ long, and τ is stable to 1 %. As τ does not
 notice walkers that stay at one mode each, they must be mixed as well, by the variance between their means; otherwise
@@ -39,7 +38,7 @@ S = Σ(R - R̄)². So (r - R̄)/√S and log σ - log √S take their places; r 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
@@ -156,6 +155,37 @@ def _square_sums(reference: Reference, offsets: Floats, squares: Floats) -> None
         for i in range(n):
             square += row[i] * row[i]
         squares[j] = square
+
+
+def distances(reference: Reference, away: Floats) -> tuple[Floats, Floats]:
+    """Mean distances R̄ of the points from centres, and Σ(Rᵢ - R̄)².
+
+    Args:
+        reference: the points.
+        away: centres less the reference's (k, d).
+
+    Returns:
+        Both for each centre (k,).
+    """
+    offsets = np.column_stack([away, np.zeros(len(away))])
+    mean, squares = np.empty((2, len(away)))
+    _moments(reference, offsets, mean, squares)
+    return mean + reference.radius, squares
+
+
+@compiled
+def _moments(reference: Reference, offsets: Floats, mean: Floats, squares: Floats) -> None:
+    """Mean of Rᵢ - r, and the sum of squares about it, for each offset."""
+    k, n = len(offsets), reference.distance.size
+    residuals = np.empty((1, n))
+    for j in range(k):
+        _residuals(reference, offsets[j : j + 1], residuals)
+        total, square, row = 0.0, 0.0, residuals[0]
+        for i in range(n):
+            total += row[i]
+        for i in range(n):
+            square += squared(row[i] - total / n)
+        mean[j], squares[j] = total / n, square
 
 
 @compiled
@@ -298,6 +328,13 @@ class RayCoordinates:
         """Walkers at parameters (k, p)."""
         return np.asarray(np.linalg.solve(self.spread, (parameters - self.origin).T).T)
 
+    def centers(self, places: Floats) -> tuple[Floats, Floats]:
+        """Centres at the first coordinates (k, d), and log-volumes of centres per volume of coordinates (k,)."""
+        length = np.linalg.norm(places, axis=1)
+        distance = 0.5 * self.extent * np.expm1(np.minimum(length, _FARTHEST))
+        center = self.centroid + places * (distance / np.maximum(length, _TINY))[:, None]
+        return center, self._volume(distance, length, np.ones(len(center)))
+
     def distances(self, center: Floats) -> tuple[Floats, Floats]:
         """Mean R̄ of the points' distances from centres (k, d), and √S; 1 in place of √S if σ is known."""
         distance = np.sqrt(((center[:, :, None] - self.points) ** 2).sum(axis=1))
@@ -314,107 +351,16 @@ class RayCoordinates:
         return np.asarray(np.log(distance + near) + (d - 1) * np.log(stretch) + np.log(root))
 
 
-_NEAREST = 0.1
-"""Least distance of a trial centre from the centroid, in units of the points' extent √Tr C."""
-_CENTERS = 60
-"""Trial centres on each ray."""
-_APART = 6.0
-"""A centre farther than this from the best sphere, in its standard deviations, is apart from it ..."""
-_VALLEY = 2.0
-"""... and so is one across the centroid, where the log-density at the centroid is lower than its own by this."""
-_LEAST_MASS = 0.1
-"""Least mass in units of the best sphere's, by a crude bound, that counts as a possible mode."""
-
-
-def other_modes_possible(rays: RayCoordinates, width: float, log_density: Callable[[Floats], Floats]) -> bool:
-    """True if there may be mass apart from the best sphere.
-
-    The density is computed on lines through the centroid: towards the best centre, and along the points' main axes. A
-    centre at m standard deviations counts with m^d times the best sphere's volume. That overrates its mass about ten
-    times in the plane and more in space, so modes with less than about a percent of the mass may be missed.
-
-    Args:
-        rays: coordinates of the posterior.
-        width: half-width of the prior's box.
-        log_density: log-posterior of walkers (k, p).
-    """
-    d, n = rays.points.shape
-    main = rays.origin[:d] - rays.centroid
-    axes = [*np.linalg.eigh(np.cov(rays.points))[1].T, main / max(float(np.linalg.norm(main)), _TINY)]
-    steps = np.geomspace(_NEAREST * rays.extent, 2.0 * math.sqrt(d) * width, _CENTERS)
-    lines = [sign * steps[:, None] * axis for axis in axes for sign in (-1.0, 1.0)]
-    center = rays.centroid + np.concatenate([*lines, np.zeros((1, d))])
-    with np.errstate(all="ignore"):  # the density is zero where no sphere exists
-        mean, root = rays.distances(center)
-        rest = [mean] if len(rays.origin) == d + 1 else [mean, np.log(root / math.sqrt(n))]
-        walkers = rays.walkers_at(np.column_stack([center, *rest]))
-        walkers[~np.isfinite(walkers).all(axis=1)] = np.inf
-        covariance = rays.spread[:d] @ rays.spread[:d].T
-        away = np.linalg.solve(np.linalg.cholesky(covariance), (center - rays.origin[:d]).T)
-        size = np.sqrt((away**2).sum(axis=0))
-        density = log_density(walkers)
-        across = ((center - rays.centroid) @ main < 0.0) & (density > density[-1] + _VALLEY)
-        mass = density + d * np.log(np.maximum(size, 1.0))
-        best = log_density(np.zeros((1, len(rays.origin))))[0]
-    return bool((mass[across | (size > _APART)] > best + math.log(_LEAST_MASS)).any())
-
-
-def spread_out(rays: RayCoordinates, walkers: Floats, width: float, random: OldStream) -> Floats:
-    """Move every second walker along its line through the centroid, uniformly in log-distance on either side.
-
-    Args:
-        rays: coordinates of the posterior.
-        walkers: (k, p).
-        width: half-width of the prior's box, the largest distance.
-        random: source of random numbers.
-    """
-    d, result = len(rays.points), walkers.copy()
-    places, _ = rays.coordinates(walkers[1::2])
-    length = random.uniform(-1.0, 1.0, len(places)) * math.log1p(width / (0.5 * rays.extent))
-    places[:, :d] *= (length / np.maximum(np.linalg.norm(places[:, :d], axis=1), _TINY))[:, None]
-    result[1::2] = rays.walkers(places)[0]
-    return result
-
-
 _FREEDOM = 5.0
 """Degrees of freedom of the proposals: their tails are heavier than the posterior's, so that no walker is stuck."""
 
 
 class FittedMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Propose places independent of the walker's own, from Student's distribution fitted to the resting walkers.
-
-    Args:
-        rays: coordinates in which to fit and to propose; the walkers' own if None.
-    """
-
-    def __init__(self, rays: RayCoordinates | None = None) -> None:
-        super().__init__()
-        self.rays = rays
+    """Propose places independent of the walker's own, from Student's distribution fitted to the resting walkers."""
 
     def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
         """Places for walkers ``s`` (k, p) given the resting walkers ``c``, and log-ratios of proposal densities."""
-        others = np.concatenate(c, axis=0)
-        if self.rays is None:
-            return _drawn(s, others, random)
-        here, volume = self.rays.coordinates(s)
-        places, balance = _drawn(here, self.rays.coordinates(others)[0], random)
-        walkers, after = self.rays.walkers(places)
-        return walkers, balance + after - volume
-
-
-class MirrorMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Propose the sphere at the same distance on the other side of the points, for a mode with few walkers."""
-
-    def __init__(self, rays: RayCoordinates) -> None:
-        super().__init__()
-        self.rays = rays
-
-    def get_proposal(self, s: Floats, c: list[Floats], random: OldStream) -> tuple[Floats, Floats]:
-        """Mirrored places of walkers ``s`` (k, p), and log-ratios of volumes."""
-        here, volume = self.rays.coordinates(s)
-        here[:, : len(self.rays.points)] *= -1.0
-        walkers, after = self.rays.walkers(here)
-        return walkers, after - volume
+        return _drawn(s, np.concatenate(c, axis=0), random)
 
 
 def _drawn(s: Floats, others: Floats, random: OldStream) -> tuple[Floats, Floats]:
@@ -431,8 +377,6 @@ def _drawn(s: Floats, others: Floats, random: OldStream) -> tuple[Floats, Floats
 
 _FITTED = 0.9
 """Share of independent proposals; the other moves are differential evolution."""
-_MIRRORED = 0.2
-"""Share of moves across the points, taken from the independent proposals, if other modes are possible."""
 _FIRST_LENGTH = 100
 """Steps before the chain's length is checked first."""
 _WARM_UP = 0.2
@@ -459,6 +403,9 @@ class Chain:
         tau: largest of the parameters' autocorrelation times, in steps.
         acceptance: share of proposals accepted.
         steps: all steps taken, the warm-up included.
+        rhat: R̂ of the chain and of draws of the centre's marginal density (`marginal.py`).
+        difference: largest difference of a mean, sd or quantile from that of these draws, in sd.
+        checked: effective sample size of these draws.
     """
 
     status: ChainStatus
@@ -466,24 +413,14 @@ class Chain:
     tau: float = math.nan
     acceptance: float = math.nan
     steps: int = 0
+    rhat: float = math.nan
+    difference: float = math.nan
+    checked: float = math.nan
 
     @property
     def flat(self) -> Floats:
         """The draws of all walkers (draws, parameters)."""
         return self.draws.reshape(-1, self.draws.shape[2])
-
-
-def shrink_factor(chains: Sequence[Chain]) -> float:
-    """R̂ of independent ensembles: √(1 + variance of their means / mean of their variances), largest of the parameters.
-
-    It is 1 if they agree; NaN if one has no draws. Walkers of one ensemble are not independent of each other, so they
-    do not count as chains (Gelman & Rubin 1992).
-    """
-    if not all(len(chain.draws) for chain in chains):
-        return math.nan
-    means = np.array([chain.flat.mean(axis=0) for chain in chains])
-    within = np.mean([chain.flat.var(axis=0) for chain in chains], axis=0)
-    return float(np.sqrt(1.0 + means.var(axis=0, ddof=1) / within).max())
 
 
 def likelihood_rank(name: str, points: Floats, sphere: Floats, draws: Floats, noise: Floats) -> float:
@@ -517,7 +454,33 @@ class _Sampler(emcee.EnsembleSampler):  # type: ignore[misc]
         return self.log_prob_fn(coords), None
 
 
-def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers: int, max_steps: int) -> Chain:
+class Start(NamedTuple):
+    """The start of a chain: the best sphere, and walkers elsewhere if its ellipsoid is not like the posterior.
+
+    Attributes:
+        origin: parameters of the best sphere: centre, radius, and log σ if σ is unknown (p,).
+        spread: matrix from walkers to offsets from the origin (p, p).
+        walkers: where they start; from a unit normal distribution if None (walkers, p).
+        move: a move to anywhere, in place of proposals fitted to the walkers.
+        least: least effective size of the chain.
+    """
+
+    origin: Floats
+    spread: Floats
+    walkers: Floats | None = None
+    move: emcee.moves.Move | None = None
+    least: float = 0.0
+
+
+def sample(
+    samples: Samples,
+    prior: Prior,
+    name: str,
+    random: OldStream,
+    walkers: int,
+    max_steps: int,
+    start: Start | None = None,
+) -> Chain:
     """Run a chain.
 
     Args:
@@ -527,27 +490,23 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
         random: source of random numbers.
         walkers: number of walkers.
         max_steps: number of steps after which a chain that is not long enough is reported as not converged.
+        start: as `best_start` returns it; it is computed if None.
 
     Returns:
         The chain; it never raises on data.
     """
-    start = _start(samples, prior)
+    start = best_start(samples, prior) if start is None else start
     if start is None:
         return Chain(ChainStatus.NO_START, np.empty((0, walkers, samples.x.shape[1] + 2 - prior.known)))
-    origin, spread = start
+    origin, spread, given, move, least = start
     parameters = len(spread)
     reference = Reference.of(samples.x[0], origin[: parameters - 2 + prior.known], origin[-2 + prior.known])
     density = partial(log_posterior, prior, name, reference, origin, spread)
-    first = random.standard_normal((walkers, parameters))
-    moves = [(FittedMove(), _FITTED), (emcee.moves.DEMove(), 1.0 - _FITTED)]
-    rays = RayCoordinates(samples.x[0], origin, spread)
-    if other_modes_possible(rays, prior.width, density):
-        first = spread_out(rays, first, prior.width, random)
-        moves = [(FittedMove(rays), _FITTED - _MIRRORED), (MirrorMove(rays), _MIRRORED), moves[1]]
-    first = _inside(first, density)
+    first = _inside(random.standard_normal((walkers, parameters)) if given is None else given, density)
+    moves = [(FittedMove() if move is None else move, _FITTED), (emcee.moves.DEMove(), 1.0 - _FITTED)]
     sampler = _Sampler(walkers, parameters, density, moves=moves)
     state = emcee.State(first, random_state=random.get_state())
-    status, tau = _until_long_enough(sampler, state, max_steps)
+    status, tau = _until_long_enough(sampler, state, max_steps, max(_LENGTH, least / walkers))
     taken = sampler.get_chain().shape[0]
     draws = origin + sampler.get_chain(discard=int(_WARM_UP * taken)) @ spread.T
     if not prior.known:
@@ -560,9 +519,9 @@ def sample(samples: Samples, prior: Prior, name: str, random: OldStream, walkers
 
 
 def _until_long_enough(
-    sampler: emcee.EnsembleSampler, state: emcee.State | None, max_steps: int
+    sampler: emcee.EnsembleSampler, state: emcee.State | None, max_steps: int, length: float
 ) -> tuple[ChainStatus, float]:
-    """Run until the chain is 50 τ long, τ is stable, and the walkers are mixed; returns the status and the last τ."""
+    """Run until the chain is so many τ long, τ is stable, and the walkers are mixed; returns status and last τ."""
     target, before, taken = min(_FIRST_LENGTH, max_steps), math.inf, 0
     while True:
         state = sampler.run_mcmc(state, target - taken, skip_initial_state_check=True)
@@ -570,7 +529,7 @@ def _until_long_enough(
         chain = sampler.get_chain(discard=int(_WARM_UP * taken))
         with np.errstate(all="ignore"):  # walkers that never moved have no autocorrelation
             tau = float(np.max(autocorrelation_times(chain)))
-        needed = _LENGTH * tau
+        needed = length * tau
         enough = len(chain) >= needed
         if enough and abs(before - tau) < _STABLE * tau and _mixed(chain):
             return ChainStatus.OK, tau
@@ -591,8 +550,8 @@ def _mixed(chain: Floats) -> bool:
     return bool((between <= _MIXED * total).all())
 
 
-def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
-    """Parameters of the best sphere, and a matrix from unit walkers to offsets; None if there is no usable fit.
+def best_start(samples: Samples, prior: Prior) -> Start | None:
+    """The best sphere and its ellipsoid; None if there is no usable fit.
 
     The best sphere is the MLE's, or GDKE's if the MLE diverged or has no covariance.
     """
@@ -611,10 +570,10 @@ def _start(samples: Samples, prior: Prior) -> tuple[Floats, Floats] | None:
         except np.linalg.LinAlgError:
             continue
         if prior.known:
-            return np.append(center, radius), spread
+            return Start(np.append(center, radius), spread)
         whole = np.zeros((d + 2, d + 2))
         whole[: d + 1, : d + 1], whole[d + 1, d + 1] = spread, 1.0 / math.sqrt(2.0 * n)
-        return np.concatenate([center, [radius, math.log(noise)]]), whole
+        return Start(np.concatenate([center, [radius, math.log(noise)]]), whole)
     return None
 
 

@@ -28,7 +28,8 @@ _STATUS_COLUMNS = frozenset(status.name.lower() for status in Status)
 """Columns of the summary that count the fits of each status."""
 OF_ALL_TRIALS = tuple(f"{name}{end}" for name in PERFORMANCE if f"{name}_ok" in PERFORMANCE for end in ("", "_error"))
 """Columns of the summary with a measure of all trials, which an earlier version did not store."""
-NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()} | {"rank_likelihood", "rhat"}
+NEWER = frozenset(OF_ALL_TRIALS) | _STATUS_COLUMNS - {Status.OK.name.lower()}
+NEWER |= {"rank_likelihood", "rhat", "difference", "checked"}
 """Columns that a table, or some of its rows, may lack because they are older."""
 _CHAIN_STATUSES = "; ".join(f"{status.value} = {status.text}" for status in ChainStatus)
 
@@ -176,9 +177,9 @@ def posterior(dimension: int, conditions: Sequence[Condition] = COLUMNS) -> list
         *_per_parameter("rank", dimension, "", "share of the draws below the truth,"),
         Column("rank_likelihood", pa.float64(), "", "share of the draws with a lower likelihood than the truth"),
         Column("level", pa.float64(), "", "share of the draws that are nearer to the mean than the true centre"),
-        Column(
-            "rhat", pa.float64(), "", "largest R̂ of two independent ensembles; not a number but for a cell's trial 0"
-        ),
+        Column("rhat", pa.float64(), "", "largest R̂ of the chain and of draws of the centre's marginal density"),
+        Column("difference", pa.float64(), "", "largest difference of a mean, sd or quantile from these draws', in sd"),
+        Column("checked", pa.float64(), "", "effective size of these draws"),
         Column("tau", pa.float64(), "step", "largest integrated autocorrelation time"),
         Column("draws", pa.float64(), "", "effective sample size: draws kept over tau"),
         Column("acceptance", pa.float64(), "", "share of proposals accepted"),

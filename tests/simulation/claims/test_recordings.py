@@ -125,6 +125,7 @@ def test_a_short_recording_says_nothing(judged):
     found = judged(table[(table["recording"] == 0) | (table["samples"] <= 200)])
     assert [n.value for n in found.numbers[1:3]] == [1.0, 1.0]
     assert "6 joints of 1 recording " in found.numbers[1].words
+    assert found.numbers[1].words.endswith(" (too short, so without a say: recordings whose subsets reach 200 frames)")
 
 
 def test_what_is_shown_besides(judged):

@@ -1,6 +1,4 @@
-"""Modes apart from the best sphere: the data for which they are possible, and walkers that start there.
-
-Coordinates along rays: there and back, and their volumes.
+"""Coordinates along rays: there and back, and their volumes.
 
 Log-likelihoods of a sphere: against their definitions by quadrature, direct formulas, and 60-digit arithmetic.
 """
@@ -12,45 +10,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from study.simulation.posterior import sampler
-from study.simulation.posterior.sampler import Reference, geometric, other_modes_possible, spread_out, whole_sphere
-
-
-def test_spread_out(rays):
-    """Every second walker stays; of the others as many are on either side, as near as far, and keep their line."""
-    walkers = np.random.default_rng(6).standard_normal((4000, len(rays.origin)))
-    moved = spread_out(rays, walkers, 5.0, np.random.RandomState(1))
-    np.testing.assert_array_equal(moved[::2], walkers[::2])
-    d = len(rays.points)
-    before, after = (rays.coordinates(w[1::2])[0] for w in (walkers, moved))
-    lengths = (before[:, :d] * after[:, :d]).sum(axis=1) / np.linalg.norm(before[:, :d], axis=1)
-    np.testing.assert_allclose(np.abs(lengths), np.linalg.norm(after[:, :d], axis=1), rtol=1e-6)
-    far = math.log1p(5.0 / (0.5 * rays.extent))
-    # uniform on ±far: 5 standard errors of the mean and of the mean length, false in 1 of 10⁶
-    assert abs(lengths.mean()) < 5.0 * far / math.sqrt(3.0 * 2000)
-    assert abs(np.abs(lengths).mean() - 0.5 * far) < 5.0 * far / math.sqrt(12.0 * 2000)
-
-
-@pytest.mark.parametrize(
-    ("angle", "noise", "wanted"),
-    [(180.0, 0.02, False), (90.0, 0.02, False), (60.0, 0.02, False), (90.0, 1e-9, False), (20.0, 0.1, True)],
-)
-@pytest.mark.parametrize("d", [2, 3])
-def test_where_they_are_possible(on_cap, d, angle, noise, wanted):
-    """On a cap whose noise is above its height, not where one sphere explains the points (fixed seed)."""
-    points, directions = on_cap(np.random.default_rng(7), 40, angle=angle, d=d, noise=noise)
-    rows = np.column_stack([directions, np.ones(40)])
-    spread = np.linalg.cholesky(np.linalg.inv(rows.T @ rows)) * noise
-    origin = np.append(np.zeros(d), 1.0)
-    reference = sampler.Reference.of(points.T, origin[:d], 1.0)
-
-    def log_probability(scaled):
-        offsets = scaled @ spread.T
-        value = sampler.geometric(reference, offsets, np.full(len(offsets), math.log(noise)))
-        return np.where((np.abs(offsets[:, :d]) < 3.0).all(axis=1), value, -np.inf)
-
-    rays = sampler.RayCoordinates(points.T.copy(), origin, spread)
-    assert other_modes_possible(rays, 3.0, log_probability) is wanted
+from study.simulation.posterior.sampler import Reference, distances, geometric, whole_sphere
 
 
 def test_there_and_back(rays):
@@ -69,6 +29,25 @@ def test_there_and_back(rays):
     columns = [(rays.walkers(places + s)[0] - rays.walkers(places - s)[0]) / 2e-5 for s in step]
     excess = np.linalg.slogdet(np.stack(columns, axis=2))[1] - volume
     np.testing.assert_allclose(excess, excess[0], atol=1e-5)
+
+
+def test_centers_alone(rays):
+    """Centres at places are those of walkers there; the volume is the Jacobian's determinant, by central differences.
+
+    Mean distances and their sums of squares are those by NumPy.
+    """
+    d = len(rays.points)
+    places = np.random.default_rng(5).standard_normal((20, len(rays.origin)))
+    center, volume = rays.centers(places[:, :d])
+    walkers, _ = rays.walkers(places)
+    np.testing.assert_allclose(center, (rays.origin + walkers @ rays.spread.T)[:, :d], rtol=1e-9, atol=1e-12)
+    step = 1e-5 * np.eye(d)
+    columns = [(rays.centers(places[:, :d] + s)[0] - rays.centers(places[:, :d] - s)[0]) / 2e-5 for s in step]
+    np.testing.assert_allclose(np.linalg.slogdet(np.stack(columns, axis=2))[1], volume, atol=1e-5)
+    mean, squares = distances(Reference.of(rays.points, rays.origin[:d], 1.0), center - rays.origin[:d])
+    length = np.linalg.norm(rays.points.T - center[:, None], axis=2)
+    np.testing.assert_allclose(mean, length.mean(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(squares, length.var(axis=1) * length.shape[1], rtol=1e-9)
 
 
 @pytest.fixture(params=[2, 3, 5])

@@ -14,6 +14,7 @@ Autocorrelation times against emcee's own, and against theory.
 import itertools
 import math
 
+import emcee
 import numpy as np
 import pytest
 from emcee.autocorr import integrated_time
@@ -23,6 +24,7 @@ import study
 from study.fits import Samples
 from study.simulation.experiment.config import ChainStatus
 from study.simulation.posterior import sampler
+from study.simulation.posterior.marginal import Streams, sample_checked
 from study.simulation.posterior.sampler import LIKELIHOODS, Prior, autocorrelation_times, sample
 
 LEVELS = np.array([0.025, 0.16, 0.5, 0.84, 0.975])
@@ -37,6 +39,14 @@ def run(points, noise, known=True, name="geometric", width=10.0, seed=1, walkers
     prior = Prior(middle, width, 2.0 + math.sqrt(d) * width, noise, known)
     random = np.random.RandomState(seed)
     return sample(Samples(points.T[None].copy(), None), prior, name, random, walkers, max_steps)
+
+
+def checked(points, noise, width, known=True, walkers=64, max_steps=20_000):
+    """Run a checked chain on points (n, d); the prior is about the origin."""
+    d = points.shape[1]
+    prior = Prior(np.zeros(d), width, 2.0 + math.sqrt(d) * width, noise, known)
+    streams = Streams(np.random.default_rng(1), np.random.RandomState(1), np.random.RandomState(2))
+    return sample_checked(Samples(points.T[None].copy(), None), prior, "geometric", streams, walkers, max_steps)
 
 
 def best(points):
@@ -347,7 +357,7 @@ def test_flat_caps(on_cap, seed, noise, width):
     grid = Integrated(points, noise, [-width] * 2, [width] * 2, 500)
     rim = grid.weight[np.abs(grid.place).max(axis=0) > 0.9 * width].sum()
     assert rim > 0.03 or seed != 18
-    found = run(points, noise, width=width, max_steps=6000)
+    found = checked(points, noise, width, max_steps=6000)
     assert found.status is not ChainStatus.OK or rim < 0.03
     assert found.status is not ChainStatus.AT_PRIOR or rim > 2e-3
     assert found.status in (ChainStatus.OK, ChainStatus.AT_PRIOR)
@@ -358,13 +368,22 @@ def test_flat_caps(on_cap, seed, noise, width):
     assert_moments(found, *grid.moments())
 
 
-def test_walkers_that_do_not_mix(on_cap, monkeypatch):
-    """Without a move across, walkers stay where they started, and the status is neither ok nor at the prior."""
-    monkeypatch.setattr(sampler, "_FITTED", 0.0)
-    monkeypatch.setattr(sampler, "_MIRRORED", 0.0)
+def test_walkers_that_do_not_mix(on_cap):
+    """With moves too short to cross, walkers stay where they started, and the status is neither ok nor at the prior."""
     points, _ = on_cap(np.random.default_rng(12), 50, angle=40.0, d=2, noise=0.2)
-    found = run(points, 0.2, width=3.0, max_steps=3000)
-    assert found.status is ChainStatus.NOT_MIXED
+    prior, samples = (
+        Prior(np.zeros(2), 3.0, 2.0 + math.sqrt(2.0) * 3.0, 0.2, True),
+        Samples(points.T[None].copy(), None),
+    )
+    start = sampler.best_start(samples, prior)
+    middle = points.mean(axis=0)
+    there = 2.0 * middle - start.origin[:2]
+    walkers = 0.01 * np.random.default_rng(1).standard_normal((64, 3))
+    other = np.append(there, np.linalg.norm(points - there, axis=1).mean()) - start.origin
+    walkers[1::2] += np.linalg.solve(start.spread, other)
+    start = start._replace(walkers=walkers, move=emcee.moves.GaussianMove(1e-4))
+    found = sample(samples, prior, "geometric", np.random.RandomState(1), 64, 3000, start)
+    assert found.status is not ChainStatus.OK
     assert not sampler._mixed(found.draws)
 
 
@@ -393,7 +412,7 @@ def test_a_cap_on_which_the_flat_prior_is_improper(on_cap, noise, known):
     A chain of an ordinary cap is ok within 200 steps.
     """
     points, _ = on_cap(np.random.default_rng(2), 50, angle=20.0, noise=noise)
-    found = run(points, noise, known, walkers=32, max_steps=500)
+    found = checked(points, noise, 10.0, known, walkers=32, max_steps=500)
     assert found.status in (ChainStatus.AT_PRIOR, ChainStatus.NOT_CONVERGED)
     assert np.isfinite(found.draws).all()
     assert np.abs(found.flat[:, :3]).max() < 10.0
@@ -484,9 +503,9 @@ def test_walkers_that_start_outside_of_the_box_are_pulled_in(on_cap):
 
 def test_statuses_have_words():
     """Numbers are those stored in tables, and each has its words."""
-    names = ["OK", "NOT_CONVERGED", "AT_PRIOR", "NO_START", "NOT_MIXED"]
+    names = ["OK", "NOT_CONVERGED", "AT_PRIOR", "NO_START", "NOT_MIXED", "DIFFERS", "NOT_CHECKED"]
     assert [(s.name, int(s)) for s in ChainStatus] == [(name, number) for number, name in enumerate(names)]
-    assert len({s.text for s in ChainStatus}) == 5
+    assert len({s.text for s in ChainStatus}) == 7
 
 
 def autoregressive(steps, walkers, memory, seed=1):
