@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
-.PHONY: paper article calibration skeleton test test-slow smoke lint numbers tables bench benchmark mutants docs clean
+.PHONY: paper article calibration skeleton test test-slow test-all smoke lint numbers tables bench benchmark mutants docs clean
 .DELETE_ON_ERROR:
 
 # Tables that the documents quote.
@@ -75,7 +75,11 @@ test: $(VENV)/.tested
 # The tests that take long: levels and coverages of all trials, of which `make test` has a quarter, and fits in four
 # dimensions and more, whose loops the compiler takes long for.
 test-slow: $(VENV)/.tested
-	$(PYTEST) -m slow
+	$(PYTEST) -m "slow and not quarter"
+
+# Both at once, for continuous integration: a test that runs with all of its trials needs no quarter of them.
+test-all: $(VENV)/.tested
+	$(PYTEST) -m "not quarter"
 
 # A small study of everything, for continuous integration.
 smoke: $(VENV)/.run
@@ -158,11 +162,11 @@ $(VENV)/.compiled: $(VENV)/.installed
 	@$(BIN)/study compile --costs configs/smoke.toml $(CONFIGS)
 	touch $(VENV)/.run $@
 
-# ... and those of fits with their intervals, which most tests call: two workers would wait for each other's compiler.
-$(VENV)/.tested: $(VENV)/.dev $(VENV)/.run
-	@echo "Loops of fits and intervals are compiled for the tests, once after an installation or an update; a minute:"
-	@$(BIN)/study compile --circles
-	touch $@
+# ... and with them those of fits with their intervals, which most tests call.
+$(VENV)/.tested: $(VENV)/.dev
+	@echo "Loops are compiled for the tests, once after an installation or an update; a minute:"
+	@$(BIN)/study compile --circles configs/smoke.toml
+	touch $(VENV)/.run $@
 
 $(VENV)/.mocap: $(VENV)/.run
 	$(INSTALL) -e '.[mocap]'

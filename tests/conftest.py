@@ -169,9 +169,12 @@ def rng():
     return np.random.default_rng(20090901)
 
 
-@pytest.fixture(params=[0.25, pytest.param(1.0, marks=pytest.mark.slow)], ids=["quarter", "all"])
+@pytest.fixture(
+    params=[pytest.param(0.25, marks=pytest.mark.quarter), pytest.param(1.0, marks=pytest.mark.slow)],
+    ids=["quarter", "all"],
+)
 def part_of(request):
-    """Number of trials of a level or a coverage: a quarter of so many, and all of them in `make test-slow`.
+    """Number of trials of a level or a coverage: a quarter of so many, and all of them in `make test-all`.
 
     The limits of such a test follow from the number, so that its rate of false alarms is the same.
     """

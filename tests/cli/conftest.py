@@ -1,5 +1,7 @@
 """Shared by the tests of the command line: a small config, and ways to run a command as a user does."""
 
+import contextlib
+import io
 import os
 import re
 import signal
@@ -10,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import study
+from study import cli
 from study.fits.loops.jit import COMPILING
 from tests.configs import config as write
 
@@ -43,6 +46,21 @@ def call(command):
         # where no code is cached, a run may take a minute
         complained = re.sub(r"\S+: \S+ units, \S+ passed.*\n", "", done.stderr.replace(f"{COMPILING}\n", ""))
         return done.returncode, done.stdout, complained
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def done_here():
+    """Run a command within this process that ends with code 0; fixtures that tests share need no new program."""
+
+    def run(folder, *arguments):
+        with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()):
+            patch.chdir(folder)
+            patch.setattr(sys, "argv", ["study", *arguments])
+            with pytest.raises(SystemExit) as end:
+                cli.main()
+        assert end.value.code == 0
 
     return run
 

@@ -228,9 +228,15 @@ def test_bound_as_noise_vanishes(population, cap_moments, noise):
 
 
 @pytest.mark.parametrize(
-    ("d", "angle", "noise"), [(2, 90.0, 0.3), (3, 60.0, 0.1), pytest.param(4, 180.0, 0.5, marks=pytest.mark.slow)]
+    ("name", "d", "angle", "noise"),
+    [
+        ("corrected", 2, 90.0, 0.3),
+        ("corrected", 3, 60.0, 0.1),
+        pytest.param("corrected", 4, 180.0, 0.5, marks=pytest.mark.slow),
+        ("corrected_01", 2, 90.0, 0.3),
+        ("corrected_12", 3, 60.0, 0.1),
+    ],
 )
-@pytest.mark.parametrize("name", ["corrected", "corrected_01", "corrected_12"])
 def test_scatter_of_fits(rng, on_cap, part_of, name, d, angle, noise):
     """Centres and radii scatter as the standard errors say.
 

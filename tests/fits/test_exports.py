@@ -220,6 +220,7 @@ def test_damage_is_refused_in_one_line(tmp_path, name):
     assert not [words for words in said if "\n" in words]
 
 
+@pytest.mark.plain
 def test_frames():
     """`study.fit` takes the columns of a data frame by the same rule; more columns without names are refused."""
     frame = pd.DataFrame({"label": "a", "X [mm]": X, "Y [mm]": Y, "Z [mm]": Z, "intensity": INTENSITY})

@@ -4,6 +4,7 @@ Remarks on fitted points, in words and as numbers.
 """
 
 import decimal
+import itertools
 import math
 import re
 from pathlib import Path
@@ -50,8 +51,13 @@ def shown(points, estimators=FREE, noise=None, names="xyz"):
     return rows, lines[2 * len(fits) + 2 :]
 
 
-@pytest.mark.parametrize("d", [2, 3, pytest.param(4, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("noise", [None, 0.05])
+@pytest.mark.parametrize(
+    ("d", "noise"),
+    [
+        *itertools.product((2, 3), (None, 0.05)),
+        pytest.param(4, 0.05, marks=[pytest.mark.plain, pytest.mark.slow]),
+    ],
+)
 def test_answers_are_the_librarys(rng, on_cap, d, noise):
     """Each number of the table is that of study.fit on the same array."""
     points, _ = on_cap(rng, 60, angle=70.0, d=d, noise=0.05, center=3.0)

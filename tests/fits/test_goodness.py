@@ -73,7 +73,7 @@ def test_columns_are_harmonics(d):
     basis = harmonics(d, 4)
     count = [1] + [round((2 * k + d - 2) / k * math.comb(k + d - 3, k - 1)) for k in range(1, 5)]
     assert np.bincount(basis.degree).tolist() == count
-    u = on_cap(np.random.default_rng(1), 1, 400_000, d=d).swapaxes(1, 2)
+    u = on_cap(np.random.default_rng(1), 1, 100_000, d=d).swapaxes(1, 2)
     Y = columns(u, basis)[0]
     Y /= np.sqrt((Y**2).mean(axis=1, keepdims=True))
     gram = Y @ Y.T / Y.shape[1]

@@ -204,8 +204,7 @@ def assert_moments(got, points, relative=1e-12):
         np.testing.assert_allclose(getattr(got, name), getattr(batch, name), rtol=0, atol=relative * scale)
 
 
-@pytest.mark.parametrize("offset", [0.0, 10.0])
-@pytest.mark.parametrize("angle", [180.0, 60.0, 20.0])
+@pytest.mark.parametrize(("angle", "offset"), [(180.0, 0.0), (20.0, 10.0)])
 def test_a_million_samples(rng, on_cap, angle, offset):
     """After 10⁶ updates the recurrences agree with batch GDKE, to 1e-9 r, also ten radii from the origin."""
     points = on_cap(rng, 1_000_000, angle, noise=0.05, center=offset)[0]

@@ -330,7 +330,7 @@ def test_shipped_estimators_pass():
         assert check_estimator(name, budget=1e9).violations == ()
 
 
-@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.plain)])
 def test_through_the_library(rng, on_cap, d):
     """`study.fit` calls it by name, and adds batches, missing samples and errors, which it does not handle itself."""
     study.register("coope", coope, batched=True)

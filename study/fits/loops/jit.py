@@ -86,7 +86,7 @@ _PATIENCE = 5.0
 """Seconds to wait for it; storing takes some milliseconds."""
 
 _TURN = 60.0
-"""Seconds to wait for another process that compiles the same function, which takes some seconds."""
+"""Seconds to wait for another process that compiles the same version of a function, which takes some seconds."""
 
 COMPILING = "study: compiling loops, once after an installation; it takes seconds, at most a minute"
 """Warning of a process that compiles a function, and does not read it from the cache."""
@@ -216,11 +216,11 @@ class Loop:
         kept = dispatcher._cache
         self._load = kept.load_overload
         kept.load_overload = self._stored
-        self._turn_file: Path | None = None
+        self._turn_files: Path | None = None
         self._turn: FileLock | None = None  # made when it is taken: a process that is a fork must not have its parent's
         if kept.cache_path:
             folder = _keep_by_sources(kept, function)
-            self._turn_file = folder.parent / f"{folder.name.rpartition('-')[0]}.{function.__qualname__}.lock"
+            self._turn_files = folder.parent / f"{folder.name.rpartition('-')[0]}.{function.__qualname__}"
             kept.save_overload = partial(self._store, kept.save_overload, folder)
 
     def __call__(self, *arguments: object) -> object:
@@ -247,10 +247,11 @@ class Loop:
             loop, arguments = _WAY.called
             if loop is self and loop._done + _size(arguments) <= _PLAIN:
                 raise _NotStoredError
-        if code is None and self._turn_file is not None:  # another process may be compiling it: to wait costs less
+        if code is None and self._turn_files is not None:  # another process may be compiling it: to wait costs less
             with contextlib.suppress(OSError, NotImplementedError):
-                self._turn_file.parent.mkdir(parents=True, exist_ok=True)
-                self._turn = FileLock(self._turn_file, timeout=_TURN)
+                self._turn_files.parent.mkdir(parents=True, exist_ok=True)
+                version = hashlib.sha256(str(signature).encode()).hexdigest()[:8]
+                self._turn = FileLock(f"{self._turn_files}.{version}.lock", timeout=_TURN)
                 self._turn.acquire()
                 code = self._load(signature, context)
                 if code is not None:

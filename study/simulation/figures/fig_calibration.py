@@ -26,7 +26,6 @@ from matplotlib.patches import Patch
 
 from study import style
 from study.simulation.figures.figure import Frame, NotApplicable, Tables
-from study.simulation.posterior.run import FLAT, LEVELS, coverage, trials
 
 _LEAST_TRIALS = 20
 _BAND = "#ececec"
@@ -50,6 +49,7 @@ def prepare(tables: Tables) -> Frame:
     Returns:
         curves: the ranks of each parameter in each kind of chain, in order: parameter, likelihood, noise_is, ranks.
         coverage: as `study.simulation.posterior.run.coverage` gives it.
+        levels: of the intervals.
         trials: the smallest number of trials behind a curve.
         stamp: the run's name and trials.
 
@@ -60,6 +60,8 @@ def prepare(tables: Tables) -> Frame:
         raise NotApplicable("needs posteriors: [posterior] in the config, then `study posterior RUN`")
     if not tables.independent:
         raise NotApplicable('needs trials that are independent of each other: draws = "independent" in the config')
+    from study.simulation.posterior.run import FLAT, LEVELS, coverage, trials  # loads emcee: .7 s that others save
+
     result = trials(tables.posterior, tables.answers)
     result = result[result["flatness"] < FLAT]
     kinds = result[result["method"] == "posterior"].groupby(["likelihood", "noise_is"], sort=False, observed=True)
@@ -79,7 +81,7 @@ def prepare(tables: Tables) -> Frame:
     count = min(len(curve.ranks) for curve in curves)
     failed = sum(int((~part["ok"]).sum()) for _, part in kinds)
     stamp = f"{tables.name} · {count:,} trials behind each curve" + (f", {failed} chains not ok" if failed else "")
-    return Frame(curves=curves, coverage=coverage(result), trials=count, stamp=stamp)
+    return Frame(curves=curves, coverage=coverage(result), levels=LEVELS, trials=count, stamp=stamp)
 
 
 @style.journal()
@@ -138,7 +140,7 @@ def _draw_ranks(ax: Axes, frame: Frame) -> None:
 
 def _draw_coverage(ax: Axes, frame: Frame) -> None:
     several = frame.coverage["likelihood"].nunique() > 1
-    for level in LEVELS:
+    for level in frame.levels:
         low, high = scipy.stats.binom.ppf([0.025, 0.975], frame.trials, level) / frame.trials
         ax.axvspan(low, high, color=_BAND, zorder=0, linewidth=0.0)
         ax.axvline(level, color="black", linewidth=0.8, zorder=1)

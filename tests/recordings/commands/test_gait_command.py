@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import study
@@ -21,10 +22,11 @@ def test_the_command(works, read, refused, tmp_path):
     names = {path.name for path in (tmp_path / "report").iterdir()}
     tables = {f"gait_{name}.parquet" for name in ("cycles", "curves", "means")}
     assert names == {"gait.html", "fig_gait.png", "fig_gait.svg", *tables}
-    document = read("gait", *paths, "--out", "report")
+    assert set(pd.read_parquet(tmp_path / "report" / "gait_cycles.parquet")["recording"]) == {"one", "two"}
+    document = read("gait", paths[0], "--out", "single")
     assert set(document) == {"cycles", "means", "events", "notes", "files"}
-    assert {row["recording"] for row in document["cycles"]} == {"one", "two"}
-    own = study.find_gait([study.read_recording(path) for path in paths])
+    assert {row["recording"] for row in document["cycles"]} == {"one"}
+    own = study.find_gait([study.read_recording(paths[0])])
     assert len(own.cycles) == len(document["cycles"])
     body, _ = synthesize(Recipe(300, 100.0))
     refused("gait", write_recording(body, tmp_path / "body.csv"), says="no pelvis with both spines")

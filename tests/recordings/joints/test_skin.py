@@ -173,13 +173,13 @@ def test_radii_without_skin_have_no_slope():
     assert np.isnan(skin.radius_slope(radii[:1], angles))
 
 
-def test_markers_that_slide_with_the_hip():
-    """Markers on trochanters and epicondyles slide by 20-30 mm: of 16 hips none is undoubted and 2 cm off.
+def test_markers_that_slide_with_the_hip(part_of):
+    """Markers on trochanters and epicondyles slide by 20-30 mm: of 16 hips, or a part, none is undoubted and 2 cm off.
 
     Of 24 hips of other bodies, 8 % were, when errors came from the template alone; none is since radii count.
     """
     markerset, far, hips = load_markerset("rizzoli"), 0, 0
-    for seed in range(40, 48):
+    for seed in range(40, 40 + part_of(8)):
         recipe = Recipe(800, 50.0, seed=seed, soft_tissue=0.02 + 0.00125 * (seed - 40), skin="slide", markers="rizzoli")
         recording, truth = synthesize(recipe)
         joints = find_joints(markerset, recording)
@@ -188,4 +188,4 @@ def test_markers_that_slide_with_the_hip():
             off = estimate.center - estimate.poses.mean_place(truth.centers[truth.joints.index(name)])
             far += bool(np.linalg.norm(off) > 0.02 and joints[name].status in USABLE)
             hips += 1
-    assert (far, hips) == (0, 16)
+    assert (far, hips) == (0, 2 * part_of(8))

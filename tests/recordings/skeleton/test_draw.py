@@ -324,6 +324,7 @@ def hide_segments(recording, rng, markerset=CMU41):
     return Recording(recording.name, recording.markers, positions, recording.rate)
 
 
+@pytest.mark.slow
 def test_hidden_segments():
     """Joints do not leap while a neighbour shows them, and bridged ones are where their errors say.
 

@@ -141,15 +141,15 @@ def truth_of_angles(truth, axes):
             yield name, signs[:, None] * np.degrees(np.unwrap(np.stack([z, x, y])))
 
 
-@pytest.mark.parametrize("law", [None, *SKIN])
+@pytest.mark.parametrize("law", [None, SKIN[0], *(pytest.param(law, marks=pytest.mark.slow) for law in SKIN[1:])])
 def test_angles_are_inside_their_errors(part_of, law):
     """Hips, knees and ankles: with 1 mm of noise within 1° rms; with skin of 1 cm as often inside as they state.
 
     The angles are compared up to a constant, because the error of the axes themselves is not stated. Of 288 angles of
     sixteen other bodies .926 (angle) to .951 (no skin) of the samples were within 1.96 errors, .930 with skin that
-    slides; between six bodies the share varies by .01, between two by .017.
+    slides; between bodies the share varies by .024: a mean is three of its errors below .926 in 1 of 1000 seeds.
     """
-    inside, squares, bodies = [], [], part_of(6)
+    inside, squares, bodies = [], [], part_of(4)
     for seed in range(11, 11 + bodies):
         skin = {} if law is None else {"soft_tissue": 0.01, "skin": law}
         recording, truth = synthesize(Recipe(400, 50.0, seed=seed, gait=seed % 2 == 0, markers="rizzoli", **skin))
@@ -166,7 +166,7 @@ def test_angles_are_inside_their_errors(part_of, law):
                 inside += list(np.abs(off) < 1.96 * error)
                 squares += list(off**2)
     assert len(squares) > 0.8 * bodies * 18 * 400
-    assert np.mean(inside) > (0.9 if bodies == 6 else 0.87)
+    assert np.mean(inside) > 0.926 - 3.0 * 0.024 / np.sqrt(bodies)
     assert law is not None or np.sqrt(np.mean(squares)) < 1.0
 
 

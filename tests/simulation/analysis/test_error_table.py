@@ -25,7 +25,7 @@ draws = "{draws}"
 trials = 60
 samples = [8, 20]
 noise_over_radius = [0.01, 0.1, 0.3]
-angle = [45, 180]
+angle = 45
 """
 RANDOM = """
 name = "parts"

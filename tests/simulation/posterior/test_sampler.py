@@ -339,8 +339,8 @@ def across(points, centers):
     [
         (18, 0.2, 1.5),
         *(pytest.param(18, 0.1, width, marks=pytest.mark.slow) for width in (1.0, 2.0)),
-        (12, 0.2, 1.5),
-        *(pytest.param(seed, 0.1, 2.0, marks=pytest.mark.slow) for seed in (12, 16, 21)),
+        pytest.param(12, 0.2, 1.5, marks=pytest.mark.slow),
+        *(pytest.param(seed, 0.1, 2.0, marks=pytest.mark.slow) for seed in (12, 21)),
         pytest.param(21, 0.2, 1.5, marks=pytest.mark.slow),
         (12, 0.01, 2.0),
     ],

@@ -75,11 +75,11 @@ def small_parts(monkeypatch):
 
 @pytest.fixture
 def dear(monkeypatch):
-    """Make `lls` dear: a unit is cut into pieces of three trials, where it has one level, or of less."""
+    """Make `lls` dear: a unit is cut into pieces of so many trials, where it has one level, or of less."""
 
-    def cut():
+    def cut(trials=3):
         monkeypatch.setitem(parts._DEAR, "lls", (1e9, 0.0))
-        monkeypatch.setattr(parts, "_PIECE", 3.5e9)
+        monkeypatch.setattr(parts, "_PIECE", (trials + 0.5) * 1e9)
 
     return cut
 

@@ -103,6 +103,7 @@ def cluster(gate, held, wait_for, tmp_path):
             process.wait()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:distributed")
 def test_dask_with_a_worker_killed_midway(start, expected, tables, cluster, gate, wait_for, monkeypatch):
     """One of two Dask workers is killed while it computes, after a few results: the other computes the rest."""

@@ -291,7 +291,7 @@ class TestBudget:
 @pytest.mark.usefixtures("small")
 def test_dear_fits(go, whole, dear, computed):
     """Where units are cut for what their fits cost, each fit is computed once, and the tables keep their bytes."""
-    dear()
+    dear(12)
     assert told(go()) == told(whole)
     assert len(set(computed)) == len(computed)
 
