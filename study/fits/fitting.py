@@ -258,7 +258,7 @@ def fit_all(
     known: dict[str, Any] = {"radius": radius, "scale": scale, "ordered": assumed.ordered}
     known |= {"assume": "sphere" if assumed.sphere else None, "law": "radial" if assumed.radial else "isotropic"}
     if len(estimators) > 1 and (radius is not None or isinstance(noise, np.ndarray) or assumed.radial):
-        estimators = [name for name in estimators if takes(name, points.shape, noise, known)]
+        estimators = [name for name in estimators if takes(name, points, noise, known)]
     try:
         return {name: fit(points, name, noise, **known) for name in estimators}
     except ValueError as error:
@@ -369,8 +369,8 @@ def as_text(files: list[FileFits], noise: float | None = None, sensitivity: bool
         yield from doubts(first)
         yield answers_in_words(first)
         yield from visible_in_words(first)
-        given = None if first.samples is None else first.samples.given
-        known = given is not None and not given.sigma_alone
+        samples = first.samples
+        known = samples is not None and samples.given is not None and not samples.sigma_alone
         if first.ok and next(iter(only.fits)) == "corrected" and not known:
             yield from noise_law_in_words(first, fit(only.table.points, "mle"), only.table.names)
         yield from first.remarks()

@@ -31,8 +31,7 @@ from numpy.typing import ArrayLike
 
 from study.arrays import Floats, real_array
 from study.fits.answers.answer import Fit
-from study.fits.answers.given import fit_given
-from study.fits.errors.prior import ALS, CORRECTED, GDKE, MLE, ROBUST, UGDK, check_way, given_of
+from study.fits.answers.given import ALS, CORRECTED, GDKE, MLE, ROBUST, UGDK, check_way, fit_given, given_samples
 from study.fits.estimators.closed_forms import als, fuller, gdke, hinge, hyper, pratt, taubin, ugdk, ugdk_cov
 from study.fits.estimators.corrected import (
     corrected,
@@ -286,10 +285,9 @@ def fit(
         noise_covariance(noise, d)  # an estimator that finds the noise by itself would not use it
         stated = entry.covariance is not None or (entry.without_outliers and np.ndim(noise) == 0)
     if radius is not None or scale != "given" or stated or assumed.radial:
-        given = given_of(array.shape, noise, radius, scale)._replace(radial=assumed.radial)
-        if not given.sigma_alone:
-            check_way(estimator, given, ESTIMATORS)
-        estimates, samples = fit_given(array, entry, given)
+        samples = given_samples(array, noise, radius, scale, assumed.radial)
+        check_way(estimator, samples, ESTIMATORS)
+        estimates, samples = fit_given(entry, samples)
         return as_fit(estimates.reshape(*lead), samples, estimator, assumed)
     if noise is not None:
         noise = float(np.asarray(noise)) if np.ndim(noise) == 0 else np.asarray(noise, dtype=float)
@@ -323,11 +321,11 @@ def as_fit(estimates: Estimates, samples: Samples, estimator: str, assumed: Assu
     return Fit(estimates, samples, estimator, ESTIMATORS[estimator], assumed)
 
 
-def takes(estimator: str, shape: tuple[int, ...], noise: ArrayLike | None, known: Mapping[str, Any]) -> bool:
-    """True for an estimator that takes what is known of points of a shape (…, n, d), as `study.fit` has it."""
+def takes(estimator: str, points: Floats, noise: ArrayLike | None, known: Mapping[str, Any]) -> bool:
+    """True for an estimator that takes what is known of points (…, n, d), as `study.fit` has it."""
     try:
-        given = given_of(shape, noise, known["radius"], known["scale"])._replace(radial=known["law"] == "radial")
-        check_way(estimator, given, ESTIMATORS)
+        samples = given_samples(points, noise, known["radius"], known["scale"], known["law"] == "radial")
+        check_way(estimator, samples, ESTIMATORS)
     except ValueError:
         return False
     return True

@@ -395,6 +395,63 @@ def test_missing_points_and_parts_of_a_batch(rng):
     assert study.fit(points, radius=2.0).estimates.status[0] == Status.NOT_FINITE
 
 
+@pytest.mark.parametrize("name", ["corrected", "mle"])
+def test_noise_near_the_rounding_of_the_points(rng, name):
+    """Noise of 1e-9 radii on each point: the fit converges, and is off by as much as it says."""
+    points, sigma = uneven(rng, 20, 60, 60.0, 1e-9, center=1.0)
+    fit = study.fit(points, name, sigma, assume="sphere")
+    assert (fit.estimates.status == Status.OK).all()
+    away = (fit.radius - 2.0) / fit.standard_errors[:, 3]
+    # the mean square of 20 normal deviates is chi-squared: outside in 2e-4 of the draws
+    assert chi2.ppf(1e-4, 20) < np.sum(away**2) < chi2.isf(1e-4, 20)
+
+
+def test_robust_with_a_known_noise_among_outliers(rng, on_cap):
+    """Centre and radius are those without the noise, and errors and intervals of the other points are finite."""
+    points = on_cap(rng, 40, 90.0, noise=0.02, radius=2.0, sets=5)[0]
+    points[:, :5] += 1.0
+    fit, plain = study.fit(points, "robust", 0.02), study.fit(points, "robust")
+    np.testing.assert_array_equal(fit.outliers, plain.outliers)
+    np.testing.assert_array_equal(fit.center, plain.center)
+    assert np.isfinite(fit.standard_errors).all()
+    half, wide = (0.5 * np.ptp(one.interval("radius"), axis=-1) for one in (fit, plain))
+    # noise of 35 points: its estimate is within a half of the truth in all but 1e-5 of the draws
+    assert np.all((half > wide / 2.0) & (half < 2.0 * wide))
+
+
+def test_a_line_with_noise_has_no_outliers():
+    """Points on a line are on no sphere: nothing is raised, and nothing named."""
+    line = np.linspace(0.0, 1.0, 8)[:, None] * np.ones(3)
+    assert not study.fit(line, "mle", np.full(8, 0.1)).outliers.any()
+
+
+def test_evidence_has_no_unit(rng):
+    """Points and covariances in a unit of 1e-50 have the same tests, intervals and outliers."""
+    points, sigma = uneven(rng, 4, 30, 60.0, 0.03, center=1.0)
+    noise = sigma[..., None] * [1.0, 2.0, 0.5]
+    fit, small = study.fit(points, noise=noise), study.fit(points * 2.0**-166, noise=noise * 2.0**-166)
+    for one, two in zip(fit.goodness[:4], small.goodness[:4], strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-5)
+    np.testing.assert_allclose(small.interval("center") * 2.0**166, fit.interval("center"), rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(fit.status, small.status)
+
+
+def test_parts_of_a_batch_are_the_plain_case(rng):
+    """Sets with equal noise of unknown size, beside others, answer as they do alone, and as without a noise."""
+    points, sigma = uneven(rng, 6, 30, 70.0, 0.03)
+    points[:, :2] += 0.4
+    sigma[::2] = 7.0
+    both = study.fit(points, noise=sigma, scale="estimated")[::2]
+    for other in (study.fit(points[::2]), study.fit(points[::2], noise=sigma[::2], scale="estimated")):
+        np.testing.assert_array_equal(both.outliers, other.outliers)
+        np.testing.assert_array_equal(both.status, other.status)
+        for of in ("radius", "center"):
+            np.testing.assert_allclose(both.interval(of), other.interval(of), rtol=1e-9)
+        np.testing.assert_allclose(both.standard_errors, other.standard_errors, rtol=1e-9)
+        influence = [one[0].to_dict()["outlier_influence"] for one in (both, other)]
+        assert influence[0] == pytest.approx(influence[1], rel=1e-9)
+
+
 def test_sets_without_a_sphere_have_a_status(rng):
     """Points of a plane, of a line, all alike or too few raise nothing."""
     flat = rng.standard_normal((40, 3)) * [1, 1, 0]

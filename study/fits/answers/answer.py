@@ -1,7 +1,7 @@
 """The answer of `study.fit`: spheres, their standard errors and intervals, and how far the points are from them.
 
 One class answers whatever was fitted: points alone, or with a radius, a noise of each point, or its law. What the
-points show is in `study.fits.evidence.fitted`, and in `study.fits.answers.given` where something was known beforehand.
+points show is in `study.fits.evidence.fitted`.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from study.arrays import Bools, Floats, Ints, as_number, real_array
 from study.fits.answers.display import as_dict, as_html, as_text, frame, named_axis
-from study.fits.answers.given import GivenPoints
 from study.fits.evidence.circle import Circle
 from study.fits.evidence.fitted import FittedPoints, RadiusTest
 from study.fits.evidence.form import forms_that_move, moves_of_forms
@@ -475,8 +474,7 @@ class Fit(Hinting):
         """The points, flat, with what was computed of them."""
         if self._samples is None:
             raise ValueError("this fit does not hold its points: use study.fit, which stores them in the fit")
-        kind = FittedPoints if self._samples.given is None else GivenPoints
-        return kind(self._estimates.reshape(-1), self._samples, self._entry, self._assumed)
+        return FittedPoints(self._estimates.reshape(-1), self._samples, self._entry, self._assumed)
 
     @property
     def _points(self) -> FittedPoints:

@@ -28,7 +28,8 @@ from scipy.special import fdtrc, stdtrit
 from study.arrays import Floats, Ints, real_array
 from study.fits.answers.answer import Fit
 from study.fits.answers.display import named_axis
-from study.fits.errors.intervals import NOISY, BatchWeights, Intervals, PointSets, intervals_of
+from study.fits.errors.intervals import NOISY, Intervals, intervals_of
+from study.fits.errors.weighted import BatchWeights, PointSets
 from study.fits.estimators.closed_forms import smallest_root
 from study.fits.evidence.circle import fit_circles, parallel
 from study.fits.evidence.fitted import FittedPoints

@@ -19,20 +19,22 @@ import numpy as np
 from scipy.special import stdtrit
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.errors.score import (
-    PointSet,
-    Profile,
-    Weights,
-    covary,
-    first_variance,
-    new_profile,
-    new_weights,
-    place,
-    score,
-    solve_profile,
+from study.fits.errors.score import PointSet, Profile, Weights, first_variance, new_profile, place, score, solve_profile
+from study.fits.errors.weighted import (
+    FAR,
+    AtRadius,
+    PointSets,
+    at_radii,
+    corrected_equations,
+    cost,
+    for_kernels,
+    least_squares,
+    load,
+    solve,
+    weights_of,
 )
 from study.fits.estimators.closed_forms import als
-from study.fits.loops.jit import Sums, compiled, dot, squared, zeros
+from study.fits.loops.jit import Sums, compiled, squared, zeros
 from study.fits.points.samples import FARTHEST, Samples, is_ordinary
 
 NOISY = 0.35
@@ -57,8 +59,9 @@ _RETRIES = 4
 _COLLAPSED = 1e-10
 _STEEP = 0.1
 """Least slope of a secant, as a share of the one before."""
+_SIDES = 3.0
+"""Standard errors by which a known radius must fit better on one side of the points than on the other."""
 _TINY = 1e-280
-_EPS = 2.0**-52
 _GOOD, _WEAK, _FAILED = 0, 1, 2
 """A profile was found; the centre is not identified given the radius; there is no profile."""
 
@@ -103,12 +106,15 @@ def intervals(samples: Samples, level: float = 0.95, stretch: Floats | None = No
     of the noise's bias for every law of directions, so that intervals cover on small caps and under large noise, where
     an estimate ± a standard error does not. They are asymmetric, and an end that the points do not determine is open.
 
+    Given the radius, those of the centre are ĉ ± q errors. Where the sphere on the other side of the points is not
+    rejected, as on a cap whose curvature the noise hides, they hold both; where it is not by far, the noise share is
+    NaN.
+
     Args:
-        samples: the batch, in d ≥ 2 dimensions; isotropic noise is assumed, and its size is found in the points.
-            Points with a NaN are missing.
+        samples: the batch, in d ≥ 2 dimensions, with what is known of it; without weights isotropic noise is assumed,
+            and without a scale its size is found in the points. Points with a NaN are missing.
         level: nominal coverage, in (0, 1).
-        stretch: factors on Student's quantile of each set (b,), where the errors are larger than white noise makes
-            them.
+        stretch: factors on the quantile of each set (b,), where the errors are larger than white noise makes them.
 
     Raises:
         ValueError: if the level is not between 0 and 1.
@@ -118,7 +124,7 @@ def intervals(samples: Samples, level: float = 0.95, stretch: Floats | None = No
     b, d, _ = samples.shape
     result = Intervals.unbounded(b, d, level)
     stretch = np.ones(b) if stretch is None else np.asarray(stretch, dtype=float)
-    if is_ordinary(samples.moments.fourth):
+    if samples.given is None and is_ordinary(samples.moments.fourth):
         _compute(samples, level, stretch, result)
         return result
     for sets, part, power in samples.alike():
@@ -131,128 +137,66 @@ def intervals(samples: Samples, level: float = 0.95, stretch: Floats | None = No
 
 
 def _compute(samples: Samples, level: float, stretch: Floats, result: Intervals) -> None:
-    """Fill in the intervals of sets without missing samples, of ordinary size."""
+    """Fill in the intervals of sets without missing samples, of ordinary size, of each of which the same is known."""
     _, d, n = samples.shape
     if n <= d + 1:
         return
-    start = als(samples)
-    quantiles = stretch * float(stdtrit(n - d - 1, 0.5 * (1.0 + level)))
-    sets = PointSets(samples.rows, start.center, start.radius, None)
+    quantiles = stretch * stdtrit(degrees(samples, n), 0.5 * (1.0 + level))
+    with np.errstate(all="ignore"):
+        if np.isfinite(samples.radius).all():
+            _with_radius(samples, quantiles, result)
+        else:
+            without_radius(samples, quantiles, result)
+
+
+def degrees(samples: Samples, count: int | Ints) -> Floats:
+    """Degrees of freedom of the noise (b,) of so many points, infinite where its scale is known."""
+    spare = np.maximum(count - samples.shape[1] - np.isnan(samples.radius), 1.0)
+    return np.where(np.isfinite(samples.scale), np.inf, spare)
+
+
+def without_radius(samples: Samples, quantiles: Floats, result: Intervals) -> None:
+    """Fill in the intervals of radius and centre, from quantiles of T (b,)."""
+    d = samples.shape[1]
+    if samples.weights is None and samples.given is None:
+        start = als(samples)
+        sets = PointSets(samples.rows, start.center, start.radius, None)
+    else:
+        first = least_squares(samples)
+        sphere = corrected_equations(samples, first)
+        fine = sphere.found & (sphere.radius < FAR * np.sqrt(samples.regression.eigenvalues.sum(axis=1)))
+        for part, better in zip(first, sphere, strict=True):
+            part[fine] = better[fine]
+        sets, _ = for_kernels(samples, first)
     _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
 
 
-class BatchWeights(NamedTuple):
-    """Weights and groups of the points of a batch; see `Weights`.
-
-    Attributes:
-        p: weights, of mean 1 in each set (b, n).
-        bent: factors of s/r in the means of points with covariances (b, 2, n); else (b, 2, 0).
-        scale: s (b,) in the points' unit squared, NaN where it is not known.
-        group: the group of each point, of all sets alike (n,).
-    """
-
-    p: Floats
-    bent: Floats
-    scale: Floats
-    group: Ints
-
-
-class PointSets(NamedTuple):
-    """Sets of more than d + 1 points, none missing, with a first sphere of each.
-
-    Attributes:
-        x: the points (b, d, n).
-        center: centres (b, d).
-        radius: radii (b,), of group 0.
-        weights: of the points; None where all weigh the same, on one sphere, and the scale of the noise is not known.
-    """
-
-    x: Floats
-    center: Floats
-    radius: Floats
-    weights: BatchWeights | None
+def _with_radius(samples: Samples, quantiles: Floats, result: Intervals) -> None:
+    """Fill in the intervals of the centre for a known radius."""
+    least, r = least_squares(samples), samples.radius
+    mirrored = least._replace(center=2.0 * samples.x.mean(axis=2) - least.center)
+    other = solve(samples, mirrored, corrected=False)
+    both = (at_radii(samples, sphere, r[:, None]) for sphere in (least, other))
+    at, second = (AtRadius(*(array[:, 0] for array in one)) for one in both)
+    steps = quantiles[:, None, None] * [-1.0, 1.0]
+    center, beside = (one.center[..., None] + one.errors[..., None] * steps for one in (at, second))
+    apart = other.found & (np.linalg.norm(other.center - least.center, axis=1) > 1e-3 * r)
+    excess = (cost(samples, other.center, r) - cost(samples, least.center, r)) / at.variance
+    near = apart & (excess <= quantiles**2)
+    center[near, :, 0] = np.fmin(center[..., 0], beside[..., 0])[near]
+    center[near, :, 1] = np.fmax(center[..., 1], beside[..., 1])[near]
+    lost = np.isnan(at.variance)
+    center[lost] = -np.inf, np.inf
+    share = np.sqrt(at.variance) / r
+    result.radius[:], result.center[:] = r[:, None], center
+    result.noise_share[:] = np.where(lost | (apart & (excess <= _SIDES**2)), np.nan, share)
 
 
 def intervals_of(sets: PointSets, quantiles: Floats) -> Intervals:
-    """Intervals of points with weights, or of several groups, from quantiles of T (b,).
-
-    They are those of the normal law where the scale of the noise is known. The radius is that of group 0.
-    """
+    """Intervals of points of several groups, from quantiles of T (b,); the radius is that of group 0."""
     b, d, _ = sets.x.shape
     result = Intervals.unbounded(b, d, 0.5)
     _compute_all(sets, quantiles, result, zeros(d), zeros(d, d))
-    return result
-
-
-class Spheres(NamedTuple):
-    """Spheres of a batch: centre (b, d), radius (b,), noise variance of weight 1 (b,), True where they are answers."""
-
-    center: Floats
-    radius: Floats
-    scale: Floats
-    found: Bools
-
-    def take(self, places: Bools | Ints) -> "Spheres":
-        """Some spheres of the batch."""
-        return Spheres(self.center[places], self.radius[places], self.scale[places], self.found[places])
-
-
-def spheres_of(sets: PointSets, fuller: Floats, downhill: bool) -> Spheres:
-    """Spheres that solve the equations of points with weights (theory 9.6).
-
-    Args:
-        sets: the points, with spheres to start from.
-        fuller: Fuller's constant α (b,); NaN where the radius is known.
-        downhill: the equations are those of a minimum; steps go down to it.
-    """
-    b, d, _ = sets.x.shape
-    result = Spheres(sets.center.copy(), sets.radius.copy(), np.full(b, np.nan), np.zeros(b, dtype=np.bool_))
-    _solve_all(sets, fuller, downhill, result, zeros(d), zeros(d, d))
-    return result
-
-
-def covariances_of(sets: PointSets, scale: Floats, known: Bools, corrected: bool) -> Floats:
-    """Covariance of (ĉ, r̂) (b, d+1, d+1) of spheres of points with weights (theory 9.6); NaN where there is none.
-
-    Args:
-        sets: the points, with their spheres.
-        scale: noise variances of a point of weight 1 (b,).
-        known: True where the radius is known, and has no error (b,).
-        corrected: that of the corrected equations; else the Cramér-Rao bound.
-    """
-    b, d, _ = sets.x.shape
-    result = np.full((b, d + 1, d + 1), np.nan)
-    _covary_all(sets, scale, known, corrected, result, zeros(d), zeros(d, d))
-    return result
-
-
-class AtRadius(NamedTuple):
-    """Centres of a batch at radii (b, g), and what the points say of each radius; NaN where there is none.
-
-    Attributes:
-        score: T (b, g), positive where the points lie further out than the radius.
-        center: centres (b, g, d).
-        errors: standard errors of their coordinates, given the radius (b, g, d).
-        variance: noise variance s (b, g), of a point of weight 1.
-    """
-
-    score: Floats
-    center: Floats
-    errors: Floats
-    variance: Floats
-
-    @classmethod
-    def unknown(cls, radii: Floats, dimension: int) -> "AtRadius":
-        """Places to be filled in."""
-        b, g = radii.shape
-        return cls(*(np.full(shape, np.nan) for shape in ((b, g), (b, g, dimension), (b, g, dimension), (b, g))))
-
-
-def at_radii(sets: PointSets, radii: Floats) -> AtRadius:
-    """Centres and scores at radii (b, g), from the first sphere at the nearest one, and from there to both ends."""
-    d = sets.x.shape[1]
-    result = AtRadius.unknown(radii, d)
-    _compute_at(sets, radii, result, zeros(d), zeros(d, d))
     return result
 
 
@@ -551,137 +495,6 @@ def _center_ends(
 
 
 @compiled
-def _load(x: Floats, t: int, rows: Floats, origin: Floats) -> tuple[float, float]:
-    """Write a set relative to its centroid in units of its spread; returns the unit and the level of rounding."""
-    _, d, n = x.shape
-    trace = largest = 0.0
-    for i in range(d):
-        first, total = x[t, i, 0], 0.0
-        for k in range(n):
-            total += x[t, i, k] - first
-        origin[i] = first + total / n
-        square = 0.0
-        for k in range(n):
-            rows[i, k] = x[t, i, k] - origin[i]
-            square += rows[i, k] * rows[i, k]
-            largest = max(largest, abs(x[t, i, k]))
-        trace += square / n
-    unit = math.sqrt(trace)
-    for k in range(n):
-        square = 0.0
-        for i in range(d):
-            rows[i, k] /= unit
-            square += rows[i, k] * rows[i, k]
-        rows[d, k] = square
-    return unit, 8.0 * _EPS * (1.0 + largest / unit) if unit > 0.0 else math.inf  # plain Python divides by no zero
-
-
-@compiled
-def _weights_of(
-    weights: BatchWeights | None, t: int, unit: float, fuller: float, downhill: bool, d: int
-) -> Weights | None:
-    """Weights of a set in a unit; None where there are none."""
-    if weights is None:
-        return None
-    scale = np.full(1, weights.scale[t] / unit / unit)
-    return new_weights(weights.p[t], weights.bent[t], scale, weights.group, fuller, downhill, d)
-
-
-@compiled
-def _solve_all(sets: PointSets, fuller: Floats, downhill: bool, result: Spheres, zero: Sums, square: Sums) -> None:
-    """Fill in the sphere of each set of a batch; see `spheres_of`."""
-    x, centers, radii, every = sets
-    b, d, n = x.shape
-    rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
-    for t in range(b):
-        unit, rounding = _load(x, t, rows, origin)
-        points = PointSet(rows, zero, square, rounding * rounding)
-        weights = _weights_of(every, t, unit, fuller[t], downhill, d)
-        for i in range(d):
-            start[i] = (centers[t, i] - origin[i]) / unit
-        r = radii[t] / unit
-        if not (unit > 0.0 and 0.0 < r < math.inf and dot(start, start) < math.inf):
-            continue
-        profile.sphere[2] = max(first_variance(points, weights, start, r), points.least)
-        place(profile, r, start)
-        result.found[t], _ = solve_profile(points, weights, profile, points.least)
-        result.radius[t], result.scale[t] = unit * profile.sphere[0], profile.sphere[2] * unit * unit
-        for i in range(d):
-            result.center[t, i] = origin[i] + unit * profile.sphere[0] * profile.toward[i]
-
-
-@compiled
-def _covary_all(
-    sets: PointSets, scale: Floats, known: Bools, corrected: bool, result: Floats, zero: Sums, square: Sums
-) -> None:
-    """Fill in the covariance of each sphere of a batch; see `covariances_of`."""
-    x, centers, radii, every = sets
-    b, d, n = x.shape
-    rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
-    for t in range(b):
-        unit, rounding = _load(x, t, rows, origin)
-        points = PointSet(rows, zero, square, rounding * rounding)
-        weights = _weights_of(every, t, unit, math.nan, False, d)
-        for i in range(d):
-            start[i] = (centers[t, i] - origin[i]) / unit
-        r = radii[t] / unit
-        if unit > 0.0 and 0.0 < r < math.inf and dot(start, start) < math.inf:
-            place(profile, r, start)
-            profile.sphere[2] = scale[t] / unit / unit
-            assert weights is not None
-            covary(points, weights, profile, known[t], corrected, result[t])
-            for i in range(d + 1):
-                for j in range(d + 1):
-                    result[t, i, j] *= unit * unit
-
-
-@compiled
-def _compute_at(sets: PointSets, radii: Floats, result: AtRadius, zero: Sums, square: Sums) -> None:
-    """Fill in the centres at radii (b, g); each begins at the one next to it, moved along its derivative."""
-    x, centers, first_radius, every = sets
-    b, d, n = x.shape
-    g = radii.shape[1]
-    rows, profile, start, origin = np.empty((d + 1, n)), new_profile(d), np.empty(d), np.empty(d)
-    first, bends, variances = np.empty(d), np.empty((g, d)), np.empty(g)
-    for t in range(b):
-        unit, rounding = _load(x, t, rows, origin)
-        least, distance = rounding * rounding, 0.0
-        points, weights = PointSet(rows, zero, square, least), _weights_of(every, t, unit, math.nan, False, d)
-        for i in range(d):
-            start[i] = (centers[t, i] - origin[i]) / unit
-            distance += start[i] * start[i]
-        middle = 0
-        for m in range(1, g):
-            if abs(radii[t, m] - first_radius[t]) < abs(radii[t, middle] - first_radius[t]):
-                middle = m
-        for step in range(g):
-            m = middle + step if step < g - middle else g - 1 - step
-            near = m - 1 if m > middle else m + 1
-            r = radii[t, m] / unit
-            if not (unit > 0.0 and 0.0 < r < math.inf and distance < math.inf):
-                continue
-            if m != middle and result.score[t, near] == result.score[t, near]:
-                for i in range(d):
-                    away = (result.center[t, near, i] - origin[i]) / unit
-                    first[i] = away - bends[near, i] * (r - radii[t, near] / unit)
-                profile.sphere[2] = variances[near]
-            else:
-                for i in range(d):
-                    first[i] = start[i]
-                profile.sphere[2] = max(first_variance(points, weights, start, r), least)
-            place(profile, r, first)
-            converged, means = solve_profile(points, weights, profile, least)
-            if converged:
-                result.score[t, m] = score(points, weights, profile, means)[0]
-                variances[m] = profile.sphere[2]
-                result.variance[t, m] = profile.sphere[2] * unit * unit
-                for i in range(d):
-                    bends[m, i] = profile.bend[i]
-                    result.center[t, m, i] = origin[i] + unit * r * profile.toward[i]
-                    result.errors[t, m, i] = unit * profile.errors[i]
-
-
-@compiled
 def _compute_all(sets: PointSets, quantiles: Floats, result: Intervals, zero: Sums, square: Sums) -> None:
     """Fill in the intervals of each set of a batch."""
     x, centers, radii, every = sets
@@ -691,9 +504,9 @@ def _compute_all(sets: PointSets, quantiles: Floats, result: Intervals, zero: Su
     a, v = np.empty((4, _MOST)), np.empty((4, _MOST, d))
     done = Evaluations(a[0], a[1], a[2], a[3], v[0], v[1], v[2], v[3])
     for t in range(b):
-        unit, rounding = _load(x, t, rows, origin)
+        unit, rounding = load(x, t, rows, origin)
         distance, least, quantile = 0.0, rounding * rounding, quantiles[t]
-        points, weights = PointSet(rows, zero, square, least), _weights_of(every, t, unit, math.nan, False, d)
+        points, weights = PointSet(rows, zero, square, least), weights_of(every, t, unit, math.nan, False, d)
         for i in range(d):
             start[0, i] = (centers[t, i] - origin[i]) / unit
             distance += start[0, i] * start[0, i]

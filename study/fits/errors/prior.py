@@ -1,4 +1,4 @@
-"""Knowledge beforehand: a radius, the noise of each point, or its law; and a radius with an uncertainty.
+"""Radii that are stated with an uncertainty: points and statement together.
 
 A radius that is stated as r₀ with its standard uncertainty τ has a normal law about r₀. The fit with a radius r given
 has the centre ĉ(r), its errors e(r) and the score T(r), which is Student's t where r is right, or normal where the
@@ -12,34 +12,16 @@ Points and statement agree if some radius is likely by both: the least sum of th
 χ² with one degree of freedom.
 """
 
-import math
-from collections.abc import Callable, Mapping
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
-from study.arrays import Bools, Floats, real_array
-from study.fits.errors.intervals import AtRadius
-from study.fits.errors.weighted import closed, corrected_equations, least_squares
-from study.fits.points.noise import is_per_point, noise_covariance, point_noise
-from study.fits.points.samples import Estimator, Given, GivenWay, StatedRadius
+from study.arrays import Bools, Floats
+from study.fits.errors.intervals import Intervals, degrees, without_radius
+from study.fits.errors.weighted import at_radii, least_squares
+from study.fits.points.samples import FARTHEST, Samples, StatedRadius
 
-RADIUS, UNCERTAIN = "known radius", "uncertain radius"
-NOISE, COVARIANCE, LAW = "noise for each point", "covariance for each point", "law = 'radial'"
-RADIUS_AND_COVARIANCE = "known radius and a covariance for each point"
-_ALL = frozenset([RADIUS, UNCERTAIN, NOISE, COVARIANCE, LAW, RADIUS_AND_COVARIANCE])
-"""Knowledge that estimators may take, as messages name it."""
-_CLOSED = frozenset([RADIUS, UNCERTAIN, NOISE])
-MLE, CORRECTED = GivenWay(least_squares, _ALL), GivenWay(corrected_equations, _ALL)
-ROBUST = GivenWay(least_squares, frozenset([RADIUS, UNCERTAIN]))
-GDKE, UGDK = (GivenWay(form, _CLOSED | {COVARIANCE}) for form in (closed, partial(closed, subtract=True)))
-ALS = GivenWay(partial(closed, find=True), _CLOSED)
-"""What shipped estimators take, and their ways to fit it."""
-_EXACT = 1e-9
-"""Uncertainty of a radius, in radii, below which rounding leaves no less of it."""
 _NODES, _GRID = 25, 151
 """Radii at which the points are fitted, and those between which nothing is curved any more."""
 _ANGLES = 33
@@ -47,79 +29,6 @@ _ANGLES = 33
 _WIDE = 6.0
 """Standard uncertainties about the stated radius, and standard errors about that of the points, to the end of the grid.
 """
-
-
-def given_of(
-    shape: tuple[int, ...], noise: ArrayLike | None, radius: ArrayLike | tuple[ArrayLike, ArrayLike] | None, scale: str
-) -> Given:
-    """Check what is given for points of a shape (…, n, d), and bring it to the flat batch.
-
-    Raises:
-        TypeError: if a value is no real number.
-        ValueError: if a shape or value cannot be used; the message says which.
-    """
-    *lead, n, d = shape
-    b = math.prod(lead)
-    if scale not in ("given", "estimated"):
-        raise ValueError(f"scale = {scale!r}: 'given' takes the noise as it is, 'estimated' its ratios alone")
-    known, stated = np.full(b, np.nan), None
-    radius, uncertain = radius if isinstance(radius, tuple) and len(radius) == 2 else (radius, None)
-    if radius is not None:
-        value = real_array(radius, "radius").astype(float)
-        if value.shape not in ((), tuple(lead)):
-            raise ValueError(f"radius has shape {value.shape}: give one number, or one for each set, {tuple(lead)}")
-        if (wrong := value[~((value > 0.0) & (value < 1e150))]).size:
-            raise ValueError(f"radius = {wrong[0]:g}: a known radius must be positive and finite")
-        known = np.broadcast_to(value, lead).reshape(b).astype(float)
-    if uncertain is not None:
-        value = real_array(uncertain, "radius").astype(float)
-        if value.shape not in ((), tuple(lead)) or not ((value > 0.0) & (value < 1e150)).all():
-            remedy = "must be positive and finite; give an exact radius alone, as one number"
-            raise ValueError(f"radius = (…, {uncertain}): a standard uncertainty {remedy}")
-        stated = StatedRadius(known, np.maximum(np.broadcast_to(value, lead).reshape(b), _EXACT * known))
-    array = None if noise is None else real_array(noise, "noise").astype(float)
-    if array is None or not is_per_point(array.shape, n, d):
-        if scale == "estimated":
-            raise ValueError("scale = 'estimated' needs a noise for each point: (n,), (n, d) or (n, d, d)")
-        if array is None:
-            return Given(known, None, False, None, stated)
-        if array.ndim == 0:
-            return Given(known, None, False, float(array), stated)
-        array = np.broadcast_to(noise_covariance(array, d), (n, d, d))
-    variance = point_noise(array, shape)
-    if variance.ndim == 4 and np.array_equal(variance, variance[..., :1, :1] * np.eye(d), equal_nan=True):
-        variance = variance[..., 0, 0]  # isotropic
-    return Given(known, variance, scale == "estimated", None, stated)
-
-
-def check_way(estimator: str, given: Given, entries: Mapping[str, Estimator]) -> None:
-    """Raise a ValueError, which names those that can, if an estimator does not take what is known.
-
-    Args:
-        estimator: its name.
-        given: what is known.
-        entries: the estimators by their names.
-    """
-    entry, radius = entries[estimator], bool(np.isfinite(given.radius).any())
-    if given.radial and given.noise is not None and given.noise.ndim == 4:
-        raise ValueError("law = 'radial': the noise has one size at a point, no covariance; give σ of each, (n,)")
-    wanted = [LAW] if given.radial else []
-    if radius:
-        wanted.append(RADIUS if given.prior is None else UNCERTAIN)
-    if given.noise is not None:
-        wanted += [RADIUS_AND_COVARIANCE] * (radius and given.noise.ndim == 4)
-        wanted.append(NOISE if given.noise.ndim == 2 else COVARIANCE)
-    if not entry.given.takes.issuperset(wanted):
-        able = [name for name, other in entries.items() if other.given.takes.issuperset(wanted)]
-        names = " and ".join([", ".join(able[:-1]), able[-1]])
-        if given.radial and LAW not in entry.given.takes:
-            wanted = [LAW]
-        said = " and ".join(word for word in wanted if word != RADIUS_AND_COVARIANCE)
-        raise ValueError(f"estimator = {estimator!r}: takes no {said}; {names} do")
-    if entry.needs == "noise" and given.relative:
-        raise ValueError(f"estimator = {estimator!r}: subtracts the noise, whose scale must be given; als finds it")
-    if entry.needs == "noise" and given.noise is None and given.sigma is None:
-        raise ValueError(f"estimator = {estimator!r}: subtracts the known noise: pass noise=σ, or use als")
 
 
 class Believed(NamedTuple):
@@ -138,21 +47,18 @@ class Believed(NamedTuple):
     deviance: Floats
 
     @classmethod
-    def of(
-        cls, prior: StatedRadius, free: Floats, fits_at: Callable[[Floats, Floats], AtRadius], spare: Floats
-    ) -> "Believed":
-        """The product of the points' own distribution and the prior.
-
-        Args:
-            prior: r₀ and τ.
-            free: the free radius less and plus a standard error (b, 2), 0 or infinite where it is open.
-            fits_at: the fits at radii (b, g), from that at a radius among them (b,).
-            spare: degrees of freedom of T (b,); infinite where the noise is known.
-        """
+    def of(cls, samples: Samples) -> "Believed":
+        """The product of the points' own distribution and the prior, for sets without missing samples."""
+        prior = samples.stated
+        assert prior is not None
+        (_, d, n), free = samples.shape, samples.with_radius(np.full(len(samples.x), np.nan))
+        spare, ends = degrees(free, n), Intervals.unbounded(len(samples.x), d, 0.5)
         place, fine = np.linspace(0.0, 1.0, _NODES), np.linspace(0.0, 1.0, _GRID)
         with np.errstate(all="ignore"):
-            own, low, high = _reach(prior, free)
-            score, center, errors, _ = fits_at(own, low * (high / low) ** place)
+            without_radius(free, scipy.special.stdtrit(spare, scipy.special.ndtr(1.0)), ends)
+            own, low, high = _reach(prior, ends.radius)
+            least = least_squares(samples.with_radius(own))
+            score, center, errors, _ = at_radii(samples, least, low * (high / low) ** place)
             nodes = np.concatenate([score[..., None], center, errors**2], axis=2)
             lost = ~np.isfinite(nodes).all(axis=2, keepdims=True)
             nodes = np.concatenate([lost, np.where(lost, 0.0, nodes)], axis=2)
@@ -166,7 +72,6 @@ class Believed(NamedTuple):
             weight /= weight.sum(axis=1, keepdims=True)
             deviate = scipy.special.ndtri(scipy.special.stdtr(nu, -np.abs(score)))
             deviance = np.fmin.reduce(deviate**2 + away**2, axis=1)
-        d = center.shape[2]
         fits, errors = np.concatenate([radius[..., None], found[..., 2 : d + 2]], axis=2), found[..., d + 2 :]
         errors = np.sqrt(np.einsum("bg,bgd->bd", weight, errors))
         return cls(np.cumsum(weight, axis=1) - 0.5 * weight, fits, errors, deviance)
@@ -203,6 +108,19 @@ class Believed(NamedTuple):
         radius, center = self.at(np.tile(scipy.special.ndtr([-1.0, 1.0]), (len(self.fits), 1)))
         length = np.diff(radius, axis=1)
         return 0.5 * length[:, 0], np.diff(center, axis=1)[:, 0] / length
+
+
+def believed(samples: Samples) -> Believed:
+    """Join points and statement about radii that are stated with an uncertainty."""
+    b, d, _ = samples.shape
+    result = Believed(*(np.full((b, *shape), np.nan) for shape in ((_GRID,), (_GRID, d + 1), (d,), ())))
+    for sets, part, power in samples.alike():
+        if part.shape[2] > d + 1 and abs(power) <= FARTHEST:
+            found = Believed.of(part)
+            lengths = np.ldexp(found.fits, power), np.ldexp(found.errors, power)
+            for whole, values in zip(result, (found.cumulative, *lengths, found.deviance), strict=True):
+                whole[sets] = values
+    return result
 
 
 def _reach(prior: StatedRadius, free: Floats) -> tuple[Floats, Floats, Floats]:

@@ -451,11 +451,12 @@ def solve_profile(
     n, d, r, known = points.rows.shape[1], toward.size, sphere[0], math.nan
     means, done, fine, best, bend = radial_means(r, 1.0, d), False, False, math.inf, 0.0
     spare, steady_to, close_to, near, most = max(n - d - _fitted(weights), 1), _STEADY, _CONVERGED, 1e-2, _MAX_STEPS
+    rounding = 0.0
     if weights is not None:
         known = weights.scale[0]
         weights.sums[:, _LONGER] = 0.0
         if weights.downhill or _free(weights):
-            steady_to, close_to, near, most = _STEADILY, _EXACTLY, math.inf, 2 * _MAX_STEPS
+            steady_to, close_to, near, most, rounding = _STEADILY, _EXACTLY, math.inf, 2 * _MAX_STEPS, least
     for _ in range(most):
         sphere[2] = known if known == known else sphere[2]
         _measure(points, weights, profile)
@@ -507,8 +508,8 @@ def solve_profile(
                 weights.step[i] = step
         before = sphere[2]
         sphere[2] = max(before - (excess + change) / slope, _DROP * before, 0.1 * least)
-        steady = abs(sphere[2] - before) <= steady_to * before or known == known
-        short = abs(forward) <= close_to * sphere[2] and length <= near * r
+        steady = abs(sphere[2] - before) <= max(steady_to * before, math.sqrt(before * rounding)) or known == known
+        short = abs(forward) <= max(close_to * sphere[2], rounding) and length <= near * r
         done = (short and steady) or (sphere[2] < least and before < least)
     if fine:
         _jacobian(n, r + means.excess01, profile)

@@ -1,22 +1,43 @@
 """The points of fits: what they show of the spheres, the errors and intervals that stand on them, and the status.
 
-The status that a user sees follows one rule for every estimator, beside what the estimator says itself.
+The status that a user sees follows one rule for every estimator, beside what the estimator says itself. Covariances and
+intervals use what is known beforehand. A known radius is tested by the fit with a free one, a noise that was given by
+χ². Where each point has a noise of its own, residuals are tested in units of it.
 """
 
 from collections.abc import Iterator
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from study.arrays import Bools, Floats, Ints
-from study.fits.errors.intervals import Intervals, intervals
+from study.fits.errors.intervals import Intervals, degrees, intervals
+from study.fits.errors.prior import Believed, believed
+from study.fits.errors.weighted import Spheres, at_radii, corrected_equations, covariance, estimates
 from study.fits.estimators.corrected import corrected
-from study.fits.estimators.robust import Found, found_in
+from study.fits.estimators.robust import Found, find, found_in
 from study.fits.evidence.circle import Circle, fit_circles, lowest_radius
-from study.fits.evidence.goodness import Goodness, form_beside_noise
-from study.fits.evidence.judge import Assumptions, PointEvidence, gather, influence, judge, widened
-from study.fits.points.samples import Estimates, Estimator, Samples, Status, plug_in_bound, repeated, unless_missing
+from study.fits.evidence.goodness import Goodness, form_beside_noise, number_of
+from study.fits.evidence.judge import Assumptions, PointEvidence, gather, influence, judge, outliers_of, widened
+from study.fits.points.information import normal_weights
+from study.fits.points.samples import (
+    Estimates,
+    Estimator,
+    Samples,
+    Status,
+    careful_fit,
+    plug_in_bound,
+    repeated,
+    unless_missing,
+)
+from study.text import number, with_error
+
+_NOTICED = 0.01
+"""p value below which the points do not agree with a known radius, or with the noise that was given."""
+_FREE = Estimator(partial(estimates, corrected_equations))
 
 
 class RadiusTest(NamedTuple):
@@ -45,24 +66,53 @@ class FittedPoints:
         self.without_outliers = entry is not None and entry.without_outliers
         self._intervals = dict[float, Intervals]()
 
-    @property
+    @cached_property
     def observed(self) -> Samples:
-        """The points, with weights where they differ."""
-        return self.samples
+        """The points, with weights where they differ: by their noise along the directions from the free fit."""
+        along = self.samples.given is not None and self.samples.given.covariances is not None
+        return replace(self.samples, weights=self._along(self._free.center)) if along else self.samples
+
+    def _along(self, center: Floats) -> Floats:
+        """Weights of the points (b, n), by their noise along the directions from centres if it depends on these."""
+        given = self.samples.given
+        if given is None or given.covariances is None:
+            return self.samples.p
+        with np.errstate(all="ignore"):
+            away = self.samples.points - center[:, None]
+            return normal_weights(away / np.linalg.norm(away, axis=2, keepdims=True), given.covariances)
+
+    @cached_property
+    def _free_samples(self) -> Samples:
+        """The points that the fit stands on, as if no radius were known."""
+        used = self.samples.without(self.outliers) if self.without_outliers else self.samples
+        return used.with_radius(np.full(len(used.x), np.nan))
+
+    @cached_property
+    def _free(self) -> Estimates:
+        """Fits of these by the corrected equations."""
+        return careful_fit(_FREE, self._free_samples)
 
     @property
     def spheres(self) -> Estimates | None:
         """Spheres whose residuals are looked at, if they are known already."""
-        return self.estimates if self.entry is not None and self.entry.function is corrected else None
+        plain = self.samples.given is None and self.entry is not None and self.entry.function is corrected
+        return self.estimates if plain else None
 
     @cached_property
     def outliers(self) -> Bools:
-        """True for the points (b, n) that do not belong to the sphere of the majority."""
-        return self.found.named
+        """True for the points (b, n) that do not belong to the sphere of the majority.
+
+        Where each point has a noise of its own they are those beyond the largest deviation, in units of it, that clean
+        points have once in a hundred data sets.
+        """
+        return self.found.named if self.samples.weights is None else outliers_of(self.observed)
 
     @cached_property
     def found(self) -> Found:
         """The outliers, and what leaving them out adds to the errors."""
+        exact = self.samples.stated is None and np.isfinite(self.samples.radius).all()
+        if self.without_outliers and exact:
+            return find(self.samples, known=self.samples.radius)
         return found_in(self.samples)
 
     @property
@@ -114,19 +164,67 @@ class FittedPoints:
         """Evidence in the residuals of these points."""
         return gather(self.different, self.assumed, self.spheres if self.different is self.observed else None)
 
-    @property
+    @cached_property
     def allowed(self) -> PointEvidence:
-        """The evidence for which errors and intervals allow."""
-        return self.evidence
+        """The evidence for which errors and intervals allow: in the residuals, and a known radius that points refuse.
+
+        Such a radius is a coefficient of degree 0, which joins those of degree 2 that measure structure, in units of
+        the free fit's noise; the noise of this fit may hold the refused part already (theory 13.6).
+        """
+        seen, test = self.evidence, self.radius_test
+        refused = test.p < _NOTICED
+        if not refused.any():
+            return seen
+        with np.errstate(all="ignore"):  # a radius without an error
+            shift = (((test.radius - self.estimates.radius) / test.error) ** 2).reshape(-1, 1)
+            freedom = np.minimum(seen.freedom, number_of(self.samples.shape[1], 2))
+            noise = np.sqrt(np.minimum(self._free.noise_variance / self.estimates.noise_variance, 1.0))[:, None]
+            ratio = np.sqrt((freedom * seen.ratio**2 + shift) / (freedom + 1.0)) * noise
+        wider = refused.reshape(-1, 1) & (ratio > seen.ratio) & np.isfinite(ratio)
+        return seen._replace(
+            ratio=np.where(wider, ratio, seen.ratio), freedom=np.where(wider, freedom + 1.0, seen.freedom)
+        )
 
     @cached_property
     def judged(self) -> tuple[Ints, Goodness]:
-        """The status of each fit (b,) after what its residuals show, and the answers of the tests."""
+        """The status of each fit (b,) after what its residuals show, and the answers of the tests.
+
+        The points must not refuse a known radius, nor a noise that was given.
+        """
         ends = self.intervals(0.95)
         status = ruled_status(self.estimates, ends)
         told = self.samples.given is not None and self.noise_is_known  # no large form can hide beside it
         known = form_beside_noise(self.spare + self.samples.shape[1] + 1, self.spare) if told else None
-        return judge(self.evidence, self.different, status, ends, self.assumed, self.without_outliers, known)
+        status, goodness = judge(
+            self.evidence, self.different, status, ends, self.assumed, self.without_outliers, known
+        )
+        refused = (self.radius_test.p < _NOTICED) | (self._noise_test < _NOTICED)
+        return np.where((status == Status.OK) & refused, Status.MISFIT, status), goodness
+
+    @property
+    def _noise_test(self) -> Floats:
+        """The p value of the noise that was given (b,), by χ²; NaN where none was."""
+        if self.samples.given is None:
+            return np.full(len(self.samples.x), np.nan)
+        spare, square = self._left(self._along(self.estimates.center))
+        with np.errstate(all="ignore"):
+            return np.asarray(scipy.special.chdtrc(spare, square / self.samples.scale))
+
+    @cached_property
+    def noise_scale(self) -> Floats:
+        """The noise that the residuals show over the one that was given (b,); see `Fit.noise_scale`."""
+        if self.samples.given is None:
+            return np.full(len(self.samples.x), np.nan)
+        spare, square = self._left(self.samples.p)
+        with np.errstate(all="ignore"):
+            return np.asarray(np.sqrt(square / spare / self.samples.given.size))
+
+    def _left(self, weights: Floats) -> tuple[Floats, Floats]:
+        """Degrees of freedom N - k of the residuals, NaN if there are none, and Σ p (R - r̂)² (b,)."""
+        spare = self.used.sum(axis=1) - self.samples.shape[1] - np.isnan(self.samples.radius)
+        with np.errstate(all="ignore"):
+            square = np.where(self.used, weights * (self.from_center[0] - self.estimates.radius[:, None]) ** 2, 0.0)
+        return np.where(spare > 0, spare, np.nan), square.sum(axis=1)
 
     @cached_property
     def circles(self) -> Circle:
@@ -141,14 +239,39 @@ class FittedPoints:
 
     def _intervals_at(self, level: float) -> Intervals:
         """The intervals, computed."""
-        different = self.different
-        white, stretch = intervals(different, level), self.evidence.stretch(level, self.spare) * self.selection
+        different, stretch = self.different, self.allowed.stretch(level, self.spare) * self.selection
+        white = intervals(different, level)
+        if self.samples.stated is not None:
+            return self._uncertain_intervals(level, stretch, white)
+        stretch[np.isfinite(self.samples.radius), -1] = 1.0
         ends = widened(white, stretch, lambda sets, factors: intervals(different.take(sets), level, factors))
         return self.open_on_hinges(ends, level)
 
+    @cached_property
+    def _believed(self) -> Believed:
+        """Radii by points and statement together."""
+        return believed(self.different)
+
+    def _uncertain_intervals(self, level: float, stretch: Floats, given: Intervals) -> Intervals:
+        """Intervals for a radius stated with an uncertainty; they hold those of the known radius that is likeliest.
+
+        Args:
+            level: nominal coverage.
+            stretch: factors of `PointEvidence.stretch` (b, d + 1).
+            given: intervals for that radius.
+        """
+        ends = self._believed.ends(level, degrees(self.samples, (self.used & ~self.repeated).sum(axis=1)))
+        radius, center = (
+            array.mean(axis=-1, keepdims=True) + (array - array.mean(axis=-1, keepdims=True)) * factors
+            for array, factors in zip(ends, (stretch[:, -1:], stretch[:, :-1, None]), strict=True)
+        )
+        center[..., 0] = np.fmin(center[..., 0], given.center[..., 0])
+        center[..., 1] = np.fmax(center[..., 1], given.center[..., 1])
+        return Intervals(np.where(np.isfinite(radius), radius, given.radius), center, given.noise_share)
+
     def open_on_hinges(self, ends: Intervals, level: float) -> Intervals:
         """Intervals of a level that are open along the axis where the points lie on a circle."""
-        sets = np.flatnonzero(self.evidence.hinge)
+        sets = np.flatnonzero(self.evidence.hinge & np.isnan(self.samples.radius))
         if not len(sets):
             return ends
         least = lowest_radius(fit_circles(self.different.take(sets)), level, self.spare[sets] + 1)
@@ -166,42 +289,102 @@ class FittedPoints:
         if the estimator leaves them out. The bound includes neither an estimator's bias (`gdke`, `lls`) nor
         the excess of one that does not attain it. NaN or infinite where it cannot be formed.
         """
-        if self.entry is not None and self.entry.covariance is not None:
-            return unless_missing(self.entry.covariance, self.samples, self.estimates)
+        own = None if self.entry is None else self.entry.covariance
+        plain = self.samples.given is None or self.samples.sigma_alone
+        if own is not None and plain:
+            return unless_missing(own, self.samples, self.estimates)
         distance, directions = self.from_center
         away = self.used & (distance > 0.0)  # a point at the centre has no direction
-        return plug_in_bound(directions, away, self.samples.noise, self.estimates.noise_variance)
+        bound = plug_in_bound(directions, away, self.samples.noise, self.estimates.noise_variance)
+        if plain:
+            return bound
+
+        def known(samples: Samples, fits: Estimates) -> Floats:
+            if own is not None and samples.given is None and samples.weights is None:
+                return own(samples, fits)
+            return covariance(samples, fits, own is not None)
+
+        used = self.samples.without(~self.used)
+        result = unless_missing(known, used, self.estimates)
+        if own is None:
+            result[used.nothing_known] = bound[used.nothing_known]
+        if self.samples.stated is not None:
+            deviation, slope = self._believed.spread()
+            line = deviation[:, None] * np.column_stack([slope, np.ones(len(slope))])
+            result += np.nan_to_num(line[:, :, None] * line[:, None], nan=0.0)
+        return result
 
     @property
     def noise_is_known(self) -> bool:
         """True if the covariance stands on a noise that was given."""
-        return self.samples.noise is not None and (self.entry is None or self.entry.covariance is None)
+        used = self.samples.noise is not None and (self.entry is None or self.entry.covariance is None)
+        return used or bool(np.isfinite(self.samples.scale).any())
 
     @property
     def held(self) -> Floats:
-        """Noise variance over the squared uncertainty of a radius that is known (b,): of none here."""
-        return np.zeros(len(self.samples.x))
+        """Noise variance over the squared uncertainty of a radius that is known (b,); 0 where none is."""
+        if (stated := self.samples.stated) is not None:
+            return np.asarray(self.estimates.noise_variance / stated.uncertainty**2)
+        return np.where(np.isfinite(self.samples.radius), np.inf, 0.0)
 
     @property
     def design(self) -> tuple[Floats, Floats, Floats]:
         """Directions (b, d, n) and weights (b, n) of the points, 0 where they are not used, and `held` (b,)."""
         distance, directions = self.from_center
-        weights = np.ones(self.used.shape) if self.observed.weights is None else self.observed.weights
-        return directions, np.where(self.used & (distance > 0.0), weights, 0.0), self.held
+        return directions, np.where(self.used & (distance > 0.0), self.observed.p, 0.0), self.held
 
     @cached_property
     def radius_test(self) -> RadiusTest:
-        """The free fit as a test of a known radius (b,); NaN without one."""
-        return RadiusTest(*np.full((3, len(self.samples.x)), np.nan))
+        """The free fit as a test of a known radius (b,), NaN without one; see `Fit.radius_test`."""
+        known = self.samples.radius
+        if not np.isfinite(known).any():
+            return RadiusTest(*np.full((3, len(known)), np.nan))
+        free, prior = self._free, self.samples.stated
+        with np.errstate(all="ignore"):
+            error = np.sqrt(unless_missing(covariance, self._free_samples, free)[:, -1, -1])
+            if prior is None:
+                score, away = self._scores(known), (known - free.radius) / error
+                spare = degrees(self._free_samples, self.used.sum(axis=1))
+                p = 2.0 * scipy.special.stdtr(spare, -np.abs(np.where(np.isnan(score), away, score)))
+            else:
+                away = (prior.radius - free.radius) / np.hypot(error, prior.uncertainty)
+                deviance = self._believed.deviance
+                p = scipy.special.chdtrc(1.0, np.where(np.isnan(deviance), away**2, deviance))
+        return RadiusTest(*(np.where(np.isnan(known), np.nan, array) for array in (free.radius, error, p)))
 
-    @cached_property
-    def noise_scale(self) -> Floats:
-        """The noise that the residuals show over the one that was given (b,); NaN without one."""
-        return np.full(len(self.samples.x), np.nan)
+    def _scores(self, radius: Floats) -> Floats:
+        """Scores of known radii (b,)."""
+        result, (center, r, variance) = np.full(len(radius), np.nan), self.estimates[:3]
+        for sets, part in self._free_samples.by_count():
+            if part.shape[2] > part.shape[1]:
+                sphere = Spheres(center[sets], r[sets], variance[sets], np.isfinite(r[sets]))
+                result[sets] = at_radii(part, sphere, radius[sets, None]).score[:, 0]
+        return result
 
     def remarks(self) -> Iterator[str]:
         """Lines about what was given, and whether the points agree; of a single fit."""
-        return iter(())
+        samples, known = self.samples, self.samples.given
+        if known is None:
+            return
+        if np.isfinite(known.radius).all():
+            (free,), (error,), (p,) = self.radius_test
+            given = f"radius {float(self.estimates.radius[0]):.6g} is given"
+            if known.prior is not None:
+                given = f"radius {with_error(float(known.prior.radius[0]), float(known.prior.uncertainty[0]))} is given"
+            words = "p < 1e-9" if p < 1e-9 else f"p = {number(float(p), '.2g')}"
+            agrees = ": the points do not agree with it" if p < _NOTICED else ""
+            yield f"{given}; with a free one the points have {with_error(float(free), float(error))} ({words}){agrees}"
+        scale, spare = float(self.noise_scale[0]), float(self.spare[0] + np.isfinite(known.radius).all())
+        ends = [scale * np.sqrt(spare / scipy.special.chdtri(spare, tail)) for tail in (0.025, 0.975)]
+        times = f"{number(scale, '.3g')} times as large ({' to '.join(number(end, '.2g') for end in ends)})"
+        if samples.weights is not None:
+            scaled = "its scale is found in them" if known.relative else "± stands on the noise as it is given"
+            yield f"each point has a noise of its own, and the residuals are {times}; {scaled}"
+        elif np.isfinite(known.size).all():
+            given = f"noise {float(np.sqrt(known.size[0])):g} is given"
+            yield f"{given}, and the residuals are {times}; ± stands on the noise as it is given"
+        if known.radial:
+            yield "the noise is taken to be along the radius alone"
 
     @cached_property
     def influence(self) -> float:

@@ -153,7 +153,7 @@ def gather(
     no, white = np.zeros((2, b), dtype=np.bool_), (np.ones((b, d + 1)), np.full((b, d + 1), np.inf))
     result = PointEvidence(Goodness.untested((b,), Answer.NO_SPHERE), no[0], no[1], *white, np.zeros(b))
     answers = result.goodness.answers
-    ordinary = is_ordinary(samples.moments.fourth)
+    ordinary = samples.given is None and is_ordinary(samples.moments.fourth)
     for sets, present, power in [(np.arange(b), samples, 0)] if ordinary else samples.alike():
         n = present.shape[2]
         finite = np.isfinite(present.moments.fourth) if n else np.ones(len(sets), dtype=np.bool_)
@@ -385,7 +385,7 @@ def _search(evidence: PointEvidence, samples: Samples, assumed: Assumptions, res
     if not len(searched):
         return
     part = evenly_thinned(samples.take(searched))
-    named = outliers(part) if samples.weights is None else weighted_outliers(part)
+    named = outliers_of(part)
     guilty = np.flatnonzero(named.any(axis=1))
     if not len(guilty):
         return
@@ -411,7 +411,7 @@ def influence(samples: Samples, named: Bools) -> Floats:
     Infinite where there is no fit without them.
     """
     rest = samples.without(named)
-    fits = [careful_fit(_FREE, points) for points in (samples, rest)]
+    fits = [careful_fit(_FREE, points.with_ratios()) for points in (samples, rest)]
     with np.errstate(all="ignore"):
         before, after = (np.column_stack([fit.center, fit.radius]) for fit in fits)
         away = rest.x - fits[1].center[:, :, None]
@@ -425,7 +425,17 @@ _ROUNDS = 10
 """Most rounds in which points with a noise of their own are left out and taken in again."""
 
 
-def weighted_outliers(samples: Samples) -> Bools:
+def outliers_of(samples: Samples) -> Bools:
+    """Outliers (b, n), in units of each point's noise where these differ."""
+    if samples.weights is None or samples.even.all():
+        return outliers(samples)
+    named = _weighted_outliers(samples.with_ratios())
+    if (even := samples.even).any():
+        named[even] = outliers(samples.take(np.flatnonzero(even)))
+    return named
+
+
+def _weighted_outliers(samples: Samples) -> Bools:
     """Outliers (b, n) among points with weights: residuals beyond Student's limit for the largest of n.
 
     The sphere is fitted to the others, until these stay the same; it begins with the median of the residuals as noise.

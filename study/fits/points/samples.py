@@ -7,10 +7,10 @@ Cramér-Rao bound with the estimates plugged in, or an estimator's own rule. Poi
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.special import chdtri, fdtri
@@ -87,41 +87,44 @@ class StatedRadius(NamedTuple):
 
 
 class Given(NamedTuple):
-    """Knowledge beforehand of a flat batch: a radius, or the noise of each point.
+    """Knowledge beforehand of a batch, beside the weights of its points: radii, and the size of the noise.
 
     Attributes:
         radius: r of each set (b,), NaN where it is not known.
-        noise: variance of each point (b, n), or its covariance (b, n, d, d); None where all points have the same.
+        size: noise variance of a point of weight 1 (b,), as it was given; NaN where none was.
         relative: only ratios of the noise are known.
-        sigma: σ of all points; None if it is not known.
+        covariances: of each point in units of ``size`` (b, n, d, d), with the trace d over its weight; None where the
+            noise is isotropic.
         prior: stated radii with their uncertainties, of which ``radius`` is what points and statement give together;
             None where a radius is exact or not known.
         radial: the noise is along the radius alone.
     """
 
     radius: Floats
-    noise: Floats | None
-    relative: bool
-    sigma: float | None
+    size: Floats
+    relative: bool = False
+    covariances: Floats | None = None
     prior: StatedRadius | None = None
     radial: bool = False
 
-    @property
-    def sigma_alone(self) -> bool:
-        """True if the noise of all points is known, and nothing else."""
-        return self.sigma is not None and not self.radial and not np.isfinite(self.radius).any()
+    def of(self, sets: Ints, present: Bools | None = None) -> "Given":
+        """Part of the batch, and of its points if (b, n) says which ones."""
+        covariances, prior = self.covariances, self.prior
+        if covariances is not None:
+            covariances = covariances[sets] if present is None else _chosen(covariances, sets, present)
+        prior = None if prior is None else StatedRadius(*(array[sets] for array in prior))
+        return Given(self.radius[sets], self.size[sets], self.relative, covariances, prior, self.radial)
 
-    @property
-    def exact_radius(self) -> Floats | None:
-        """The radii (b,) if they are known exactly, else None."""
-        return self.radius if self.prior is None else None
+    def scaled(self, power: int) -> "Given":
+        """Knowledge of points times 2^power."""
+        prior = None if self.prior is None else StatedRadius(*(np.ldexp(array, power) for array in self.prior))
+        return self._replace(radius=np.ldexp(self.radius, power), size=np.ldexp(self.size, 2 * power), prior=prior)
 
-    def take(self, places: Ints) -> "Given":
-        """Part of the batch."""
-        part = self._replace(radius=self.radius[places], noise=None if self.noise is None else self.noise[places])
-        return (
-            part if self.prior is None else part._replace(prior=StatedRadius(*(array[places] for array in self.prior)))
-        )
+
+def _chosen(array: Floats, sets: Ints, present: Bools) -> Floats:
+    """The entries of the points (b, n, …) that are present, of sets with equally many: (k, count, …)."""
+    shape = len(sets), int(present[sets[0]].sum()), *array.shape[2:]
+    return np.asarray(array[sets][present[sets]].reshape(shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +136,7 @@ class Samples:
         noise: σ, one for all sets or one for each (b,), a covariance Σ (d, d), or None if it is not known.
         lent: True if the points are in an array of the caller's, who may have changed them since.
         weights: one over the noise variance of each point, but for a factor of each set (b, n); None if all are equal.
-        given: knowledge of the radius, of the noise of each point or of its law; None if there is none.
+        given: knowledge of the radius, of the size of the noise or of its law; None if there is none.
         formed: their moments or regression, if these are known already.
 
     Examples:
@@ -168,7 +171,7 @@ class Samples:
             return Samples.of_regression(self.formed.take(places), noise)
         one = len(places) == 1  # of which the array need not be copied
         weights = None if self.weights is None else self.weights[places]
-        given, moments = None if self.given is None else self.given.take(places), None
+        given, moments = None if self.given is None else self.given.of(places), None
         if self.lent:
             numbers, vectors, second = self.moments
             moments = Moments(numbers[:, places], vectors[:, places], second[places])
@@ -182,7 +185,67 @@ class Samples:
 
     def without(self, points: Bools) -> "Samples":
         """The samples, of which some points (b, n) are missing."""
-        return Samples(np.where(points[:, None], np.nan, self.x), self.noise, weights=self.weights)
+        return Samples(np.where(points[:, None], np.nan, self.x), self.noise, False, self.weights, self.given)
+
+    def with_radius(self, radius: Floats) -> "Samples":
+        """The samples with known radii (b,), NaN where they are not known."""
+        given = Given(radius, np.full(len(radius), np.nan)) if self.given is None else self.given
+        return replace(self, given=given._replace(radius=radius))
+
+    def with_ratios(self) -> "Samples":
+        """The samples with the ratios of their noise alone: neither its size nor the radius is known."""
+        if self.given is None:
+            return self
+        unknown = np.full(len(self.x), np.nan)
+        return replace(self, given=self.given._replace(radius=unknown, relative=True, covariances=None))
+
+    @property
+    def p(self) -> Floats:
+        """Weights of the points (b, n), 1 where all are equal."""
+        return np.ones((len(self.x), self.shape[2])) if self.weights is None else self.weights
+
+    @property
+    def radius(self) -> Floats:
+        """Known radii (b,), NaN where they are not known."""
+        return np.full(len(self.x), np.nan) if self.given is None else self.given.radius
+
+    @property
+    def stated(self) -> StatedRadius | None:
+        """Radii that are stated with an uncertainty."""
+        return None if self.given is None else self.given.prior
+
+    @property
+    def scale(self) -> Floats:
+        """Known noise variances of a point of weight 1 (b,), NaN where they are not known."""
+        unknown = self.given is None or self.given.relative
+        return np.full(len(self.x), np.nan) if unknown else self.given.size  # type: ignore[union-attr]
+
+    @property
+    def radial(self) -> bool:
+        """True if the noise is known to be along the radius alone."""
+        return self.given is not None and self.given.radial
+
+    @property
+    def sigma_alone(self) -> bool:
+        """True if the noise of all points is known, and nothing else: centre and radius are those without it."""
+        alone = self.given is not None and self.weights is None and not self.given.radial
+        return alone and not np.isfinite(self.radius).any() and bool(np.isfinite(self.scale).any())
+
+    @property
+    def even(self) -> Bools:
+        """True for sets (b,) whose points have equal noise of unknown size: as if none were given."""
+        if self.given is None or self.given.covariances is not None or self.given.radial:
+            return np.full(len(self.x), self.given is None and self.weights is None)
+        if self.weights is None:
+            return np.isnan(self.scale)
+        present = np.logical_not(np.isnan(self.x).any(axis=1))
+        first = self.weights[np.arange(len(present)), present.argmax(axis=1)]
+        return np.asarray(((self.weights == first[:, None]) | ~present).all(axis=1) & np.isnan(self.scale))
+
+    @property
+    def nothing_known(self) -> Bools:
+        """True for sets (b,) that are fitted as points of which nothing is known."""
+        return self.even & np.isnan(self.radius)
 
     def unchanged(self) -> "Samples":
         """These samples.
@@ -201,22 +264,30 @@ class Samples:
         return self.noise[places] if isinstance(self.noise, np.ndarray) and self.noise.ndim == 1 else self.noise
 
     def by_count(self) -> Iterator[tuple[Ints, "Samples"]]:
-        """Sets with equally many samples that are not missing: their places (k,), and those samples (k, d, count)."""
-        if np.isfinite(self.moments.fourth).all():  # none is missing
+        """Sets with equally many samples that are not missing: their places (k,), and those samples (k, d, count).
+
+        Of each part the same is known: sets of which nothing is known are samples without weights and knowledge.
+        """
+        if self.given is None and np.isfinite(self.moments.fourth).all():  # none is missing
             yield np.arange(len(self.x)), self
             return
         present = np.logical_not(np.isnan(self.x).any(axis=1))
-        count = present.sum(axis=1)
-        for n in np.unique(count):
-            sets = np.flatnonzero(count == n)
-            if n == self.shape[2] and len(sets) == len(count):
+        count, even = present.sum(axis=1), self.even
+        kinds = 4 * count + 2 * even + np.isnan(self.radius)
+        for kind in np.unique(kinds):
+            sets = np.flatnonzero(kinds == kind)
+            if self.given is None and count[sets[0]] == self.shape[2] and len(sets) == len(count):
                 yield sets, self
             else:
-                complete = [np.ascontiguousarray(self.x[t][:, present[t]]) for t in sets]
-                weights = self.weights
-                if weights is not None:
-                    weights = np.stack([weights[t][present[t]] for t in sets])
-                yield sets, Samples(np.stack(complete), self._noise_of(sets), weights=weights)
+                yield sets, self._complete(sets, present, bool(even[sets[0]]))
+
+    def _complete(self, sets: Ints, present: Bools, even: bool) -> "Samples":
+        """Sets (k,) of which the same is known, with the equally many points that are present (b, n)."""
+        x = np.ascontiguousarray(_chosen(self.x.swapaxes(1, 2), sets, present).swapaxes(1, 2))
+        weights = None if self.weights is None or even else _chosen(self.weights, sets, present)
+        given = None if self.given is None else self.given.of(sets, present)
+        part = Samples(x, self._noise_of(sets), weights=weights, given=given)
+        return replace(part, given=None) if part.nothing_known.all() else part
 
     def alike(self) -> Iterator[tuple[Ints, "Samples", int]]:
         """Sets with equally many samples and of one size: their places (k,), the samples in a unit, its power of two.
@@ -261,11 +332,11 @@ class GivenWay(NamedTuple):
     """A way to fit points of which something is known.
 
     Attributes:
-        fit: `study.fits.errors.weighted.Spheres` from a `study.fits.errors.weighted.Weighted`; None if there is none.
-        takes: the knowledge that it takes: words of `study.fits.errors.prior`.
+        fit: computes `Estimates` from complete `Samples`, of each of which the same is known; None if there is none.
+        takes: the knowledge that it takes: words of `study.fits.answers.given`.
     """
 
-    fit: Callable[[Any], Any] | None = None
+    fit: Callable[[Samples], Estimates] | None = None
     takes: frozenset[str] = frozenset()
 
 
@@ -315,8 +386,9 @@ class Estimator:
     given: GivenWay = _NO_WAY
 
     def __call__(self, samples: Samples) -> Estimates:
-        """Fit each set of the batch."""
-        return self.function(samples)
+        """Fit each set of the batch; with what is known of it, if it is complete and the estimator takes it."""
+        way = None if samples.given is None or samples.sigma_alone else self.given.fit
+        return self.function(samples) if way is None else way(samples)
 
 
 class Worded(IntEnum):
@@ -423,7 +495,9 @@ def scaled(samples: Samples, power: int) -> Samples:
     if power == 0:
         return samples
     with np.errstate(all="ignore"):
-        return Samples(np.ldexp(samples.x, power), scaled_noise(samples.noise, power), weights=samples.weights)
+        given = None if samples.given is None else samples.given.scaled(power)
+        noise = scaled_noise(samples.noise, power)
+        return Samples(np.ldexp(samples.x, power), noise, weights=samples.weights, given=given)
 
 
 def scaled_noise(noise: float | Floats | None, power: int) -> float | Floats | None:
