@@ -234,6 +234,8 @@ def closed(samples: Samples, subtract: bool = False, find: bool = False) -> Sphe
     y = x - x[:, :, :1]
     middle = np.einsum("bn,bin->bi", share, y)
     y -= middle[:, :, None]
+    finite &= np.isfinite(np.square(y).sum(axis=(1, 2)))  # points may be too large for their squares
+    y = np.where(finite[:, None, None], y, 0.0)
     scale = np.where(np.isfinite(samples.scale) & subtract, samples.scale / mean, 0.0)
     if known:
         center, scale = _on_known_radius(y, share, samples.radius, scale, find)
