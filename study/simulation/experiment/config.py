@@ -133,7 +133,7 @@ def same(a: Value, b: Value) -> bool:
     return a == b if isinstance(a, str) or isinstance(b, str) else math.isclose(a, b, rel_tol=1e-9)
 
 
-_WITH_ERROR = (
+WITH_ERROR = (
     *("".join(words) for words in product(("relative_", "ratio_"), ("median", "q05", "q95"), ("", "_ok", "_all"))),
     *("far", "far_ok", "far_all", "axis_median", "axis_median_ok", "tail_index", "bias", "rmse"),
 )
@@ -561,7 +561,7 @@ def _precision_faults(study: Study) -> Iterator[Fault]:
     precision, design = study.precision, study.design
     if precision is None:
         return
-    names, shares = [*_WITH_ERROR], [*_SHARES]
+    names, shares = [*WITH_ERROR], [*_SHARES]
     for column in study.measured():
         names += column.summaries
         shares += column.summaries if column.kind is bool else ()

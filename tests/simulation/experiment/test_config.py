@@ -17,7 +17,7 @@ import pytest
 
 import study
 from study.simulation.experiment import config
-from study.simulation.experiment.config import MEASURES, Posterior, Precision, Study, load, parse
+from study.simulation.experiment.config import WITH_ERROR, Posterior, Precision, Study, load, parse
 from study.simulation.experiment.designs import Cell
 from study.simulation.runs import schemas
 
@@ -159,7 +159,7 @@ def test_defaults_of_sections():
 def test_measures_are_those_of_the_summary():
     """The names that a config may give are those of the summary's columns that have an error beside them."""
     names = [column.name for column in schemas.summary()]
-    assert set(MEASURES) == {name.removesuffix("_error") for name in names if name.endswith("_error")}
+    assert set(WITH_ERROR) == {name.removesuffix("_error") for name in names if name.endswith("_error")}
 
 
 def test_sections_and_the_name_of_a_run():

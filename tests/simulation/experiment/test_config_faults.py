@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from study.simulation.experiment.config import MEASURES, Study, load, parse
+from study.simulation.experiment.config import WITH_ERROR, Study, load, parse
 from study.toml import ConfigError
 from tests.configs import toml
 
@@ -455,7 +455,7 @@ def test_what_cannot_be_read(tmp_path):
     assert load(tmp_path / "marked.toml") == parse(GRID)
 
 
-@pytest.mark.parametrize("measure", MEASURES)
+@pytest.mark.parametrize("measure", WITH_ERROR)
 def test_a_fraction_of_a_share(measure):
     """A share may be 0, so its error cannot be a fraction of it; that of other measures can."""
     text = f'{GRID}[precision]\nmeasure = "{measure}"\n'
