@@ -790,16 +790,16 @@ def _nearest(e: Floats, along: Floats, near: Ints, traces: Floats) -> None:
                 reach = math.sqrt(best[k - 1])
                 low = low if along[t, i] - along[t, low] < reach else 0
                 high = high if high < n and along[t, high] - along[t, i] < reach else n
-        two, both, three, round_trip = n * k, 0, 0, 0
+        mutual, cycles, detours = 0, 0, 0  # i → j → i; i → j → other → i; i → j → other beside i → other
         for i in range(n):
             for j in near[t, i]:
                 for other in near[t, j]:
-                    both += other == i
+                    mutual += other == i
                     for last in range(k):
-                        three += near[t, other, last] == i
-                        round_trip += near[t, i, last] == other
-        traces[0, t] += 0.5 * (two + both)
-        traces[1, t] += 0.25 * three + 0.75 * round_trip
+                        cycles += near[t, other, last] == i
+                        detours += near[t, i, last] == other
+        traces[0, t] += 0.5 * (n * k + mutual)
+        traces[1, t] += 0.25 * cycles + 0.75 * detours
 
 
 @compiled_as_written
