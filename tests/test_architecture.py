@@ -4,6 +4,7 @@ import ast
 import graphlib
 import re
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -27,10 +28,14 @@ ORDER = {name: chapters.split() for name, chapters in ORDER.items()}
 """Chapters and folders of a wing in the order of the data: each imports only those before it."""
 FILES = sorted(PACKAGE.rglob("*.py"))
 LIBRARY = set(study.__all__) - {"__version__"}
-NAMES = [str(path.relative_to(PACKAGE)) for path in FILES]
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
 MODULES = {tuple(p for p in path.relative_to(PACKAGE).with_suffix("").parts if p != "__init__") for path in FILES}
 MOST_PARAMETERS = 7
+
+
+@cache
+def trees():
+    """Each file of the package, parsed."""
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
 
 
 def parts_of(path):
@@ -66,7 +71,7 @@ def imported(path, tree):
             yield node.lineno, place.split(".")[1:]
 
 
-def breaches(path, text):
+def breaches(path, tree):
     """Imports of a file that climb: from the ground, into another wing, or against the order within one."""
     own = parts_of(path)
     if wing(own) is None or own == ("cli",):
@@ -74,7 +79,7 @@ def breaches(path, text):
     allowed = GROUND | ({own[0]} | WINGS[own[0]] if own[0] in WINGS else set())
     order = ORDER.get(own[0], [])
     result = []
-    for line, parts in imported(path, ast.parse(text)):
+    for line, parts in imported(path, tree):
         climbs = parts != ["__version__"] and wing(parts) not in allowed
         inside = wing(parts) == own[0] and parts[1:2] and parts[1] in order and own[1] in order
         if climbs or (inside and order.index(parts[1]) > order.index(own[1])):
@@ -93,10 +98,10 @@ def functions(tree):
             yield node, count
 
 
-@pytest.mark.parametrize("path", FILES, ids=NAMES)
-def test_imports_follow_the_data(path):
+def test_imports_follow_the_data():
     """The ground imports itself; a wing imports the ground, itself in the order of the data, and the fits."""
-    assert breaches(path, path.read_text(encoding="utf-8")) == []
+    found = {str(path): breaches(path, tree) for path, tree in trees().items()}
+    assert {name: lines for name, lines in found.items() if lines} == {}
 
 
 @pytest.mark.parametrize(
@@ -129,13 +134,13 @@ def test_imports_follow_the_data(path):
 )
 def test_the_scan_finds_breaches(file, code, climbs):
     """The scan above finds each way of importing what stands later; what stands before, or elsewhere, is allowed."""
-    assert bool(breaches(PACKAGE / file, code)) == climbs
+    assert bool(breaches(PACKAGE / file, ast.parse(code))) == climbs
 
 
 def test_no_circles():
     """No modules import each other, directly or through others, lazy imports included."""
     graph = {}
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         own = tuple(part for part in parts_of(path) if part != "__init__")
         if own:  # the package itself offers what its wings hold
             graph[own] = ({tuple(parts) for _, parts in imported(path, tree)} & MODULES) - {own, ()}
@@ -164,25 +169,25 @@ def test_private_doors_are_few(name):
 def test_functions_take_few_parameters():
     """No function takes more than seven parameters; options of a command, and of `study.fit`, are its parameters."""
     plain = [path for path in FILES if "commands" not in str(path) and path.name != "cli.py"]
-    counts = {(path, node.name, node.lineno): count for path in plain for node, count in functions(TREES[path])}
+    counts = {(path, node.name, node.lineno): count for path in plain for node, count in functions(trees()[path])}
     counts = {place: count for place, count in counts.items() if place[:2] != (PACKAGE / "fits" / "registry.py", "fit")}
     assert {place: count for place, count in counts.items() if count > MOST_PARAMETERS} == {}
 
 
-@pytest.mark.parametrize("path", FILES, ids=NAMES)
-def test_files_and_what_is_in_them_are_described(path):
+def test_files_and_what_is_in_them_are_described():
     """Every file begins with a sentence that says what it is; no docstring opens with a question's word."""
-    assert len((ast.get_docstring(TREES[path]) or "").split("\n")[0]) > 15
-    for node in ast.walk(TREES[path]):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
-            first = (ast.get_docstring(node) or "").split("\n")[0]
-            assert not re.match(r"(What|Whether|How|Where|Which|Who)\b", first), first
+    for path, tree in trees().items():
+        assert len((ast.get_docstring(tree) or "").split("\n")[0]) > 15, path
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
+                first = (ast.get_docstring(node) or "").split("\n")[0]
+                assert not re.match(r"(What|Whether|How|Where|Which|Who)\b", first), (path, first)
 
 
 def test_class_names_are_unique():
     """No two classes of the package have the same name; a type of a figure's own frame is private to its file."""
     places = defaultdict(list)
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         for node in ast.walk(tree):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[node.name].append(str(path.relative_to(PACKAGE)))

@@ -331,7 +331,8 @@ def fit_poses_to(
     n, present = x.shape[2], np.asarray(~np.isnan(x).any(axis=1))
     chosen = present if used is None else present & used
     poses: Poses = np.full((3, 3, n), np.nan), np.full((3, n), np.nan), np.zeros(n, bool), chosen, np.full(n, np.nan)
-    _fit_frames(np.ascontiguousarray(places), np.ones(len(x)) if weights is None else weights, limits, x, poses)
+    same = np.ones(len(x)) if weights is None else weights
+    _fit_frames(np.ascontiguousarray(places), same, limits, np.ascontiguousarray(x), poses)  # one layout to compile
     return poses
 
 

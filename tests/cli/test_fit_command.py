@@ -283,7 +283,7 @@ def folder(tmp_path):
 def test_the_page(call, well, folder):
     """Its example is checked, run, summarised, drawn and fitted as it says, without a line changed in the package."""
     assert well(folder, "check", "my.py") == "coope: all 9 properties hold on 12 data sets\n"
-    code, said, complained = call(folder, "run", "own.toml", "--plugin", "my.py", "--backend", "loky")
+    code, said, complained = call(folder, "run", "own.toml", "--plugin", "my.py", "--backend", "loky", "--jobs", "1")
     assert (code, complained) == (0, "")
     run = folder / said.strip()
     errors = pd.read_parquet(run / "errors.parquet")

@@ -55,11 +55,11 @@ def test_tables(cap_moments, angle, d):
         assert ratio == pytest.approx(expected, abs=1e-3), noise
 
 
-@pytest.mark.parametrize(("d", "angle"), [(2, 20), (2, 150), (3, 0.01), (3, 45), (3, 180), (6, 90), (20, 60)])
+@pytest.mark.parametrize(("d", "angle"), [(2, 20), (3, 0.01), (3, 180), (6, 90), (20, 60)])
 def test_resolution(d, angle):
     """More nodes with more functions change nothing by more than 1e-4, from the least noise to what hides the cap."""
     phi = math.radians(angle)
-    for share in (1e-4, 0.05, 0.3, 0.79, 0.81, 3.0) if d < 4 else (0.3, 0.81):
+    for share in (1e-4, 0.3, 0.79, 0.81, 3.0) if d < 4 else (0.3, 0.81):
         coarse, fine = (by_quadrature(Cap(phi, share * phi, d), nodes) for nodes in (48, 56))
         assert difference(coarse, fine) < 1e-4, share
 
@@ -68,7 +68,7 @@ def test_resolution(d, angle):
 def test_never_below_cramer_rao(d, angles):
     """The Cramér-Rao bound knows more: what it leaves between the two is positive semidefinite, up to the 1e-4."""
     for angle in angles:
-        for noise in (1e-6, 1e-3, 0.01, 0.05, 0.2, 0.5, 2.0):
+        for noise in (1e-6, 0.01, 0.2, 2.0):
             bound, least = study.attainable_bound(angle, noise, d), cramer_rao(Cap(math.radians(angle), noise, d))
             root = np.linalg.inv(np.linalg.cholesky(least))
             assert np.linalg.eigvalsh(root @ bound @ root.T)[0] > 1 - 1e-4, (angle, noise)
@@ -103,7 +103,7 @@ def test_joins(d, share):
 
 
 @pytest.mark.parametrize("d", [2, 3, 4, 8])
-@pytest.mark.parametrize("noise", [0.01, 0.1, 0.4, 1.5, 6.0])
+@pytest.mark.parametrize("noise", [0.01, 0.4, 6.0])
 def test_whole_sphere(d, noise):
     """On the whole sphere one integral over R = |y| gives the bound (3.5), the same for all axes."""
     law = stats.ncx2(d, 1 / noise**2)  # of R²/σ²
@@ -245,7 +245,7 @@ def test_a_plan_says_that_the_noise_is_too_large():
 
 def test_a_plan_with_next_to_no_noise():
     """Errors over the noise do not depend on the radius, however large it is."""
-    plans = [study.plan_fit(0.1, radius, 0.01, angle=60.0) for radius in (1e6, 1e160, 1e300)]
+    plans = [study.plan_fit(0.1, radius, 0.05, angle=60.0) for radius in (1e6, 1e160, 1e300)]
     assert len({plan.points for plan in plans}) == 1
     for plan in plans:
         np.testing.assert_allclose(plan[2:5], plans[0][2:5], rtol=1e-9)

@@ -37,7 +37,7 @@ def by_the_book(points, sigma):
     return points.mean(axis=0) + offset, np.sqrt((n - 1) / n * np.trace(c) + offset @ offset)
 
 
-@pytest.mark.parametrize(("d", "n"), [(2, 7), (2, 800), (3, 7), (3, 40), (3, 800), (5, 40)])
+@pytest.mark.parametrize(("d", "n"), [(2, 7), (2, 800), (3, 7), (3, 800), pytest.param(5, 40, marks=pytest.mark.plain)])
 @pytest.mark.parametrize("noise", [0.0, 0.03, COVARIANCE])
 def test_paper_equations(rng, on_cap, d, n, noise):
     """GDKE's centre and radius are the paper's (2-6), UGDK's (15-21): σ², or the whole Σ, is subtracted from C.
@@ -269,12 +269,13 @@ def test_exactly_planar(rng, n, angle):
         np.testing.assert_allclose(fit.radius, 1.0, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_sphere_in_four_dimensions(rng, on_cap):
     """In 4-D a sphere in a hyperplane loses the one direction across it, and no other."""
     solid = on_cap(rng, 500, 60.0, sets=1000)[0]
     basis = np.linalg.qr(rng.standard_normal((1000, 4, 4)))[0]
     points = solid @ basis[:, :, :3].swapaxes(1, 2) + 0.02 * rng.standard_normal((1000, 500, 4))
-    fit = study.fit(points, "hinge")
+    fit = study.fit(np.ascontiguousarray(points.swapaxes(1, 2)).swapaxes(1, 2), "hinge")  # loops of other tests
     assert np.mean(fit.estimates.status == Status.HINGE) >= 0.98
     inner = np.einsum("bi,bij->bj", fit.center, basis)
     m = moments_of(np.radians(60.0), 3)
@@ -287,14 +288,14 @@ def test_sphere_in_four_dimensions(rng, on_cap):
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("angle", [20.0, 45.0, 90.0, 180.0])
 def test_ordinary_caps_lose_no_direction(rng, on_cap, angle, d, known):
-    """Where κ = (v/σ²)√(N/2) ≥ 30 and N ≥ 100 none of 2000 caps loses a direction: the answer is that of `als`.
+    """Where κ = (v/σ²)√(N/2) ≥ 30 and N ≥ 100 none of 500 caps loses a direction: the answer is that of `als`.
 
     None of 20 000 did at κ = 30; at κ = 20 and 180° 5 did, there σ is .3 r.
     """
     along = moments_of(np.radians(angle), d).along
     for n, kappa in [(100, 30.0), (100, 1e6), (500, 30.0)]:
         noise = np.sqrt(along * np.sqrt(n / 2) / kappa)
-        points = on_cap(rng, n, angle, d, noise, sets=2000)[0]
+        points = on_cap(rng, n, angle, d, noise, sets=500)[0]
         fit = study.fit(points, "hinge", noise if known else None)
         same = study.fit(points, "ugdk" if known else "als", noise)
         np.testing.assert_array_equal(np.c_[fit.center, fit.radius], np.c_[same.center, same.radius])

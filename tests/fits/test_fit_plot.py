@@ -177,9 +177,9 @@ def test_fits_without_a_number_are_named(cap):
     figure.draw_without_rendering()
 
 
-@pytest.mark.parametrize("others", [[], ["als"], ["als", "gdke"]])
-@pytest.mark.parametrize("radius", [1e3, 1e12])
-@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize(
+    ("others", "radius", "d"), [([], 1e3, 2), (["als"], 1e12, 2), (["als", "gdke"], 1e3, 3), ([], 1e12, 3)]
+)
 def test_huge_circles_do_not_spoil_the_view(cap, others, radius, d):
     """One that is far larger than the points' extent is named with its radius, and the view stays with the others."""
     points = cap(d=d)

@@ -183,7 +183,7 @@ def test_code_of_older_sources_goes(package):
     assert len(left) == 4
 
 
-@pytest.mark.parametrize("names", [["lls"], pytest.param(["mle", "ugdk"], marks=pytest.mark.slow)])
+@pytest.mark.parametrize("names", [["lls"], pytest.param(["ugdk"], marks=pytest.mark.slow)])
 def test_code_just_compiled_and_code_from_the_cache_have_the_same_bits(package, names):
     """LLS in the process that compiled it once differed in the last bit from LLS in all others."""
     _, run = package

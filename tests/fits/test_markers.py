@@ -246,7 +246,7 @@ def test_bad_input(markers, says):
         mgdk(markers)
 
 
-@pytest.mark.parametrize("angle", [40.0, 90.0, 180.0])
+@pytest.mark.parametrize("angle", [40.0, 180.0])
 def test_level_of_the_agreement(part_of, angle):
     """Of 400 sets of three markers about one centre, or a part, no more are refused than .01 gives but in 1e-4."""
     rng, sets = np.random.default_rng(21), part_of(400)
@@ -405,11 +405,11 @@ def test_the_interval_of_one_marker_is_that_of_fit():
     [((1.0, 2.0, 3.0), 35.0, 0.15), ((1.0, 2.0, 3.0), 60.0, 0.02), ((0.1, 1.0, 3.0), 45.0, 0.05)],
 )
 def test_intervals_of_several_markers_cover(part_of, radii, degrees, noise):
-    """Centre and radii are covered in 95 % of 300 sets, or a part, but for .015; false alarms: 1e-4 each.
+    """Centre and radii are covered in 95 % of 200 sets, or a part, but for .015; false alarms: 1e-4 each.
 
     The .015 are what the method is off by in finite samples (theory 10.4).
     """
-    rng, covered, sets = np.random.default_rng(23), list[np.ndarray](), part_of(300)
+    rng, covered, sets = np.random.default_rng(23), list[np.ndarray](), part_of(200)
     for _ in range(sets):
         ends = study.mgdk(on_caps(rng, radii, degrees, noise, (60, 100, 150))).intervals(0.95)
         pairs = np.concatenate([ends.center[0], ends.radius[1:] - np.array(radii[1:])[:, None]])

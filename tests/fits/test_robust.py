@@ -181,10 +181,10 @@ def test_law_of_distances(d, radius):
         assert (made - moments[0]) / spread == pytest.approx(z, rel=0.04)
 
 
-@pytest.mark.parametrize(("n", "d"), [(40, 3), (40, 2), (1200, 3), pytest.param(60, 5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("n", "d"), [(40, 3), (40, 2), (1200, 3), pytest.param(60, 5, marks=pytest.mark.plain)])
 def test_five_percent_at_ten_sigma(rng, on_cap, n, d):
     """Five percent of the points ten standard deviations off are all noticed in 99 % of the data sets."""
-    sets = 150 if n < 1000 else 30
+    sets = {60: 10, 1200: 30}.get(n, 150)
     points, directions = on_cap(rng, n, 90, d, 0.01, sets=sets)
     bad = n // 20
     points[:, :bad] += 0.1 * directions[:, :bad] * rng.choice([-1, 1], (sets, bad, 1))
@@ -207,7 +207,7 @@ def test_thirty_percent(rng, on_cap, kind, n, angle, noise, d):
     assert np.median(error) <= 1.3 * np.median(best)
 
 
-@pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.plain)])
 def test_exact_points_and_many_outliers(rng, on_cap, d):
     """Points exactly on a sphere determine it, whatever 40 % of the points are."""
     points = on_cap(rng, 60, 90, d, center=rng.standard_normal(d), sets=3)[0]

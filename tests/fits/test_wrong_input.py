@@ -80,15 +80,16 @@ def test_some_points_as_large_as_numbers_go(rng, on_cap, d, n):
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (5, 1), (4, 5, 1), (3, 3), (0, 3), (2, 2), (7, 4, 4)])
-def test_wrong_shapes(estimator, shape):
+def test_wrong_shapes(shape):
     """Points of another shape than (…, n, d) with n > d ≥ 2 raise an error that shows the shape; so do directions."""
-    calls = [lambda points: study.fit(points, estimator, noise=0.1), study.minimum_zone]
+    calls = {name: partial(study.fit, estimator=name, noise=0.1) for name in study.ESTIMATORS}
+    calls["minimum_zone"] = study.minimum_zone
     if shape in [(), (3,), (5, 1)]:
-        calls.append(lambda points: study.crlb(points, 0.1))
-    for call in calls:
+        calls["crlb"] = partial(study.crlb, noise=0.1)
+    for name, call in calls.items():
         with pytest.raises(ValueError, match=r"(points|directions) have shape") as caught:
             call(np.zeros(shape))
-        assert str(shape) in str(caught.value)
+        assert str(shape) in str(caught.value), name
 
 
 @pytest.mark.parametrize(
@@ -234,9 +235,9 @@ def assert_lost(fit, status):
     assert not np.isfinite(fit.standard_errors).any()
 
 
-@pytest.mark.parametrize("noise", [0.02, 0.02**2 * np.diag([1.0, 2.0, 0.5])])
-def test_a_mixed_batch(holed, estimator, noise):
+def test_a_mixed_batch(holed, estimator):
     """Each set of a batch has the answer of its own remaining samples to the last bit, errors to rounding."""
+    noise = 0.02**2 * np.diag([1.0, 2.0, 0.5]) if holed.shape[1] == 40 else 0.02
     if estimator in ("hinge", "corrected_01", "corrected_02", "corrected_12") and np.ndim(noise) == 2:
         with pytest.raises(ValueError, match=r"noise=σ|takes no covariance"):
             study.fit(holed, estimator, noise)
@@ -274,17 +275,17 @@ def test_other_ways_to_say_that_samples_are_missing(holed, estimator):
     assert_same(study.fit(holed[10], estimator, 0.02), fit, 10)
 
 
-@pytest.mark.parametrize("left", [0, 1, 3])
 @pytest.mark.parametrize("d", [2, 3, pytest.param(5, marks=pytest.mark.plain)])
-def test_too_few_left(rng, on_cap, estimator, d, left):
+def test_too_few_left(rng, on_cap, estimator, d):
     """With no sample left, or d where d + 1 are needed, the answer is TOO_FEW_POINTS and NaN, alone and in a batch."""
     points = on_cap(rng, 9, 120.0, d, 0.02)[0]
-    points[min(left, d) :, 0] = np.nan
-    for sets in (points, points[None], np.stack([points] * 3)):
-        fit = study.fit(sets, estimator, 0.02)
-        assert_lost(fit, Status.TOO_FEW_POINTS)
-        np.testing.assert_array_equal(fit.count, min(left, d))
-        assert np.isnan(fit.residual_rms).all()
+    for left in (d, 1, 0):
+        points[left:, 0] = np.nan
+        for sets in (points, points[None], np.stack([points] * 3)):
+            fit = study.fit(sets, estimator, 0.02)
+            assert_lost(fit, Status.TOO_FEW_POINTS)
+            np.testing.assert_array_equal(fit.count, left)
+            assert np.isnan(fit.residual_rms).all()
 
 
 @pytest.mark.parametrize("as_mask", [False, True])
@@ -327,14 +328,13 @@ def careful(request):
     return request.param
 
 
-@pytest.mark.parametrize("value", [np.inf, -np.inf])
 @pytest.mark.parametrize("n", [6, 30, CHUNK + 44])
-def test_not_finite(rng, on_cap, estimator, value, n):
+def test_not_finite(rng, on_cap, estimator, n):
     """One infinite coordinate, wherever it stands, beside a missing row or not, loses its own set and no other."""
     points = on_cap(rng, n, noise=0.01, sets=9)[0]
     clean = study.fit(points, estimator, noise=0.01)
     bad = [0, 2, 5, 7]
-    points[bad, [0, n // 2, n - 1, n - 1], [0, 1, 2, 0]] = value
+    points[bad, [0, n // 2, n - 1, n - 1], [0, 1, 2, 0]] = [np.inf, -np.inf, -np.inf, np.inf]
     points[5, 0, 1] = np.nan
     fit = study.fit(points, estimator, noise=0.01)
     assert_lost(fit[bad], Status.NOT_FINITE)
@@ -344,43 +344,39 @@ def test_not_finite(rng, on_cap, estimator, value, n):
         np.testing.assert_allclose(one, two, rtol=0, atol=1e-12, err_msg=name)
 
 
-@pytest.mark.parametrize("scale", [1e-300, 1e-150, 1e150, 1e200, 1e300])
-def test_too_large_or_small(rng, on_cap, estimator, scale):
+def test_too_large_or_small(rng, on_cap, estimator):
     """Coordinates whose squares come near the ends of float64 are refused by the status of infinite ones."""
-    assert_lost(study.fit(scale * on_cap(rng, 20, noise=0.01)[0], estimator, noise=0.01), Status.NOT_FINITE)
+    points = on_cap(rng, 20, noise=0.01)[0]
+    for scale in (1e-300, 1e-150, 1e150, 1e200, 1e300):
+        assert_lost(study.fit(scale * points, estimator, noise=0.01), Status.NOT_FINITE)
 
 
-@pytest.mark.parametrize("scale", [1e-125, 1e-60, 1e-30, 1e30, 1e60, 1e125])
-def test_units_are_free(rng, on_cap, careful, scale):
+def test_units_are_free(rng, on_cap, careful):
     """Any unit gives the same sphere, and the same standard errors."""
     points = on_cap(rng, 100, noise=0.01)[0]
     one = study.fit(points, careful, noise=0.01)
-    fit = study.fit(scale * points, careful, noise=0.01 * scale)
-    assert fit.ok
-    np.testing.assert_allclose(fit.center / scale, one.center, rtol=0, atol=1e-12)
-    assert fit.radius / scale == pytest.approx(float(one.radius), rel=1e-12)
-    assert fit.estimates.noise_variance / scale**2 == pytest.approx(float(one.estimates.noise_variance), rel=1e-9)
-    np.testing.assert_allclose(fit.standard_errors / scale, one.standard_errors, rtol=1e-9)
-    np.testing.assert_allclose(fit.residuals / scale, one.residuals, rtol=0, atol=1e-11)
+    for scale in (1e-125, 1e-60, 1e-30, 1e30, 1e60, 1e125):
+        fit = study.fit(scale * points, careful, noise=0.01 * scale)
+        assert fit.ok
+        np.testing.assert_allclose(fit.center / scale, one.center, rtol=0, atol=1e-12)
+        assert fit.radius / scale == pytest.approx(float(one.radius), rel=1e-12)
+        assert fit.estimates.noise_variance / scale**2 == pytest.approx(float(one.estimates.noise_variance), rel=1e-9)
+        np.testing.assert_allclose(fit.standard_errors / scale, one.standard_errors, rtol=1e-9)
+        np.testing.assert_allclose(fit.residuals / scale, one.residuals, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize(
-    "points",
-    [
-        *(np.full((3, 8, 3), value) for value in (0.0, 1.0, 0.1, -123.456)),
-        *(np.outer(np.arange(9.0), np.arange(1, d + 1)) + 0.3 for d in (2, 3)),
-    ],
-)
-def test_points_and_lines(careful, points):
+def test_points_and_lines(careful):
     """Points that are all the same, or on a line, determine nothing, not even a circle in a plane."""
-    assert_lost(study.fit(points, careful, noise=0.01), Status.SINGULAR)
+    places = [np.full((3, 8, 3), value) for value in (0.0, 1.0, 0.1, -123.456)]
+    for points in [*places, *(np.outer(np.arange(9.0), np.arange(1, d + 1)) + 0.3 for d in (2, 3))]:
+        assert_lost(study.fit(points, careful, noise=0.01), Status.SINGULAR)
 
 
 @pytest.mark.parametrize("n", [4, 20, 1000])
 @pytest.mark.parametrize("offset", [0.0, 10.0])
 def test_planes(rng, random_rotation, careful, offset, n):
     """Points of a plane are recognised in any orientation and place, in spite of rounding; many are on a circle."""
-    sets = 100 if n < 1000 else 20
+    sets = 100 if n < 20 else 20
     turn = rng.uniform(0, 2 * np.pi, (sets, n))
     points = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=2)
     for t in range(3, sets):  # the first three stay in planes of two coordinates

@@ -283,7 +283,7 @@ class JointFit(Hinting):
         with np.errstate(all="ignore"):
             quiet = (self.sigma / self.radii < NOISY) | (len(arrays) == 1)
         places = [p for p, points in enumerate(arrays) if len(points) >= 2 and quiet[p]]
-        x = np.concatenate([arrays[p] for p in places]).T[None] if places else np.empty((1, d, 0))
+        x = np.ascontiguousarray(np.concatenate([np.empty((0, d)), *(arrays[p] for p in places)]).T)[None]
         spare = x.shape[2] - d - len(places)
         if len(places) == 1 or self._hinge:
             for p in places:

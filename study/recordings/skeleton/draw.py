@@ -94,7 +94,7 @@ def complete_poses(
         Rotations (3, 3, n); origins (3, n), metres, NaN where no point is seen; and p̄, the weighted middle of the
         places that are seen (3, n).
     """
-    rotation, origin, middle = np.array(expected), np.full((3, len(sure)), np.nan), np.zeros((3, len(sure)))
+    rotation, origin, middle = np.array(expected, order="C"), np.full((3, len(sure)), np.nan), np.zeros((3, len(sure)))
     _complete_poses(places, x, weights, sure, rotation, origin, middle)
     return rotation, origin, middle
 

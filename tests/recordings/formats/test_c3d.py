@@ -340,10 +340,10 @@ def survived(path, mutants):
 
 @pytest.mark.parametrize("analog", [False, True])
 def test_damaged_files_end_no_program(tmp_path, small, rich, analog):
-    """Six hundred files with one to three wrong bytes in header or parameters are read, or refused in one line."""
+    """Three hundred files with one to three wrong bytes in header or parameters are read, or refused in one line."""
     rng, path = np.random.default_rng(7), rich if analog else write_recording(small(), tmp_path / "a.c3d")
-    drawn = [[(rng.integers(1600), rng.bytes(1)) for _ in range(1 + trial % 3)] for trial in range(600)]
-    assert survived(path, drawn) > 20
+    drawn = [[(rng.integers(1600), rng.bytes(1)) for _ in range(1 + trial % 3)] for trial in range(300)]
+    assert survived(path, drawn) > 10
 
 
 def test_every_field_of_the_header_and_of_the_parameters(rich):

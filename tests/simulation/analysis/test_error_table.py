@@ -179,7 +179,9 @@ def test_comparisons_do_not_depend_on_the_parts(run, memory):
     pd.testing.assert_frame_equal(found, whole)
 
 
-def test_differences_do_not_depend_on_the_parts(run, shorter, memory):
+@pytest.mark.usefixtures("memory")
+@pytest.mark.parametrize("memory", [6000], indirect=True)
+def test_differences_do_not_depend_on_the_parts(run, shorter):
     """A run is identical with itself, and in the trials that both have with a shorter one, in any parts."""
     assert Difference(run, run).verdict == "identical"
     for pair in ((run, shorter), (shorter, run)):

@@ -412,11 +412,11 @@ def test_what_is_not_toml(text):
 
 def test_thousands_of_faults():
     """Fifty are shown, in the order of the file, and the number of the others; a list of names is cut."""
-    keys = "".join(f"key{i} = {i}\n" for i in range(20_000))
+    keys = "".join(f"key{i} = {i}\n" for i in range(2_000))
     with pytest.raises(ConfigError) as caught:
         parse(keys + GRID, "x.toml")
     head, *lines, last = str(caught.value).splitlines()
-    assert (head, last) == ("x.toml: 20,000 faults", "  and 19,950 more")
+    assert (head, last) == ("x.toml: 2,000 faults", "  and 1,950 more")
     assert [line.split(" = ")[0] for line in lines] == [f"  line {i + 1}: key{i}" for i in range(50)]
     names = [f"name{i}" for i in range(3000)]
     for text in (
@@ -518,7 +518,7 @@ def outcome(data):
     return study
 
 
-@settings(any_document, max_examples=400)
+@settings(any_document, max_examples=200)
 @given(
     kind=st.sampled_from(["grid", "random"]),
     head=st.dictionaries(st.sampled_from(KEYS[:7]) | texts, values, max_size=2),

@@ -163,17 +163,21 @@ def test_files_are_equal_to_the_byte(elsewhere, drawn):
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_drawing_reads_no_files(frames, name, monkeypatch):
-    """All that is drawn is in the frame."""
-    figure, frame = FIGURES[name], frames[name]
-    figure.draw(frame)  # fonts are looked up once
+def test_drawing_reads_no_files_and_names_the_run(runs, drawn, sources, frames, name, monkeypatch):
+    """All that is drawn is in the frame; the stamp has the run and the number of trials, or which one is shown."""
 
     def refuse(*args, **kwargs):
         raise AssertionError(f"opened {args[0]}")
 
     monkeypatch.setattr(builtins, "open", refuse)
     monkeypatch.setattr(Path, "open", refuse)
-    assert isinstance(figure.draw(frame), Figure)
+    figure = FIGURES[name].draw(frames[name])  # fonts are looked up: all have been drawn
+    assert isinstance(figure, Figure)
+    study = runs[sources[name]].study
+    (stamp,) = [text.get_text() for text in figure.texts]
+    assert study.run_name() in stamp
+    said = stamp.replace(study.run_name(), "")
+    assert ("trial 0;" if name == "fig_posterior" else str(study.design.trials)) in said
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -184,16 +188,6 @@ def test_every_figure_offers_prepare_and_draw_alone(name):
     own = [n for n in dir(figure) if getattr(getattr(figure, n), "__module__", None) == place]
     assert {n for n in own if n[0].islower() and callable(getattr(figure, n))} == {"prepare", "draw"}
     assert "Look at" in figure.__doc__, 'the last paragraph of its docstring is to say "Look at: …"'
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_figures_carry_the_runs_name_and_trials(runs, sources, frames, name):
-    """The stamp names the run, and how many trials are behind the figure or which one is shown."""
-    study = runs[sources[name]].study
-    (stamp,) = [text.get_text() for text in FIGURES[name].draw(frames[name]).texts]
-    assert study.run_name() in stamp
-    said = stamp.replace(study.run_name(), "")
-    assert ("trial 0;" if name == "fig_posterior" else str(study.design.trials)) in said
 
 
 def test_numbers_of_samples_are_whole(frames, runs, sources):
