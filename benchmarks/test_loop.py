@@ -14,7 +14,7 @@ from studies import FOUR, grid, whole
 
 import study
 from study.fits import ESTIMATORS
-from study.simulation.experiment.compute import Workspace, draw
+from study.simulation.experiment.compute import draw
 from study.simulation.runs.workers import Workers
 
 MILLION = 1_000_000
@@ -56,13 +56,14 @@ def test_whole_loop(timed, samples):
 @pytest.mark.parametrize("samples", [1000, 10_000, 100_000])
 def test_one_more_level(timed, samples):
     """Points, moments and four estimators of another noise, on directions and noise that are there."""
-    asked, memory = grid(samples, max(1, 2**16 // samples), levels=DECADES), Workspace()
+    asked = grid(samples, max(1, 2**16 // samples), levels=DECADES)
     batch = next(next(asked.units()).parts(2**17))
-    draws = draw(asked, batch, memory)
+    draws = draw(asked, batch)
+    points = np.empty_like(draws.unit_noise)
 
     def more():
         for cell in batch.cells:
-            fitted = draws.place(cell.level, memory)
+            fitted = draws.place(cell.level, points)
             for name in FOUR:
                 ESTIMATORS[name](fitted)
 

@@ -27,7 +27,7 @@ from stopping import LAWS, studies
 
 import study
 from study.simulation import statistics
-from study.simulation.experiment.compute import Errors, compute
+from study.simulation.experiment.compute import compute
 from study.simulation.experiment.config import Study
 from study.simulation.statistics import (
     inside,
@@ -257,7 +257,7 @@ def test_rows_from_memory_are_rows_from_a_table():
     """From errors in memory, with fits that are not ok, come the rows that `summary` makes of their table."""
     head = {"name": "test", "seed": 1, "estimators": ["ugdk", "mle"], "keep": "summary"}
     study = Study.model_validate(head | {"design": GRID})
-    made = [Errors.joined(compute(study, unit).blocks) for unit in study.units()]
+    made = [compute(study, unit).of_fits for unit in study.units()]
     assert len(made) == 2
     for errors in made:
         expected = summary(pd.DataFrame(errors.columns()), by_decade=False)

@@ -125,7 +125,7 @@ def _to_cap(words: Words, height: float, t: Floats, x: Floats, y: Floats) -> Non
 
 
 @compiled
-def _draw(state: Words, height: float, directions: Floats, normals: Floats) -> None:
+def draw_block(state: Words, height: float, directions: Floats, normals: Floats) -> None:
     """Draw the numbers that directions are made of, and normal numbers.
 
     Row 0 of the directions receives uniform numbers times ``height``, the others vectors across the axis: those of the
@@ -158,6 +158,11 @@ def _draw(state: Words, height: float, directions: Floats, normals: Floats) -> N
     put_back(state, lane)
 
 
+def top(half_angle: float, dimension: int) -> float:
+    """The largest height where heights are uniform, so that they are formed directly; 1 where they are not."""
+    return float(heights(np.ones(1), half_angle, dimension)[0]) if dimension == 3 else 1.0
+
+
 def draw(state: Words, half_angle: float, directions: Floats, normals: Floats) -> None:
     """Draw a block of trials: directions uniform on a cap, and standard normals.
 
@@ -170,8 +175,7 @@ def draw(state: Words, half_angle: float, directions: Floats, normals: Floats) -
         normals: receives numbers (b, d, n).
     """
     d = directions.shape[1]
-    # where heights are uniform, they are formed directly
-    _draw(state, float(heights(np.ones(1), half_angle, d)[0]) if d == 3 else 1.0, directions, normals)
+    draw_block(state, top(half_angle, d), directions, normals)
     if d != 3:
         t, across = heights(directions[:, 0], half_angle, d), directions[:, 1:]
         across *= (np.sqrt(t * (2.0 - t)) / np.sqrt((across * across).sum(axis=1)))[:, None]

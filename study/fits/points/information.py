@@ -47,7 +47,7 @@ def _sums(view: View, weights: Floats, middle: Sums, square: Sums) -> tuple[Sums
 
 
 @compiled
-def _scatter(
+def scatter_all(
     directions: Floats, weights: Floats, sums: Floats, mean: Floats, scatter: Floats, zero: Sums, square: Sums
 ) -> None:
     """Sums of `weighted_scatter` in one pass, about the mean of the first samples with weight: sums about 0 cancel."""
@@ -89,7 +89,7 @@ def weighted_scatter(directions: Floats, weights: Floats) -> tuple[Floats, Float
     """
     b, d, _ = directions.shape
     sums, mean, scatter = np.empty(b), np.empty((b, d)), np.empty((b, d, d))
-    _scatter(np.ascontiguousarray(directions), weights, sums, mean, scatter, zeros(d), zeros(d, d))
+    scatter_all(np.ascontiguousarray(directions), weights, sums, mean, scatter, zeros(d), zeros(d, d))
     return sums, mean, scatter
 
 

@@ -7,19 +7,21 @@ raise it, and no others; so does one in a measure.
 
 import math
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby, islice
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from study.arrays import Floats
+from study.arrays import Floats, Words
 from study.fits import ESTIMATORS, Estimates, Samples, Status
-from study.fits.loops.jit import always_compiled, compiled, compiled_as_written, fma
+from study.fits.loops.jit import CHUNK, Scratch, always_compiled, compiled, compiled_as_written, fill, fma, zeros
 from study.fits.loops.random import Name, lanes, stream
 from study.fits.points import cap
+from study.fits.points.information import scatter_all
 from study.fits.points.moments import JointMoments
 from study.fits.points.samples import blank
 from study.fits.registry import SimpleForm
@@ -29,7 +31,7 @@ from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Cell
 from study.simulation.experiment.laws import COORDINATES, DIRECTIONS, PLAIN, cell_noise, changed
 from study.simulation.experiment.measures import Truth
-from study.simulation.experiment.noise import GaussianNoise, Trials
+from study.simulation.experiment.noise import GaussianNoise, Trials, bound_of_heights
 
 Array = Callable[[str, tuple[int, ...]], Floats]
 """Makes an array of a name and shape, with any content."""
@@ -75,6 +77,33 @@ def form(directions: Floats, noise: Floats, center: Floats, radius: float, sigma
                 x[k] = _coordinate(i, u[k], z[k], c, radius, sigma)
 
 
+@compiled
+def draw_points(
+    states: Words, size: int, levels: Floats, points: Floats, sums: tuple[Floats, ...], scratch: Scratch
+) -> None:
+    """Draw the points of trials (b, d, n) of one level each, a few at a time, which stay in a processor's cache.
+
+    Args:
+        states: of the generators of each block of trials, as `cap.draw` takes them.
+        size: number of trials of a block.
+        levels: centre, radius, σ and height of the cap, of each block (blocks, d + 3).
+        points: receives the points.
+        sums: receive the sums of `weighted_scatter`, of directions with the height 1 - u₁ in place of u₁.
+        scratch: its rows are memory for the directions of a few trials.
+    """
+    (b, d, _), (whole, mean, scatter), (directions, zero, square) = points.shape, sums, scratch
+    weights = np.empty((1, CHUNK))
+    fill(weights[0], 1.0)
+    for block in range(len(states)):
+        level, last = levels[block], min(b, (block + 1) * size)
+        for first in range(block * size, last, len(directions)):
+            few = slice(first, min(last, first + len(directions)))
+            x, u = points[few], directions[: few.stop - first]
+            cap.draw_block(states[block], level[d + 2], u, x)
+            scatter_all(u, weights, whole[few], mean[few], scatter[few], zero, square)
+            form(u, x, level[:d], level[d], level[d + 1], x)
+
+
 @dataclass(frozen=True)
 class Draws:
     """The draws of a batch, before they are placed on any sphere.
@@ -104,12 +133,17 @@ class Draws:
         parts = [numbers(stream(self.seed, *name, *kind), skip + count)[skip:] for name, skip, count in blocks]
         return np.concatenate(parts)
 
-    def place(self, level: Cell, array: Array = new) -> Samples:
-        """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it."""
+    def place(self, level: Cell, points: Floats | None = None) -> Samples:
+        """Form the points x = c + r u + σ z of a level (b, d, n), with the noise as estimators take it.
+
+        Args:
+            level: the level.
+            points: receives the points; a fresh array, if there is none.
+        """
         values = level.values
         trials = Trials(self.unit_noise, self.directions, math.radians(level.angle), self.further)
-        noise = cell_noise(trials, values)
-        points, center, radius = array("points", noise.shape), np.array(level.center), float(level.radius)
+        noise, center, radius = cell_noise(trials, values), np.array(level.center), float(level.radius)
+        points = np.empty(noise.shape) if points is None else points
         form(self.directions, noise, center, radius, float(level.noise), points)
         if (law := str(values["coordinates"])) != PLAIN[COORDINATES]:
             about = trials._replace(values=(points - center[:, None]) / radius)
@@ -123,20 +157,15 @@ class Draws:
 
 def draw(study: Study, batch: Batch, array: Array = new) -> Draws:
     """Draw a batch from the named streams of its blocks."""
-    d, cell, blocks = study.dimension, batch.cells[0], batch.blocks()
-    angle, trials = math.radians(cell.angle), sum(skip + count for _, skip, count in blocks)
-    shape = (trials, d, cell.samples)
-    directions, normals = array("directions", shape), array("normals", shape)
-    used = np.ones(trials, dtype=bool)
-    first = 0
+    cell, law, blocks = batch.cells[0], study.noise_law, batch.blocks()
+    angle, unused = math.radians(cell.angle), blocks[0][1]  # a batch may begin within a block
+    shape = (unused + batch.trials, study.dimension, cell.samples)
+    directions, normals, first = array("directions", shape), array("normals", shape), 0
     for name, skip, count in blocks:
         part = slice(first, first + skip + count)
         cap.draw(lanes(study.seed, *name), angle, directions[part], normals[part])
-        used[first : first + skip] = False
         first = part.stop
-    if not used.all():
-        directions, normals = directions[used], normals[used]
-    law = study.noise_law
+    directions, normals = directions[unused:], normals[unused:]
     draws = Draws(batch, study.seed, directions, law.unit_noise(normals), law)
     if cell.directions != PLAIN[DIRECTIONS]:
         drawn = Trials(directions, directions, angle, draws.further)
@@ -150,12 +179,29 @@ _KINDS: dict[str, type] = {"status": np.int8, "iterations": np.int32}
 """Types of the numbers of a fit, besides floating point."""
 
 
+class Fitted(NamedTuple):
+    """Fits of trials that were fitted together.
+
+    Attributes:
+        batches: the trials, of the same levels, or each of a cell of its own.
+        bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
+        fits: for each level a fit per estimator, of all trials.
+        measured: for each level the columns of the measures (T,) of each estimator; none if they are not known.
+    """
+
+    batches: Sequence[Batch]
+    bound: Floats
+    fits: Sequence[Sequence[Estimates]]
+    measured: Sequence[Sequence[Columns]] = ()
+
+
 @dataclass(frozen=True)
 class Errors:
     """Errors of E estimators on T trials of each of C cells, which share their draws.
 
     Attributes:
-        batch: the trials and their cells.
+        batch: the trials.
+        cells: their cells; in a random design, where C = 1, that of each trial.
         estimators: the names.
         conditions: names of the conditions that are columns of the table.
         bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
@@ -165,6 +211,7 @@ class Errors:
     """
 
     batch: Batch
+    cells: tuple[Cell, ...]
     estimators: tuple[str, ...]
     conditions: tuple[str, ...]
     bound: Floats
@@ -172,73 +219,46 @@ class Errors:
     measured: Columns
 
     @classmethod
-    def of(
-        cls,
-        study: Study,
-        batch: Batch,
-        bound: Floats,
-        fits: Sequence[list[Estimates]],
-        measured: Sequence[list[Columns]] = (),
-        of_spheres: bool = True,
-    ) -> "Errors":
+    def of(cls, study: Study, batch: Batch, fitted: Sequence[Fitted], of_spheres: bool = True) -> "Errors":
         """Compare fits with the truth.
 
         Args:
             study: the config, of which the estimators and the stored conditions count.
             batch: the trials and their cells.
-            bound: the Cramér-Rao bound at σ = 1 of each trial's directions (T, d+1, d+1).
-            fits: of all trials: for each level, or several levels that were fitted together, a fit per estimator, of
-                each trial's levels one after the other.
-            measured: for each level the columns of the measures (T,) of each estimator; none if they are not known.
+            fitted: the fits of all trials, in order.
             of_spheres: true if the fits are spheres; false if they are their errors already.
         """
-        cells = batch.cells
-        level = np.empty(len(cells), dtype=np.intp)
+        cells = batch.cells or tuple(part.cells[0] for one in fitted for part in one.batches)
+        level = np.empty(batch.group.width, dtype=np.intp)
         for index, places in enumerate(batch.group.levels):
             level[list(places)] = index
-        scale = np.array([cell.scale for cell in cells])[:, None, None]
-        true_center = np.where(of_spheres, [cell.level.center for cell in cells], 0.0)[:, None, None]
-        true_radius = np.where(of_spheres, [cell.level.radius for cell in cells], 0.0)[:, None, None]
 
-        def by_cell(name: str) -> NDArray[Any]:
-            groups = []
-            for at_once in fits:
-                # np.stack and np.moveaxis would take three times as long, and a tenth of a unit of few samples
-                values: NDArray[Any] = np.array([getattr(fit, name) for fit in at_once], dtype=_KINDS.get(name, float))
-                by_level = values.reshape(len(at_once), len(bound), -1, *values.shape[2:])
-                groups.append(by_level.swapaxes(1, 2).swapaxes(0, 1))
-            return np.asarray(np.concatenate(groups)[level])
+        def by_cell(numbers: Iterable[list[list[NDArray[Any]]]], kind: Any) -> NDArray[Any]:
+            return np.concatenate([np.array(part, dtype=kind) for part in numbers], axis=2)[level]
 
-        whole = Estimates(*map(by_cell, Estimates._fields))
+        def of_fits(name: str) -> NDArray[Any]:
+            parts = ([[getattr(fit, name) for fit in fits] for fits in one.fits] for one in fitted)
+            return by_cell(parts, _KINDS.get(name, float))
+
+        def of_cells(values: list[Any]) -> Floats:
+            numbers = np.array(values)
+            return numbers[:, None, None] if batch.cells else numbers[None, None]
+
+        scale = of_cells([cell.scale for cell in cells])
+        true_center = np.where(of_spheres, of_cells([cell.level.center for cell in cells]), 0.0)
+        true_radius = np.where(of_spheres, of_cells([cell.level.radius for cell in cells]), 0.0)
+        whole = Estimates(*map(of_fits, Estimates._fields))
         errors = whole._replace(
             center=(whole.center - true_center) * scale[..., None],
             radius=(whole.radius - true_radius) * scale,
             noise_variance=whole.noise_variance * scale**2,
         )
         columns = measures.missing(study.measures, study.dimension, errors.radius.shape)
-        for name in columns if measured else ():
-            columns[name] = np.array([[of_fit[name] for of_fit in at_level] for at_level in measured])[level]
-        return cls(batch, study.estimators, tuple(c.name for c in study.conditions()), bound, errors, columns)
-
-    @classmethod
-    def joined(cls, parts: Sequence["Errors"]) -> "Errors":
-        """Join consecutive trials of the same cells."""
-        if len(parts) == 1:
-            return parts[0]
-        fits = Estimates(*(np.concatenate(arrays, axis=2) for arrays in zip(*(p.fits for p in parts), strict=True)))
-        measured = {name: np.concatenate([p.measured[name] for p in parts], axis=2) for name in parts[0].measured}
-        batch, bound = replace(parts[0].batch, last=parts[-1].batch.last), np.concatenate([p.bound for p in parts])
-        return replace(parts[0], batch=batch, bound=bound, fits=fits, measured=measured)
-
-    @property
-    def cells(self) -> tuple[Cell, ...]:
-        """The cells."""
-        return self.batch.cells
-
-    @property
-    def sigma(self) -> Floats:
-        """σ of each cell (C,)."""
-        return np.array([cell.noise for cell in self.cells])
+        for name in columns if fitted[0].measured else ():
+            parts = ([[fit[name] for fit in fits] for fits in one.measured] for one in fitted)
+            columns[name] = by_cell(parts, columns[name].dtype)
+        bound, conditions = np.concatenate([one.bound for one in fitted]), tuple(c.name for c in study.conditions())
+        return cls(batch, cells, study.estimators, conditions, bound, errors, columns)
 
     @property
     def distance(self) -> Floats:
@@ -246,14 +266,20 @@ class Errors:
         return np.asarray(np.linalg.norm(self.fits.center, axis=3))
 
     @property
+    def sigma(self) -> Floats:
+        """σ of each cell (C, 1), or of each trial (1, T)."""
+        sigma = np.array([cell.noise for cell in self.cells])
+        return sigma[:, None] if self.batch.cells else sigma[None]
+
+    @property
     def center_bound(self) -> Floats:
         """√tr CRLB of the centre (C, T)."""
-        return np.asarray(self.sigma[:, None] * np.sqrt(np.einsum("tii->ti", self.bound)[:, :-1].sum(axis=1)))
+        return np.asarray(self.sigma * np.sqrt(np.einsum("tii->ti", self.bound)[:, :-1].sum(axis=1)))
 
     @property
     def radius_bound(self) -> Floats:
         """√CRLB of the radius (C, T)."""
-        return np.asarray(self.sigma[:, None] * np.sqrt(self.bound[:, -1, -1]))
+        return np.asarray(self.sigma * np.sqrt(self.bound[:, -1, -1]))
 
     def columns(self) -> Columns:
         """Rows of the error table: block by block, cell by cell, estimator by estimator, trial by trial."""
@@ -262,12 +288,13 @@ class Errors:
         places, ends = np.arange(c * e * t).reshape(c, e, t), np.cumsum([n for *_, n in self.batch.blocks()])[:-1]
         place = np.concatenate([part.ravel() for part in np.split(places, ends, axis=2)])
         cell, estimator, trial = np.unravel_index(place, (c, e, t))
+        own = cell if self.batch.cells else trial
         of_cells = [cell.values for cell in self.cells]
         error = fits.center.reshape(c * e * t, fits.center.shape[3])[place]
         return {
-            "cell": np.array([cell.name for cell in self.cells], dtype=object)[cell],
+            "cell": np.array([cell.name for cell in self.cells], dtype=object)[own],
             "trial": self.batch.first + trial,
-            **{name: _column(name, of_cells)[cell] for name in self.conditions},
+            **{name: _column(name, of_cells)[own] for name in self.conditions},
             "estimator": np.array(self.estimators, dtype=object)[estimator],
             **{f"error_{i + 1}": error[:, i] for i in range(error.shape[1])},
             "error": self.distance.ravel()[place],
@@ -330,6 +357,9 @@ def _called(name: str, samples: Samples) -> Estimates:
 TOGETHER = 2**19
 """Samples drawn at once: several blocks, so that calls cost little beside the fits. Arrays of three axes take 13 MB."""
 
+_A_FEW = 2**12
+"""Samples whose directions, noise and points stay in a second-level cache."""
+
 _workspace = Workspace()
 
 
@@ -341,11 +371,11 @@ class Result:
         cause: cause of all failures: exception, or worker.
 
     Attributes:
-        blocks: errors of consecutive trials of the same cells.
+        of_fits: the errors; None without estimators.
     """
 
     def __init__(self, study: Study, cause: str = "exception") -> None:
-        self.blocks: list[Errors] = []
+        self.of_fits: Errors | None = None
         self._study, self._cause = study, cause
         self._seconds: dict[tuple[str, int], list[float]] = {}
         self._points: dict[tuple[int, int], Columns] = {}
@@ -360,35 +390,40 @@ class Result:
         entry[1] += now - self._last
         self._last = perf_counter()
 
-    def fail(self, name: str, cells: Sequence[int], batch: Batch, raised: Mapping[int, str]) -> None:
+    def fail(self, name: str, cells: Sequence[int], batches: Sequence[Batch], raised: Mapping[int, str]) -> None:
         """Note the exceptions of an estimator, or of a measure of its fits; of each fit the first.
 
         Args:
             name: the estimator's.
-            cells: places, in the batch, of the cells that were fitted.
-            batch: the trials that were fitted.
+            cells: places, in the batches, of the cells that were fitted.
+            batches: the trials that were fitted.
             raised: messages by the number of the trial, from 0.
         """
-        estimator, size = self._study.estimators.index(name), batch.group.size
+        estimator = self._study.estimators.index(name)
+        trials = [(batch, trial) for batch in batches for trial in range(batch.first, batch.last)] if raised else []
         for place, message in raised.items():
-            trial = batch.first + place
+            batch, trial = trials[place]
             for cell in cells:
-                self._failures.setdefault((trial // size, cell, estimator, trial), (batch.cells[cell], name, message))
+                key = trial // batch.group.size, cell, estimator, trial
+                self._failures.setdefault(key, (batch.cells[cell], name, message))
 
-    def add_points(self, place: int, batch: Batch, samples: Samples) -> None:
-        """Add the points of a cell of a batch, as far as the study keeps them, from those of its level."""
-        cell, start = batch.cells[place], 0
-        for *_, trials in batch.blocks():
-            first = batch.first + start
-            if (count := min(trials, self._study.keep_points - first)) > 0:
-                points = _point_columns(cell, first, cell.scale * samples.x[start : start + count])
-                self._points[first, place] = points
-            start += trials
+    def add_points(self, places: Sequence[int], batches: Sequence[Batch], x: Floats) -> None:
+        """Add the points of the cells of a level (b, d, n), as far as the study keeps them."""
+        start = 0
+        for batch in batches if self._study.keep_points else ():
+            first = batch.first
+            for *_, trials in batch.blocks():
+                count = min(trials, self._study.keep_points - first)
+                for place in places if count > 0 else ():
+                    cell = batch.cells[place]
+                    points = _point_columns(cell, first, cell.scale * x[start : start + count])
+                    self._points[first, place] = points
+                start, first = start + trials, first + trials
 
     @property
     def errors(self) -> Columns:
         """Columns of the error table; none without estimators."""
-        return stack(block.columns() for block in self.blocks)
+        return {} if self.of_fits is None else self.of_fits.columns()
 
     @property
     def timings(self) -> Columns:
@@ -448,40 +483,94 @@ def begin(study: Study, unit: Batch) -> None:
 
 def lost(study: Study, unit: Batch, message: str) -> Result:
     """Result of a unit whose worker died: every fit failed, and no bound is known."""
-    d, result = study.dimension, Result(study, "worker")
+    d, result, fitted = study.dimension, Result(study, "worker"), list[Fitted]()
     for batch in unit.parts(0):
         bound = np.full((batch.trials, d + 1, d + 1), np.nan)
-        fit = blank(batch.trials * len(batch.group.levels), d)
+        fit = blank(batch.trials, d)
         fit.status[:] = Status.FAILED
         for name in study.estimators:
-            result.fail(name, range(len(batch.cells)), batch, dict.fromkeys(range(batch.trials), message))
-        result.blocks.append(Errors.of(study, batch, bound, [[fit] * len(study.estimators)]))
+            result.fail(name, range(len(batch.cells)), [batch], dict.fromkeys(range(batch.trials), message))
+        fitted.append(Fitted([batch], bound, [[fit] * len(study.estimators)] * len(batch.group.levels)))
+    result.of_fits = Errors.of(study, unit, fitted) if study.estimators else None
     return result
 
 
 def _from_points(study: Study, unit: Batch, result: Result) -> None:
     """Form the points of each level and fit them, as the paper did: rounding is included."""
-    for batch in unit.parts(TOGETHER):
-        n, trials = batch.group.samples, batch.trials
-        draws = draw(study, batch, _workspace)
-        result.clock("draw", n, trials)
-        bound = draws.unit_bound()
-        fits: list[list[Estimates]] = []
-        measured: list[list[Columns]] = []
-        result.clock("bound", n, trials)
-        for places in batch.group.levels:
-            level = batch.cells[places[0]].level
-            samples = draws.place(level, _workspace)
-            result.clock("points", n, trials)
-            samples.regression  # noqa: B018  computed now, so that no estimator's time includes what all use
-            result.clock("moments", n, trials)
-            fits.append(_fits(study, samples, places, batch, result))
-            for place in places if study.keep_points else ():
-                result.add_points(place, batch, samples)
-            truth = Truth(np.array(level.center), level.radius, level.noise, level.noise**2 * bound)
-            measured.append(_measured(study, samples, fits[-1], truth, places, batch, result))
-        if study.estimators:  # if all fits are known already, a run may need points or timings alone
-            result.blocks.append(Errors.of(study, batch, bound, fits, measured))
+    fitted = [_fitted(study, batches, result) for batches in _alike(study, unit)]
+    if study.estimators:  # if all fits are known already, a run may need points or timings alone
+        result.of_fits = Errors.of(study, unit, fitted)
+
+
+def _alike(study: Study, unit: Batch) -> Iterator[list[Batch]]:
+    """The batches of a unit; those of a random design together whose fits need nothing but points of equal number."""
+
+    def kind(batch: Batch) -> tuple[int, bool]:
+        return batch.group.samples, _plain(study, batch)
+
+    for (samples, plain), parts in groupby(unit.parts(TOGETHER), kind):
+        several = TOGETHER // samples if plain and not unit.cells else 1
+        while batches := list(islice(parts, max(1, several))):
+            yield batches
+
+
+def _plain(study: Study, batch: Batch) -> bool:
+    """True if the draws serve one level alone, and neither a law nor a covariance nor a measure is in the way."""
+    further = study.dimension != 3 or study.measures or not study.noise_law.isotropic or batch.cells[0].further
+    return len(batch.group.levels) == 1 and not further
+
+
+def _fitted(study: Study, batches: Sequence[Batch], result: Result) -> Fitted:
+    """Draw batches that are alike, and fit their trials together, level by level."""
+    n, cells = batches[0].group.samples, batches[0].cells
+    fits: list[list[Estimates]] = []
+    measured: list[list[Columns]] = []
+    levels = _drawn_at_once if _plain(study, batches[0]) else _drawn_first
+    for places, samples, bound in levels(study, batches, result):
+        result.clock("points", n, len(samples.x))
+        samples.regression  # noqa: B018  computed now, so that no estimator's time includes what all use
+        result.clock("moments", n, len(samples.x))
+        fits.append(_fits(study, samples, places, batches, result))
+        result.add_points(places, batches, samples.x)
+        level = cells[places[0]].level
+        truth = Truth(np.array(level.center), level.radius, level.noise, level.noise**2 * bound)
+        measured.append(_measured(study, samples, fits[-1], truth, places, batches, result))
+    return Fitted(batches, bound, fits, measured)
+
+
+Level = tuple[Sequence[int], Samples, Floats]
+"""Places of the cells of a level, its samples, and the bound at σ = 1 (b, d+1, d+1)."""
+
+
+def _drawn_first(study: Study, batches: Sequence[Batch], result: Result) -> Iterator[Level]:
+    """The levels of a batch, for all of which it is drawn first."""
+    (batch,) = batches
+    draws = draw(study, batch, _workspace)
+    result.clock("draw", batch.group.samples, batch.trials)
+    bound = draws.unit_bound()
+    result.clock("bound", batch.group.samples, batch.trials)
+    points = _workspace("points", draws.directions.shape)
+    for places in batch.group.levels:
+        yield places, draws.place(batch.cells[places[0]].level, points), bound
+
+
+def _drawn_at_once(study: Study, batches: Sequence[Batch], result: Result) -> Iterator[Level]:
+    """The only level of plain batches."""
+    (n, size), d = (batches[0].group.samples, batches[0].group.size), study.dimension
+    blocks = [(batch.cells[0].level, *block) for batch in batches for block in batch.blocks()]
+    states = np.array([lanes(study.seed, *name) for _, name, _, _ in blocks])
+    levels = [(*c.center, c.radius, c.noise, cap.top(math.radians(c.angle), d)) for c, *_ in blocks]
+    unused, trials = blocks[0][2], sum(batch.trials for batch in batches)  # a batch may begin within a block
+    points = _workspace("points", (unused + trials, d, n))
+    scratch = Scratch(_workspace("directions", (max(1, _A_FEW // n), d, n)), zeros(d), zeros(d, d))
+    sums = np.empty(len(points)), np.empty((len(points), d)), np.empty((len(points), d, d))
+    draw_points(states, size, np.array(levels), points, sums, scratch)
+    result.clock("draw", n, trials)
+    bound = bound_of_heights(*(values[unused:] for values in sums))
+    result.clock("bound", n, trials)
+    stated = {level.stated_noise for level, *_ in blocks}
+    sigma = stated.pop() if len(stated) == 1 else np.array([level.stated_noise for level, *_ in blocks])
+    yield (0,), Samples(points[unused:], sigma), bound
 
 
 def _from_moments(study: Study, unit: Batch, result: Result) -> None:
@@ -501,19 +590,21 @@ def _from_moments(study: Study, unit: Batch, result: Result) -> None:
         regression = joint.regression(np.array([level.noise]), np.array([level.radius]))
         samples = Samples.of_regression(regression, level.noise)
         result.clock("points", n, unit.trials)
-        fits.append(_fits(study, samples, places, unit, result))
+        fits.append(_fits(study, samples, places, [unit], result))
     if study.estimators:
-        result.blocks.append(Errors.of(study, unit, np.concatenate(bounds), fits, of_spheres=False))
+        result.of_fits = Errors.of(study, unit, [Fitted([unit], np.concatenate(bounds), fits)], of_spheres=False)
 
 
-def _fits(study: Study, samples: Samples, places: Sequence[int], batch: Batch, result: Result) -> list[Estimates]:
-    """Fits of every estimator to the samples of a level, which is that of the cells at some places of a batch."""
+def _fits(
+    study: Study, samples: Samples, places: Sequence[int], batches: Sequence[Batch], result: Result
+) -> list[Estimates]:
+    """Fits of every estimator to the samples of a level, which is that of the cells at some places of some batches."""
     fits = []
     for name in study.estimators:
         fit, raised = attempt(name, samples)
         fits.append(fit)
-        result.fail(name, places, batch, raised)
-        result.clock(name, batch.group.samples, batch.trials)
+        result.fail(name, places, batches, raised)
+        result.clock(name, batches[0].group.samples, len(samples.x))
     return fits
 
 
@@ -523,7 +614,7 @@ def _measured(
     fits: list[Estimates],
     truth: Truth,
     places: Sequence[int],
-    batch: Batch,
+    batches: Sequence[Batch],
     result: Result,
 ) -> list[Columns]:
     """Columns of the study's measures of the fits of a level, for each estimator; see `_fits`.
@@ -537,9 +628,9 @@ def _measured(
         for measure in study.measures:
             columns, raised = measures.attempt(measure, samples, fit, name, truth)
             of_fits[-1] |= columns
-            result.fail(name, places, batch, raised)
+            result.fail(name, places, batches, raised)
     if study.measures:
-        result.clock("measures", batch.group.samples, batch.trials)
+        result.clock("measures", batches[0].group.samples, len(samples.x))
     return of_fits
 
 

@@ -557,6 +557,11 @@ class RandomGroup(Group):
         """Digest of the laws, without the study's seed."""
         return _digest((_BLOCK, self.design.model_dump_json(exclude={"trials"})))
 
+    @cached_property
+    def _given(self) -> tuple[str, ...]:
+        """Names of the conditions that have a law."""
+        return tuple(self.design.given())
+
     def trials_per_unit(self, levels: int) -> int:
         """A few: their numbers of samples are not known before they are drawn."""
         return _TRIALS_PER_UNIT
@@ -571,7 +576,7 @@ class RandomGroup(Group):
 
     def cell(self, trial: int) -> Cell:
         """Draw the cell of a trial. Every condition is drawn from a stream of its own."""
-        values: dict[str, Value] = {name: self._drawn(CONDITIONS[name], trial) for name in self.design.given()}
+        values: dict[str, Value] = {name: self._drawn(CONDITIONS[name], trial) for name in self._given}
         heading = stream(self.seed, "design", "heading", trial).standard_normal(self.dimension)
         center = float(values["center"]) * heading / np.linalg.norm(heading)
         return Cell.of(values, tuple(rounded(v) for v in center))

@@ -101,10 +101,11 @@ class GaussianNoise:
             directions: unit vectors (b, d, n), with the height 1 - u₁ in place of u₁.
         """
         if self.isotropic:
-            return _bound(directions, np.ones((1, CHUNK)))  # a row of n would be read from memory
+            weights = np.ones((1, CHUNK))  # a row of n would be read from memory
+            return bound_of_heights(*weighted_scatter(directions, weights))
         u = directions.swapaxes(1, 2).copy()
         u[:, :, 0] = 1.0 - u[:, :, 0]
-        return _bound(directions, normal_weights(u, self._matrix))
+        return bound_of_heights(*weighted_scatter(directions, normal_weights(u, self._matrix)))
 
     @cached_property
     def _matrix(self) -> Floats:
@@ -122,13 +123,12 @@ def gaussian(shape: tuple[tuple[float, ...], ...] | None, dimension: int) -> Gau
     return GaussianNoise(dimension, None if equal else shape)
 
 
-def _bound(directions: Floats, weights: Floats) -> Floats:
-    """The bound at σ = 1 of directions (b, d, n) and weights of samples.
+def bound_of_heights(sums: Floats, mean: Floats, scatter: Floats) -> Floats:
+    """The bound at σ = 1 from the sums of `weighted_scatter`, which are changed, of directions with 1 - u₁ for u₁.
 
     It is exact at tiny angles, because it is formed from heights: the sign of u₁ drops out of the variances,
     and its offset from the mean.
     """
-    sums, mean, scatter = weighted_scatter(directions, weights)
     scatter[:, 0, 1:] *= -1.0
     scatter[:, 1:, 0] *= -1.0
     mean[:, 0] = 1.0 - mean[:, 0]

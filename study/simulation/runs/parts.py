@@ -38,7 +38,7 @@ from study.arrays import Ints
 from study.files import RunError, explained, write
 from study.fits import ESTIMATORS
 from study.simulation import statistics
-from study.simulation.experiment.compute import Columns, Errors, Result, begin, compute, lost
+from study.simulation.experiment.compute import Columns, Result, begin, compute, lost
 from study.simulation.experiment.config import Study
 from study.simulation.experiment.designs import Batch, Group
 from study.simulation.runs import schemas
@@ -380,10 +380,9 @@ def tables(study: Study, result: Result) -> dict[str, Columns]:
     table: dict[str, Columns] = {"errors": {}, "summary": {}, "points": result.points, "failures": result.failures}
     if study.keep == "errors":
         table["errors"] = result.errors
-    elif result.blocks:
-        table["summary"] = statistics.of_errors(Errors.joined(result.blocks), study.measured())
-        samples = result.blocks[0].cells[0].samples
-        result.clock("summary", samples, sum(block.fits.radius.size for block in result.blocks))
+    elif result.of_fits is not None:
+        table["summary"] = statistics.of_errors(result.of_fits, study.measured())
+        result.clock("summary", result.of_fits.cells[0].samples, result.of_fits.fits.radius.size)
     return table | {"timings": result.timings}
 
 

@@ -92,7 +92,7 @@ FAILURES = [
 ]
 
 TIMINGS = [
-    Column("step", _WORD, "", "draw, bound, points, moments, or an estimator (moments not included)"),
+    Column("step", _WORD, "", "draw (one level: and points), bound, points, moments, or an estimator (moments apart)"),
     Column("samples", pa.int64(), "", "number of samples N"),
     Column("fits", pa.int64(), "", "data sets handled"),
     Column("seconds", pa.float64(), "s", "time spent in them"),

@@ -7,6 +7,7 @@ import math
 from fractions import Fraction
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import study
@@ -16,8 +17,9 @@ from study.simulation.experiment import compute as module
 from study.simulation.experiment.compute import Result, compute, draw
 from study.simulation.experiment.config import parse
 from study.simulation.experiment.designs import Batch
+from study.simulation.experiment.replay import all_trials
 from study.simulation.runs import runner
-from tests.configs import config
+from tests.configs import config, uniform
 
 ANSWER = (3.0, -4.0, 12.0, 0.5, 0.25)
 
@@ -150,6 +152,47 @@ def test_levels_do_not_depend_on_what_is_fitted_beside_them(make_study, rows, d,
             np.testing.assert_array_equal(other[name][shared], values[place[shared]])
 
 
+def one_by_one(made):
+    """Rows of a study of plain cells, from draws and fits of one trial at a time, with the points."""
+    for trial in all_trials(made):
+        cell, samples = trial.cell, trial.level
+        bound = cell.noise * np.sqrt(np.diag(trial.unit_bound)[:-1].sum())
+        for name in made.estimators:
+            fit = study.ESTIMATORS[name](samples)
+            numbers = *(fit.center[0] - cell.level.center) * cell.scale, fit.noise_variance[0] * cell.scale**2
+            yield cell.name, trial.trial, name, *numbers, bound, fit.status[0], samples.x[0]
+
+
+@pytest.mark.parametrize(
+    "design",
+    [
+        {"kind": "random", "samples": 40},
+        {"kind": "random", "samples": {"law": "choice", "values": [10, 300]}, "noise": uniform(0, 1)},
+        {"kind": "random", "samples": 40, "law": "laplace"},
+        {"kind": "grid", "samples": [40, 5000], "angle": [20, 180]},
+    ],
+    ids=["equal sizes", "sizes", "a law", "grid"],
+)
+def test_trials_that_are_computed_together_are_those_computed_alone(make_study, rows, design):
+    """Trials of their own size, σ, angle, radius and centre have the bytes of a draw and a fit of each alone."""
+    own = {"radius": uniform(1, 9), "center": uniform(0, 2), "angle": uniform(1, 180)}
+    design = (own if design["kind"] == "random" else {}) | {"trials": 60} | design
+    made = make_study({"estimators": ["mle", "lls", "gdke", "ugdk"], "keep_points": 60}, **design)
+    expected = list(one_by_one(made))
+    order = {row[:3]: place for place, row in enumerate(expected)}
+    results = [compute(made, unit) for unit in made.units()]
+    assert sum(len(result.errors["trial"]) for result in results) == len(expected)
+    for result in results:
+        found, points = result.errors, pd.DataFrame(result.points)
+        names = ["error_1", "error_2", "error_3", "noise_variance", "bound", "status"]
+        keys = zip(found["cell"], found["trial"], found["estimator"], strict=True)
+        for key, *numbers in zip(keys, *(found[name] for name in names), strict=True):
+            np.testing.assert_array_equal(numbers, expected[order[key]][3:-1])
+        for (cell, trial), part in points.groupby(["cell", "trial"]):
+            x = expected[order[cell, trial, "mle"]][-1]
+            np.testing.assert_array_equal(part[["x_1", "x_2", "x_3"]].to_numpy().T, x)
+
+
 @pytest.mark.parametrize("route", ["points", "moments"])
 def test_no_estimators_leave_no_rows(make_study, route):
     """A unit without estimators gives timings and points alone, as for a run that has lost those tables."""
@@ -205,6 +248,17 @@ def test_failures_do_not_depend_on_batches(make_study):
     for first, last in ((0, 5), (5, 6), (6, 12)):
         for name, column in compute(made, Batch(unit.group, first, last)).errors.items():
             np.testing.assert_array_equal(column, whole[name][first:last])
+
+
+@pytest.mark.usefixtures("sometimes")
+def test_failures_of_trials_with_cells_of_their_own(make_study):
+    """Where every trial has a cell of its own, the fits that failed are named by it."""
+    made = make_study({"estimators": ["sometimes"]}, kind="random", trials=25, noise=uniform(0, 1))
+    result = compute(made, next(made.units()))
+    failed = result.errors["status"] == study.Status.FAILED
+    assert 2 < failed.sum() < 23
+    for name in ("cell", "trial"):
+        np.testing.assert_array_equal(result.failures[name], result.errors[name][failed])
 
 
 @pytest.mark.parametrize("wrong", ["center", "radius", "status"])
