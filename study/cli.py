@@ -197,7 +197,7 @@ def run(
         done, words = complete(made, out, workers, budget, _progress)
         typer.echo(str(done.folder))
         if figures:
-            _draw([done], kinds=("png",))
+            _draw([done], jobs, kinds=("png",))
         if summary:
             commands.summary(done.folder)
         complaints += words
@@ -237,7 +237,7 @@ def posterior(folder: Folder, jobs: Jobs = 2) -> None:
     _end([], without_answer(run.table("posterior")).empty, ExitCode.TOO_MANY_FAILURES)
 
 
-def figures(words: Drawn, out: Pictures = None) -> None:
+def figures(words: Drawn, out: Pictures = None, jobs: Jobs = 2) -> None:
     """Draw figures of runs from their tables, as PNG, SVG and PDF.
 
     Each figure comes from the first run that has the tables for it. A figure that fails does not cost the others; its
@@ -252,14 +252,16 @@ def figures(words: Drawn, out: Pictures = None) -> None:
     runs = [opened(run_folder(word)) for word in words if word not in names]
     if not runs:
         raise typer.BadParameter(f"{' '.join(names)}: no run is given; give one before the figures")
-    _draw(runs, out, names)
+    _draw(runs, jobs, out, names)
 
 
-def _draw(runs: "Sequence[Run]", out: Path | None = None, names: Sequence[str] = (), kinds: Sequence[str] = ()) -> None:
+def _draw(
+    runs: "Sequence[Run]", jobs: int, out: Path | None = None, names: Sequence[str] = (), kinds: Sequence[str] = ()
+) -> None:
     """Draw figures, in all formats unless some are given; print the pictures, and the reasons of those without one."""
     from study.simulation.figures import FAILED, draw_all
 
-    drawn, undrawn = draw_all(runs, out, names, kinds)
+    drawn, undrawn = draw_all(runs, out, names, kinds, jobs)
     echo(map(str, drawn))
     for name, reason in undrawn.items():
         typer.echo(f"{name}: {'' if reason.startswith(FAILED) else 'not drawn: '}{reason}", err=True)

@@ -523,7 +523,7 @@ def report(
     figures: FiguresToo = None,
     claims: ClaimsToo = False,
     readings: ReadingsToo = None,
-    jobs: NoJobs = None,
+    jobs: Jobs = 2,
 ) -> None:
     """Write one HTML page about runs, and print its findings.
 
@@ -535,12 +535,11 @@ def report(
     from study.simulation.claims import save as save_claims
     from study.simulation.claims.readings import Readings
     from study.simulation.claims.recordings import read_case_studies
-    from study.simulation.figures import gallery, make_folder
+    from study.simulation.figures import Tables, gallery, make_folder
     from study.simulation.report.material import Material
     from study.simulation.report.page import printed, read_bench, render, save
+    from study.style import KINDS
 
-    if jobs is not None:
-        typer.echo("--jobs: has no effect any more; one process draws each figure once", err=True)
     runs = [opened(folder) for folder in folders]
     measured = read_bench(bench) if bench else None
     otherwise = Readings.load(readings) if readings else None
@@ -549,9 +548,10 @@ def report(
         make_folder(figures)
     if claims:
         runs[0].manifest()  # without a sound one, no verdict could be stored
-    verdicts = judge_all(runs, cost, spreads)
-    drawn = gallery() if figures is not None else gallery(kinds=["png"])
-    material = Material(runs, verdicts, measured, drawn, otherwise)
+    drawn = gallery(kinds=["png"] if figures is None else KINDS, jobs=jobs)
+    with drawn.ahead([Tables(run) for run in runs]):
+        verdicts = judge_all(runs, cost, spreads)
+        material = Material(runs, verdicts, measured, drawn, otherwise)
     path = save(render(material), out or runs[0].folder / "report.html")
     echo(map(str, drawn.save(figures) if figures is not None else []))
     echo(printed(material))

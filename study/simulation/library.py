@@ -18,6 +18,7 @@ from study.simulation.experiment.conditions import NOISE_OVER_RADIUS, Value
 from study.simulation.experiment.config import Study, config_file, read
 from study.simulation.experiment.designs import as_list
 from study.simulation.folders import RUNS, opened, run_folder
+from study.simulation.posterior import run as posterior
 from study.simulation.runs import runner, schemas
 from study.simulation.runs.adaptive import TimeBudget
 from study.simulation.runs.parts import Share, takes_long
@@ -125,10 +126,8 @@ def complete(
     if not up_to_date(done):
         summarise(done)
     if done.stopped() is None and study.posterior is not None:
-        from study.simulation.posterior.run import compute  # imported here, since it loads emcee and scipy.stats
-
         with progress("posteriors") as advance:
-            compute(done, workers, advance)
+            posterior.compute(done, workers, advance)
     return done, [words for words in (runner.budget_message(done), runner.failure_message(done)) if words]
 
 

@@ -29,11 +29,11 @@ from study.simulation.experiment.measures import MEASURES, Truth, attempt
 
 PROGRAM = """
 import numpy as np
-from study.fits.points.information import _scatter, weighted_scatter
+from study.fits.points.information import scatter_all, weighted_scatter
 from study.fits.loops.jit import always_compiled
 with always_compiled():
     sums, _, _ = weighted_scatter(np.ones((1, 2, 4)), np.ones((1, 4)))
-print(sums[0], sum(_scatter.dispatcher.stats.cache_hits.values()))
+print(sums[0], sum(scatter_all.dispatcher.stats.cache_hits.values()))
 """
 
 TWO_LOOPS = """
@@ -138,14 +138,14 @@ def test_change_reaches_callers_wherever_compiled_code_lies(package, kept, tmp_p
     source = copy / "fits" / "loops" / "jit.py"
     source.write_text(source.read_text().replace("result += row[k]", "result += 3.0 * row[k]"))
     assert run() == ["12.0", "0"]
-    assert list((tmp_path / "kept").rglob("information._scatter-*.nbi"))
+    assert list((tmp_path / "kept").rglob("information.scatter_all-*.nbi"))
     assert not list(copy.rglob("*.nbi"))
 
 
 def test_code_is_compiled_anew_after_a_change_in_what_it_calls(package):
     """And after a change in what its file imports, and after no other; going back finds the old code.
 
-    `_scatter` inlines `total`, whose change it has to follow.
+    `scatter_all` inlines `total`, whose change it has to follow.
     """
     copy, run = package
     assert run() == ["4.0", "0"]

@@ -78,7 +78,7 @@ class Difference:
         if not rows:
             raise RunError(f"{one.folder} and {other.folder}: no cell and estimator is in both")
         frame, self.threshold = pd.DataFrame(rows), FALSE_ALARM / len(rows)
-        size, change = scipy.stats.norm.isf(0.5 * frame["chance"].clip(lower=1e-300)), frame["second"] - frame["first"]
+        size, change = -scipy.special.ndtri(0.5 * frame["chance"].clip(lower=1e-300)), frame["second"] - frame["first"]
         frame.insert(6, "deviation", np.where(np.isfinite(change), np.copysign(size, change), size))
         self.comparisons = frame.assign(different=frame["chance"] < self.threshold)
         self.identical, self.different = bool(frame["equal"].all()), bool(self.comparisons["different"].any())
@@ -205,7 +205,8 @@ def _by_summary(one: Run, other: Run) -> tuple[list[Row], tuple[int, int], str]:
     for key in shared:
         mine, theirs = a.loc[key], b.loc[key]
         counts = [[int(row["ok"]), int(row["planned"] - row["ok"])] for row in (mine, theirs)]
-        chance = float(scipy.stats.fisher_exact(counts)[1])
+        # equal shares need no test, and `scipy.stats` takes half a second to load
+        chance = float(scipy.stats.fisher_exact(counts)[1]) if counts[0] != counts[1] else 1.0
         shares = mine["ok"] / mine["planned"], theirs["ok"] / theirs["planned"], chance
         last = int(min(mine["planned"], theirs["planned"])), bool(mine[columns].equals(theirs[columns]))
         for measure, compared in (("share ok", shares), ("median over bound", _medians(mine, theirs))):

@@ -490,7 +490,7 @@ def _parts(run: Run) -> Iterator[pd.DataFrame]:
     file: pq.ParquetFile = run.read("errors", pq.ParquetFile)
     for first in range(0, max(1, file.num_row_groups), _GROUPS):  # a table without rows is a part without rows
         groups = range(first, min(first + _GROUPS, file.num_row_groups))
-        yield file.read_row_groups(list(groups), columns=columns).to_pandas()
+        yield file.read_row_groups(list(groups), columns=columns).to_pandas(split_blocks=True, self_destruct=True)
 
 
 def worst_as_data(run: Run, trials: pd.DataFrame) -> dict[str, object]:

@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,7 +25,7 @@ import scipy
 from pandas.api import types
 from pydantic import Field
 
-from study.arrays import Bools, Floats
+from study.arrays import Bools, Floats, Ints
 from study.files import RunError
 from study.fits import Status
 from study.simulation.experiment.conditions import RADIUS, STATED_VARIANCE, STORED
@@ -152,6 +152,7 @@ class Evidence:
             self.runs[name] = run
         self.cost, self.recordings, self.rules = cost, recordings, rules or Rules()
         self._read: dict[tuple[str, str], pd.DataFrame] = {}
+        self._joints: dict[str, list[JointMarkers]] = {}
 
     def table(self, config: str, name: str) -> pd.DataFrame:
         """A table of the run of a config, read once.
@@ -202,7 +203,9 @@ class Evidence:
         Raises:
             TableMissing: as `table`.
         """
-        return list(joint_markers(self.errors(config), self.table(config, "points")))
+        if config not in self._joints:
+            self._joints[config] = list(joint_markers(self.errors(config), self.table(config, "points")))
+        return self._joints[config]
 
     def costs(self) -> pd.DataFrame:
         """The cost table.
@@ -514,7 +517,14 @@ def rows_of(errors: pd.DataFrame, estimator: str) -> pd.DataFrame:
     if estimator not in NAMED:
         words = f"its rows are not read; a claim on it adds it to NAMED in {Path(__file__).name}"
         raise LookupError(f"{estimator}: {words}")
-    return errors[errors["estimator"] == estimator]
+    return _together(errors, np.flatnonzero(errors["estimator"] == estimator))
+
+
+def _together(table: pd.DataFrame, places: Ints) -> pd.DataFrame:
+    """Rows at ascending places: without a copy if they are one after the other, as those of `Evidence.errors` are."""
+    if len(places) and places[-1] - places[0] + 1 == len(places):
+        return table.iloc[places[0] : places[-1] + 1]
+    return table.iloc[places]
 
 
 def has_estimators(errors: pd.DataFrame, *estimators: str) -> bool:
@@ -525,8 +535,9 @@ def has_estimators(errors: pd.DataFrame, *estimators: str) -> bool:
 def cells(errors: pd.DataFrame, estimator: str) -> Iterator[tuple[float, float, pd.DataFrame]]:
     """Angle, σ/r and rows of an estimator in each condition of a grid, in the order of angle and σ/r."""
     rows = rows_of(errors, estimator)
-    for _, part in rows.groupby([rows["angle"], relative_noise(rows)]):
-        yield float(part["angle"].iloc[0]), float(relative_noise(part.iloc[:1])[0]), part
+    groups: Any = pd.Series(0, rows.index).groupby([rows["angle"], relative_noise(rows)]).indices
+    for (angle, noise), places in sorted(groups.items()):
+        yield float(angle), float(noise), _together(rows, places)
 
 
 def relative_noise(errors: pd.DataFrame) -> Floats:
@@ -536,8 +547,10 @@ def relative_noise(errors: pd.DataFrame) -> Floats:
 
 def error_over(errors: pd.DataFrame, unit: str) -> Floats:
     """Error of each row over a column, ``radius`` or ``bound``; infinite if there is no number, or no finite bound."""
-    ratio = errors["error"] / errors[unit]
-    return np.asarray(ratio.where(np.isfinite(errors[unit]), math.inf).fillna(math.inf), dtype=float)
+    over = errors[unit].to_numpy(dtype=float)
+    with np.errstate(all="ignore"):
+        ratio = errors["error"].to_numpy(dtype=float) / over
+    return np.where(np.isfinite(over) & ~np.isnan(ratio), ratio, math.inf)
 
 
 def by_estimator(errors: pd.DataFrame, values: "Floats | pd.Series[float]") -> pd.DataFrame:

@@ -235,6 +235,8 @@ class Readings:
 
     def __init__(self, choices: Sequence[OpenChoice], table: pd.DataFrame) -> None:
         self.choices, self.table = choices, table
+        named = zip(table["claim"], table["choice"], table["reading"], strict=True)
+        self._verdicts = dict(zip(named, map(str, table["verdict"]), strict=True))
         self._choices = {choice.name: choice for choice in choices}
         self._readings = {(choice.name, one.name): one for choice in choices for one in choice.reading}
         self.letters = {
@@ -265,8 +267,7 @@ class Readings:
 
     def verdict(self, claim: str, choice: str, reading: str) -> str:
         """The verdict on a claim under a reading that may change it, or an empty text."""
-        at = (self.table["claim"] == claim) & (self.table["choice"] == choice) & (self.table["reading"] == reading)
-        return "".join(self.table.loc[at, "verdict"])
+        return self._verdicts.get((claim, choice, reading), "")
 
     def otherwise(self, claim: str) -> str:
         """The end of a sentence on a claim: as what it is read, and how it fares if that is read otherwise."""

@@ -26,6 +26,7 @@ from matplotlib.patches import Patch
 
 from study import style
 from study.simulation.figures.figure import Frame, NotApplicable, Tables
+from study.simulation.posterior.run import FLAT, LEVELS, coverage, trials
 
 _LEAST_TRIALS = 20
 _BAND = "#ececec"
@@ -60,8 +61,6 @@ def prepare(tables: Tables) -> Frame:
         raise NotApplicable("needs posteriors: [posterior] in the config, then `study posterior RUN`")
     if not tables.independent:
         raise NotApplicable('needs trials that are independent of each other: draws = "independent" in the config')
-    from study.simulation.posterior.run import FLAT, LEVELS, coverage, trials  # loads emcee: .7 s that others save
-
     result = trials(tables.posterior, tables.answers)
     result = result[result["flatness"] < FLAT]
     kinds = result[result["method"] == "posterior"].groupby(["likelihood", "noise_is"], sort=False, observed=True)

@@ -221,7 +221,7 @@ class Tables:
         for name in ("points", "posterior", "answers", "draws"):
             vars(self).pop(name, None)
 
-    @property
+    @cached_property
     def estimators(self) -> list[str]:
         """Names of the estimators, in the order of the config."""
         return [str(name) for name in self.summary["estimator"].unique()]
@@ -235,79 +235,6 @@ class FigureModule(Protocol):
 
     def draw(self, frame: Any) -> Figure:
         """Draw the frame."""
-
-
-class Drawing(NamedTuple):
-    """A figure that was drawn from a run.
-
-    Attributes:
-        figure: its module.
-        tables: the run's; their summary alone is in memory.
-        frame: what ``prepare`` computed.
-        pictures: the encoded pictures by format.
-    """
-
-    figure: FigureModule
-    tables: Tables
-    frame: Any
-    pictures: dict[str, bytes]
-
-
-class Gallery:
-    """Figures of runs, each drawn from the first run that has the tables for it.
-
-    A figure that fails does not cost the others; its reason starts with `FAILED`, and says where in the code it failed.
-
-    Args:
-        figures: the figures by name.
-        kinds: formats of the pictures.
-
-    Attributes:
-        undrawn: for each figure that was not drawn so far the reasons, by the run's name.
-    """
-
-    def __init__(self, figures: Mapping[str, FigureModule], kinds: Collection[str] = style.KINDS) -> None:
-        self._figures, self._kinds = figures, kinds
-        self._drawings: dict[str, Drawing] = {}
-        self.undrawn: dict[str, dict[str, str]] = {name: {} for name in figures}
-
-    @property
-    def drawings(self) -> dict[str, Drawing]:
-        """The figures that were drawn, by name, in the order in which they were given."""
-        return {name: self._drawings[name] for name in self._figures if name in self._drawings}
-
-    def add(self, tables: Tables) -> None:
-        """Draw the figures that a run can feed and no earlier run could; of its tables the summary stays in memory."""
-        for name in [name for name in self.undrawn if name not in self.failures()]:
-            figure = self._figures[name]
-            try:
-                frame = figure.prepare(tables)
-                pictures = style.encoded(figure.draw(frame), self._kinds)
-            except NotApplicable as reason:
-                self.undrawn[name][tables.name] = str(reason)
-            except Exception as error:  # a figure that fails must not cost the others
-                self.undrawn[name] = {tables.name: failure(error)}
-            else:
-                self._drawings[name] = Drawing(figure, tables, frame, pictures)
-                del self.undrawn[name]
-        tables.release()
-
-    def save(self, folder: Path | None = None) -> list[Path]:
-        """Write the pictures into a folder, by default the run's own, and return their paths.
-
-        Raises:
-            RunError: if one cannot be written.
-        """
-        return [
-            style.save_bytes((folder or own_folder(drawing.tables.run)) / f"{name}.{kind}", picture)
-            for name, drawing in self.drawings.items()
-            for kind, picture in drawing.pictures.items()
-        ]
-
-    def failures(self) -> dict[str, str]:
-        """For each figure that failed its name and the place in the code."""
-        reasons = {name: next(iter(reasons.values()), "") for name, reasons in self.undrawn.items()}
-        return {name: reason for name, reason in reasons.items() if reason.startswith(FAILED)}
 
 
 def own_folder(run: Run) -> Path:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import product
 from operator import and_
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -42,13 +42,14 @@ from study.simulation.experiment.conditions import STORED, named_in
 from study.simulation.experiment.config import ChainStatus, Posterior, Study
 from study.simulation.experiment.designs import Cell
 from study.simulation.experiment.replay import Trial, all_trials
-from study.simulation.posterior.marginal import Streams, sample_checked
-from study.simulation.posterior.sampler import Chain, Prior, likelihood_rank
 from study.simulation.runs import schemas
 from study.simulation.runs.parts import Packet, Parts
 from study.simulation.runs.run_folder import Run
 from study.simulation.runs.workers import Dispatch, Workers
 from study.text import columns, number
+
+if TYPE_CHECKING:
+    from study.simulation.posterior.sampler import Chain, Prior
 
 KEYS = ["cell", "trial", "likelihood", "noise_is"]
 _KIND = ["cell", "likelihood", "noise_is"]
@@ -163,7 +164,7 @@ STORED_DRAWS = 2000
 """Largest number of draws that are stored of a chain."""
 
 
-def rows(task: "ChainTask", chain: Chain) -> dict[str, pa.Table]:
+def rows(task: "ChainTask", chain: "Chain") -> dict[str, pa.Table]:
     """Rows of the three tables for one chain.
 
     Args:
@@ -173,6 +174,8 @@ def rows(task: "ChainTask", chain: Chain) -> dict[str, pa.Table]:
     Returns:
         Tables ``posterior`` (one row), ``answers`` (a row per estimator) and ``draws`` (empty if they are not stored).
     """
+    from study.simulation.posterior.sampler import likelihood_rank  # here and below, since it loads emcee: 0.6 s
+
     trial, key, known, walkers = task.trial, task.key, task.noise_is == "known", task.asked.walkers
     d, study = trial.samples.x.shape[1], trial.study
     truth = np.array([*trial.cell.center, trial.cell.radius, trial.cell.noise])
@@ -202,7 +205,7 @@ def names(dimension: int) -> list[str]:
     return [*(str(i + 1) for i in range(dimension)), "radius", "noise"]
 
 
-def _posterior(trial: Trial, chain: Chain, draws: Floats, walkers: int) -> Row:
+def _posterior(trial: Trial, chain: "Chain", draws: Floats, walkers: int) -> Row:
     """The row of the posterior table; draws (n, parameters) are differences from the truth."""
     cell, d = trial.cell, trial.samples.x.shape[1]
     extent = cell.radius**2 * cap_moments(math.radians(cell.angle), d).along
@@ -313,6 +316,8 @@ class ChainTask:
     @always_compiled()
     def compute(self) -> dict[str, pa.Table]:
         """Run the chain; returns its rows of the posterior tables."""
+        from study.simulation.posterior.marginal import Streams, sample_checked
+
         trial, asked = self.trial, self.asked
         prior = prior_of(trial.cell, asked, self.noise_is == "known")
         seed, name = trial.study.seed, ("posterior", *self.key.values())
@@ -321,8 +326,10 @@ class ChainTask:
         return rows(self, sample_checked(trial.samples, prior, self.likelihood, streams, *limits))
 
 
-def prior_of(cell: Cell, posterior: Posterior, known: bool) -> Prior:
+def prior_of(cell: Cell, posterior: Posterior, known: bool) -> "Prior":
     """The prior of a cell's trials: a box about the true centre, and any radius that a centre in it can have."""
+    from study.simulation.posterior.sampler import Prior
+
     center, width = np.array(cell.center), posterior.box * cell.radius
     return Prior(center, width, 2.0 * cell.radius + len(center) ** 0.5 * width, cell.noise, known)
 

@@ -23,8 +23,8 @@ from study.simulation.claims.claim import OTHER_CAUSE
 from study.simulation.claims.readings import Readings
 from study.simulation.experiment.conditions import distinguishing
 from study.simulation.experiment.config import summary_line
-from study.simulation.figures import FigureModule, Gallery, Tables
-from study.simulation.figures.figure import Drawing, Frame, failure, log_axes, look
+from study.simulation.figures import FIGURES, Drawing, FigureModule, Gallery, Tables
+from study.simulation.figures.figure import Frame, failure, log_axes, look
 from study.simulation.report import html, words
 from study.simulation.report.words import count
 from study.simulation.runs.run_folder import Run
@@ -304,12 +304,12 @@ def draw_lead(frame: Frame) -> Figure:
     return figure
 
 
-def picture(name: str, drawing: Drawing) -> Markup:
+def picture(name: str, drawing: Drawing, run: str) -> Markup:
     """A figure with its title, its advice and the name of the run as caption."""
-    title, advice = described(drawing.figure)
-    of_run = html.paragraph([html.code(name), f", run {drawing.tables.name}"])
+    title, advice = described(FIGURES[name])
+    of_run = html.paragraph([html.code(name), f", run {run}"])
     caption = [*(html.paragraph(html.coded(text)) for text in (title, advice) if text), of_run]
-    return html.picture(name, drawing.pictures["png"], f"{title} Run {drawing.tables.name}.".replace("`", ""), caption)
+    return html.picture(name, drawing.pictures["png"], f"{title} Run {run}.".replace("`", ""), caption)
 
 
 def described(figure: FigureModule) -> tuple[str, str]:
@@ -319,7 +319,7 @@ def described(figure: FigureModule) -> tuple[str, str]:
 
 
 class Material:
-    """Input of all sections: runs, whose figures are drawn one after the other, so that no two error tables are read.
+    """Input of all sections: runs, with their figures.
 
     Args:
         runs: finished runs.
@@ -356,8 +356,8 @@ class Material:
             tables = Tables(run)
             if tables.name in [other.name for other in self.runs]:
                 raise RunError(f"{run.folder}: {tables.name} is given twice")
-            gallery.add(tables)
             self.runs.append(tables)
+        gallery.draw(self.runs)
         drawings, self.undrawn = gallery.drawings, dict(gallery.undrawn)
         efficiency = drawings[_LEAD].frame if _LEAD in drawings else None
         self.lead: Markup | None = None
@@ -365,8 +365,8 @@ class Material:
             try:
                 self.lead = lead(efficiency)
             except Exception as error:  # a picture that fails must not cost the page
-                self.undrawn["lead"] = {drawings[_LEAD].tables.name: failure(error)}
-        self.pictures = {name: picture(name, drawing) for name, drawing in drawings.items()}
+                self.undrawn["lead"] = {self.runs[drawings[_LEAD].place].name: failure(error)}
+        self.pictures = {name: picture(name, one, self.runs[one.place].name) for name, one in drawings.items()}
         self.of_paper = judged(claims)
         self.title, self.opening = _TITLE, list[str]()
         if not self.of_paper:

@@ -105,11 +105,11 @@ _STEPS = {
 
 def times(tables: Tables) -> list[Markup]:
     """Seconds of each step, and nanoseconds per sample, in all and by the number of samples."""
-    frame, facts = tables.run.table("timings").astype({"step": str}), tables.run.facts()
+    frame, facts = tables.run.table("timings"), tables.run.facts()
     frame = frame.assign(handled=frame["fits"] * frame["samples"])
-    steps = list(dict.fromkeys(frame["step"]))
+    steps = [str(step) for step in frame["step"].unique()]
     rows = []
-    for step, part in frame.groupby("step", sort=False):
+    for step, part in frame.groupby("step", sort=False, observed=True):
         seconds = words.timed(float(part["seconds"].sum()))
         rows.append([_step(str(step)), words.count(int(part["fits"].sum())), seconds, _per_sample(part)])
     caption = one_line(f"""

@@ -5,6 +5,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -21,8 +22,9 @@ _PATIENCE = 10.0
 """Seconds to wait for git."""
 
 
+@cache
 def software() -> dict[str, object]:
-    """The versions and the code, which determine the bytes of a run besides its config."""
+    """The versions and the code, which determine the bytes of a run besides its config; as at the first call."""
     return {
         "study": study.__version__,
         "commit": _git("rev-parse", "HEAD"),

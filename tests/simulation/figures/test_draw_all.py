@@ -6,6 +6,7 @@ import itertools
 import os
 import subprocess
 import sys
+from concurrent.futures import wait
 from pathlib import Path
 
 import matplotlib
@@ -17,6 +18,7 @@ from study import style
 from study.fits import ESTIMATORS
 from study.simulation import figures
 from study.simulation.figures import FIGURES, Tables, fig_misfit
+from study.simulation.runs.workers import Processes
 from tests.configs import config
 
 REDRAW = """
@@ -148,6 +150,54 @@ def test_pictures_go_to_the_run_that_fed_them(runs, copied):
     one, two = copied(runs["laws"]), copied(runs["misfits"], "other")
     paths, _ = figures.draw_all([one, two], None, ["fig_robustness", "fig_misfit"])
     assert [path.parent for path in paths[::3]] == [one.folder / "figures", two.folder / "figures"]
+
+
+def test_workers_draw_the_same_bytes(circles, random, monkeypatch):
+    """Pictures, and reasons why a figure is not drawn, are those of this process, which draws none of them here."""
+    names, of_runs = ["fig5_methods", "fig_map", "fig_zip", "fig2_error"], [Tables(circles), Tables(random)]
+    monkeypatch.setattr(figures, "_SHARE", 3)
+    alone, gallery = (figures.gallery(names, jobs=jobs) for jobs in (1, 2))
+    alone.draw(of_runs)
+    with gallery.ahead(of_runs):
+        wait(gallery._sent.values())
+        monkeypatch.setattr(figures, "_drawn", None)
+        gallery.draw(of_runs)
+    assert list(gallery.drawings) == list(alone.drawings) == ["fig5_methods", "fig2_error"]
+    assert [one.pictures for one in gallery.drawings.values()] == [one.pictures for one in alone.drawings.values()]
+    assert gallery.undrawn == alone.undrawn
+
+
+def test_a_figure_that_fails_in_a_worker_is_told(circles, copied, monkeypatch):
+    """Its reason is the one of this process, and the other figures are drawn."""
+    tables = Tables(copied(circles))
+    tables.run.path("points").unlink()
+    names = ["fig5_methods", "fig7_power_law", "fig_map", "fig_zip", "fig_bias", "fig_nested"]
+    monkeypatch.setattr(figures, "_SHARE", 3)
+    alone, gallery = (figures.gallery(names, ["png"], jobs) for jobs in (1, 2))
+    alone.draw([tables])
+    with gallery.ahead([tables]):
+        wait(gallery._sent.values())
+        monkeypatch.setattr(figures, "_drawn", None)
+        gallery.draw([tables])
+    assert list(gallery.failures()) == ["fig5_methods"]
+    assert gallery.failures()["fig5_methods"].startswith("failed: RunError")
+    assert gallery.undrawn == alone.undrawn
+    assert "fig7_power_law" in gallery.drawings
+
+
+def test_figures_of_a_worker_that_died_are_drawn_here(circles, monkeypatch):
+    """A worker that ends, as one without memory does, costs no picture."""
+    names = ["fig5_methods", "fig_map", "fig6_mgdk", "fig_zip", "fig_posterior", "fig7_power_law"]
+    monkeypatch.setattr(figures, "_SHARE", 3)
+    alone, gallery = (figures.gallery(names, ["png"], jobs) for jobs in (1, 2))
+    alone.draw([Tables(circles)])
+    monkeypatch.setattr(Processes, "submit", lambda self, _, *arguments: self.executor.submit(os._exit, 1))
+    with gallery.ahead([Tables(circles)]):
+        wait(gallery._sent.values())
+        gallery.draw([Tables(circles)])
+    assert {name: one.pictures for name, one in gallery.drawings.items()} == {
+        name: one.pictures for name, one in alone.drawings.items()
+    }
 
 
 @pytest.mark.slow

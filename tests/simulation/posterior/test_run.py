@@ -13,6 +13,7 @@ import study
 from study.fits import Status
 from study.simulation.experiment.config import ChainStatus, Study, parse
 from study.simulation.experiment.replay import find
+from study.simulation.posterior import marginal
 from study.simulation.posterior import run as chain_task
 from study.simulation.posterior.run import chain_tasks, compute, printed, prior_of
 from study.simulation.posterior.sampler import sample
@@ -64,7 +65,7 @@ def shortened(samples, prior, name, streams, walkers, max_steps):
 @pytest.fixture
 def short(monkeypatch):
     """Shorter chains, for tests of the stored tables and not of the posteriors."""
-    monkeypatch.setattr(chain_task, "sample_checked", shortened)
+    monkeypatch.setattr(marginal, "sample_checked", shortened)
 
 
 @pytest.fixture(scope="module", params=[2, 3])
