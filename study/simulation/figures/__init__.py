@@ -93,6 +93,7 @@ class Gallery:
         jobs: number of processes that draw, this one among them; the others draw those of `FIGURES` alone.
 
     Attributes:
+        figures: as given.
         drawings: the figures that were drawn, by name, in the order in which they were given.
         undrawn: for each other figure the reasons, by the run's name.
     """
@@ -100,7 +101,7 @@ class Gallery:
     def __init__(
         self, figures: Mapping[str, FigureModule], kinds: Collection[str] = style.KINDS, jobs: int = 1
     ) -> None:
-        self._figures, self._kinds, self._workers = figures, kinds, min(jobs, len(figures) * len(kinds) // _SHARE) - 1
+        self.figures, self._kinds, self._workers = figures, kinds, min(jobs, len(figures) * len(kinds) // _SHARE) - 1
         self._sent: dict[str, Future[Any]] = {}
         self.runs: Sequence[Tables] = ()
         self.drawings: dict[str, Drawing] = {}
@@ -114,7 +115,7 @@ class Gallery:
             return
         backend = Processes(self._workers)
         try:
-            for name in self._figures:
+            for name in self.figures:
                 self._sent[name] = backend.submit(_drawn_by_name, name, of_runs, self._kinds)
             yield
         except BaseException:
@@ -128,10 +129,10 @@ class Gallery:
             of_runs: the runs' tables, of which the summaries stay in memory.
         """
         self.runs, results = of_runs, dict[str, Any]()
-        for name, figure in reversed([*self._figures.items()]):  # workers take them from the beginning
+        for name, figure in reversed([*self.figures.items()]):  # workers take them from the beginning
             if name not in self._sent or self._sent[name].cancel():
                 results[name] = _drawn(figure, of_runs, self._kinds)
-        for name, figure in self._figures.items():
+        for name, figure in self.figures.items():
             try:
                 drawing, reasons = results[name] if name in results else self._sent[name].result()
             except (BrokenExecutor, DisagreementError):  # the worker died, or would draw other bytes

@@ -23,7 +23,7 @@ from study.simulation.claims.claim import OTHER_CAUSE
 from study.simulation.claims.readings import Readings
 from study.simulation.experiment.conditions import distinguishing
 from study.simulation.experiment.config import summary_line
-from study.simulation.figures import FIGURES, Drawing, FigureModule, Gallery, Tables
+from study.simulation.figures import Drawing, FigureModule, Gallery, Tables
 from study.simulation.figures.figure import Frame, failure, log_axes, look
 from study.simulation.report import html, words
 from study.simulation.report.words import count
@@ -304,9 +304,9 @@ def draw_lead(frame: Frame) -> Figure:
     return figure
 
 
-def picture(name: str, drawing: Drawing, run: str) -> Markup:
+def picture(name: str, figure: FigureModule, drawing: Drawing, run: str) -> Markup:
     """A figure with its title, its advice and the name of the run as caption."""
-    title, advice = described(FIGURES[name])
+    title, advice = described(figure)
     of_run = html.paragraph([html.code(name), f", run {run}"])
     caption = [*(html.paragraph(html.coded(text)) for text in (title, advice) if text), of_run]
     return html.picture(name, drawing.pictures["png"], f"{title} Run {run}.".replace("`", ""), caption)
@@ -366,7 +366,9 @@ class Material:
                 self.lead = lead(efficiency)
             except Exception as error:  # a picture that fails must not cost the page
                 self.undrawn["lead"] = {self.runs[drawings[_LEAD].place].name: failure(error)}
-        self.pictures = {name: picture(name, one, self.runs[one.place].name) for name, one in drawings.items()}
+        self.pictures = {
+            name: picture(name, gallery.figures[name], one, self.runs[one.place].name) for name, one in drawings.items()
+        }
         self.of_paper = judged(claims)
         self.title, self.opening = _TITLE, list[str]()
         if not self.of_paper:
